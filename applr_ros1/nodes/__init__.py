@@ -1,0 +1,1 @@
+"""The ROS nodes: the only package that imports rospy."""

@@ -1,0 +1,1 @@
+"""The classical planner (navfn and the DWA trajectory planner of move_base), free of ROS."""

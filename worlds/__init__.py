@@ -1,0 +1,1 @@
+"""Worlds: reading, generating, measuring and drawing the courses that robots drive."""
