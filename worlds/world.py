@@ -15,7 +15,7 @@ class WorldError(ValueError):
     """A world cannot be had. One line: what, which value, what to do."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Course:
     """Where a robot starts, where it is sent, and when it is done.
 
@@ -46,34 +46,36 @@ class Course:
 
 @dataclass(frozen=True)
 class Mover:
-    """A moving cylinder (DynaBARN): at time t its centre is (P(t), Q(t)) with polynomials P and Q.
+    """A moving cylinder (DynaBARN). It passes its waypoints at their times, on cubic polynomials between them, and
+    begins anew after the last one, as Gazebo's repeated animation does.
 
-    radius    [m]
-    x, y      coefficients of P and Q, constant term first [m, m/s, m/s^2, ...]
-    duration  length of one sweep [s]; after it the cylinder turns round and comes back the same way, and so on.
-              0: the polynomial runs on for ever.
+    radius     [m]
+    waypoints  ((t, x, y), ...) with t rising from 0 [s, m, m]; at least two
     """
     radius: float
-    x: Tuple[float, ...]
-    y: Tuple[float, ...]
-    duration: float = 0.0
+    waypoints: Tuple[Tuple[float, float, float], ...]
 
     def position(self, t: float) -> Tuple[float, float]:
         """Centre at time t >= 0 [s]: (x, y) [m]."""
-        if self.duration > 0.0:
-            t = math.fmod(t, 2.0 * self.duration)
-            t = 2.0 * self.duration - t if t > self.duration else t
-        return _polynomial(self.x, t), _polynomial(self.y, t)
+        points = self.waypoints
+        t = math.fmod(t, points[-1][0])
+        i = 0
+        while i < len(points) - 2 and t >= points[i + 1][0]:
+            i += 1
+        u = (t - points[i][0]) / (points[i + 1][0] - points[i][0])
+        return self._between(i, u, 1), self._between(i, u, 2)
+
+    def _between(self, i: int, u: float, axis: int) -> float:
+        """Hermite cubic from waypoint i (u = 0) to i + 1 (u = 1); tangents are half the chord of the neighbours."""
+        points, last = self.waypoints, len(self.waypoints) - 1
+        a, b = points[i][axis], points[i + 1][axis]
+        tangent_a = 0.5 * (b - points[max(i - 1, 0)][axis])
+        tangent_b = 0.5 * (points[min(i + 2, last)][axis] - a)
+        return (a + tangent_a * u + (3.0 * (b - a) - 2.0 * tangent_a - tangent_b) * u * u
+                + (2.0 * (a - b) + tangent_a + tangent_b) * u * u * u)
 
 
-def _polynomial(coefficients: Tuple[float, ...], t: float) -> float:
-    value = 0.0
-    for c in reversed(coefficients):
-        value = value * t + c
-    return value
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class World:
     """Obstacles and a course.
 
