@@ -1,0 +1,251 @@
+"""The parameter space, the observation and the actor file: values, refusals, and agreement with scipy and torch."""
+import json
+import pickle
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from applr_ros1.policy import actor as actor_module
+from applr_ros1.policy import observation
+from applr_ros1.policy.actor import Actor, ActorError, save
+from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe, smooth
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space, SpaceError
+
+
+def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
+    rng = np.random.default_rng(seed)
+    widths = (inputs,) + tuple(hidden) + (outputs,)
+    weights = {}
+    for i, (a, b) in enumerate(zip(widths, widths[1:])):
+        weights[f"{i}.weight"] = (rng.normal(size=(b, a)) / np.sqrt(a)).astype(np.float32)
+        weights[f"{i}.bias"] = rng.normal(size=b).astype(np.float32)
+    return weights
+
+
+def test_theta_0_is_clearpaths_and_round_trips():
+    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30]
+    np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
+    with pytest.raises(ValueError):
+        THETA_0[0] = 1.0
+    assert SPACE.as_dict(THETA_0)["vx_samples"] == 6 and isinstance(SPACE.as_dict(THETA_0)["vx_samples"], int)
+
+
+def test_actions_reach_the_ranges_and_never_leave_them():
+    np.testing.assert_allclose(SPACE.to_theta(-np.ones(8)), SPACE.low)
+    np.testing.assert_allclose(SPACE.to_theta(np.ones(8)), SPACE.high)
+    np.testing.assert_allclose(SPACE.to_theta(np.full(8, 1e9)), SPACE.high)
+    np.testing.assert_allclose(SPACE.to_theta(np.full(8, -1e9)), SPACE.low)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8))
+def test_any_action_gives_legal_parameters_or_is_refused(values):
+    if not np.all(np.isfinite(values)):
+        with pytest.raises(SpaceError, match="not finite"):
+            SPACE.to_theta(values)
+        return
+    theta = SPACE.to_theta(values)
+    assert np.all(theta >= SPACE.low) and np.all(theta <= SPACE.high)
+    assert theta[2] == round(theta[2]) and theta[3] == round(theta[3])
+
+
+def test_counts_are_rounded_not_truncated():
+    theta = THETA_0.copy()
+    theta[2] = 6.9
+    assert SPACE.clip(theta)[2] == 7
+
+
+def test_space_errors_are_one_line():
+    for call in (lambda: SPACE.to_theta(np.zeros(7)), lambda: SPACE.from_dict({"speed": 1.0}),
+                 lambda: SPACE.from_dict({"max_vel_x": 3.0}), lambda: SPACE.from_dict({"max_vel_x": "fast"}),
+                 lambda: SPACE.from_dict({"max_vel_x": float("nan")})):
+        with pytest.raises(SpaceError) as e:
+            call()
+        assert "\n" not in str(e.value)
+    assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
+
+
+def test_every_parameter_has_a_server():
+    servers = {t.server for targets in SPACE.targets.values() for t in targets}
+    assert servers == {"planner", "local_inflation", "global_inflation"}
+    assert [t.sign for t in SPACE.targets["max_vel_theta"]] == [1.0, -1.0]
+
+
+@pytest.mark.parametrize("n", [5, 6, 18, 19, 20, 37, 200])
+def test_smoothing_equals_scipy(n):
+    from scipy.signal import savgol_filter
+    points = np.cumsum(np.random.default_rng(n).normal(size=(n, 2)), axis=0)
+    window = min(19, n if n % 2 else n - 1)
+    np.testing.assert_allclose(smooth(points), savgol_filter(points, window, 3, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_short_plans_stay_as_they_are(n):
+    points = np.arange(2.0 * n).reshape(n, 2)
+    np.testing.assert_array_equal(smooth(points), points)
+
+
+def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
+    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])      # straight along +y
+    gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
+    assert gx == pytest.approx(1.025) and gy == pytest.approx(0.0, abs=1e-9)
+    assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)              # none: the last point
+
+
+def test_local_goal_refuses_empty_and_nan_plans():
+    for plan in (np.empty((0, 3)), [], np.full((5, 2), np.nan)):
+        with pytest.raises(ObservationError):
+            local_goal(plan, (0.0, 0.0, 0.0))
+
+
+def test_observation_layout_and_scale():
+    ranges = np.full(720, 1.5, dtype=np.float32)
+    ranges[0], ranges[1], ranges[2], ranges[3] = np.inf, 30.0, -np.inf, 0.1
+    obs = observe(ranges, np.pi / 2, THETA_0)
+    assert obs.shape == (729,) and obs.dtype == np.float32 and observation.SIZE == 729
+    np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
+    assert obs[720] == pytest.approx(0.5)
+    np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0), atol=1e-6)
+
+
+def test_a_persons_values_beyond_the_ranges_stay_in_the_box():
+    theta = THETA_0.copy()
+    theta[0] = 5.0
+    assert observe(np.ones(720), 0.0, theta)[721] == 1.0
+
+
+def test_nan_beams_take_their_neighbours():
+    ranges = np.linspace(0.2, 1.8, 720)
+    holes = ranges.copy()
+    holes[[0, 100, 101, 719]] = np.nan
+    np.testing.assert_allclose(observe(holes, 0.0, THETA_0)[:720], ranges - 1, atol=3e-3)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2 ** 32 - 1), st.floats(0, 1), st.floats(-10, 10))
+def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(-5, 40, 720)
+    odd = rng.random(720) < share
+    odd[360] = False
+    ranges[odd] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], odd.sum())
+    obs = observe(ranges, phi, rng.normal(size=8) * 100)
+    assert np.all(np.isfinite(obs)) and np.all(np.abs(obs) <= 1.0)
+
+
+@pytest.mark.parametrize("ranges, phi", [(np.full(720, np.nan), 0.0), (np.ones(719), 0.0), (np.ones(0), 0.0),
+                                         (np.ones(1080), 0.0), (np.ones(720), np.nan)])
+def test_unusable_scans_are_refused_in_one_line(ranges, phi):
+    with pytest.raises(ObservationError) as e:
+        observe(ranges, phi, THETA_0)
+    assert "\n" not in str(e.value)
+
+
+def test_scan_geometry():
+    check_scan(720, -2.35619, 2 * 2.35619 / 719)
+    with pytest.raises(ObservationError, match="1080 beams"):
+        check_scan(1080, -2.35619, 2 * 2.35619 / 1079)
+    with pytest.raises(ObservationError, match="covers"):
+        check_scan(720, -np.pi, 2 * np.pi / 719)
+
+
+def test_actor_round_trip_and_equality_with_torch(tmp_path):
+    torch = pytest.importorskip("torch")
+    weights = make_weights(hidden=(512, 512, 512))
+    save(tmp_path / "a.safetensors", weights, {"training": {"steps": 3}})
+    actor = Actor.load(tmp_path / "a.safetensors")
+    assert actor.metadata["training"] == {"steps": 3}
+    obs = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
+    x = torch.from_numpy(obs)
+    for i in range(4):
+        x = x @ torch.from_numpy(weights[f"{i}.weight"]).T + torch.from_numpy(weights[f"{i}.bias"])
+        x = torch.relu(x) if i < 3 else torch.tanh(x)
+    np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
+    np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
+    np.testing.assert_array_equal(actor.theta(obs[0]), SPACE.to_theta(actor.action(obs[0])))
+
+
+def test_a_nan_output_is_refused(tmp_path):
+    actor = Actor(make_weights())
+    with pytest.raises(SpaceError, match="not finite"):
+        actor.theta(np.full(729, np.nan, dtype=np.float32))
+
+
+class Bomb:
+    def __reduce__(self):
+        return (exec, ("import builtins; builtins.applr_bomb = True",))
+
+
+def _raw(weights, **metadata):
+    import safetensors.numpy
+    return safetensors.numpy.save(weights, metadata=metadata)
+
+
+def _damaged_files():
+    good = make_weights()
+    space, layout = SPACE.to_json(), json.dumps(observation.LAYOUT)
+    header = dict(format=actor_module.FORMAT, space=space, layout=layout, sha256=actor_module.checksum(good))
+    whole = _raw(good, **header)
+    changed = bytearray(whole)
+    changed[-5] ^= 1
+    other = json.loads(space)
+    other["high"][0] = 1.0
+    nan = dict(good, **{"0.bias": np.full(32, np.nan, dtype=np.float32)})
+    wide = make_weights(inputs=721)
+    return {
+        "truncated": (whole[:len(whole) // 2], "truncated"),
+        "empty": (b"", "truncated"),
+        "pickle": (pickle.dumps(Bomb()), "pickle"),
+        "zip": (b"PK\x03\x04" + b"\0" * 100, "pickle"),
+        "old pickle": (pickle.dumps(Bomb(), protocol=0), "safetensors"),
+        "huge header": (struct.pack("<Q", 2 ** 62) + b"{}", "safetensors"),
+        "no json": (struct.pack("<Q", 4) + b"\xff\xfe\x00\x01", "damaged"),
+        "deep json": (struct.pack("<Q", 200000) + b"[" * 200000, "damaged"),
+        "checksum": (bytes(changed), "checksum"),
+        "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
+        "no space": (_raw(good, format=actor_module.FORMAT, sha256=header["sha256"]), "metadata"),
+        "layout": (_raw(good, **dict(header, layout=json.dumps(dict(observation.LAYOUT, beams=360)))), "beams"),
+        "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
+        "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
+        "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
+        "names": (_raw({"x": np.zeros(3, np.float32)}, **dict(header, sha256=actor_module.checksum(
+            {"x": np.zeros(3, np.float32)}))), "tensors are"),
+    }
+
+
+@pytest.mark.parametrize("case", sorted(_damaged_files()))
+def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
+    import builtins
+    data, expected = _damaged_files()[case]
+    path = tmp_path / "actor.safetensors"
+    path.write_bytes(data)
+    with pytest.raises(ActorError, match=expected) as e:
+        Actor.load(path)
+    assert "\n" not in str(e.value) and str(path) in str(e.value)
+    assert not hasattr(builtins, "applr_bomb")
+
+
+def test_missing_actor_files(tmp_path):
+    for path in (tmp_path / "none.safetensors", tmp_path):
+        with pytest.raises(ActorError) as e:
+            Actor.load(path)
+        assert "\n" not in str(e.value)
+
+
+def test_saving_is_whole_or_not_at_all(tmp_path):
+    with pytest.raises(ActorError, match="layer"):
+        save(tmp_path / "a.safetensors", make_weights(outputs=7))
+    with pytest.raises(ActorError, match="cannot be written"):
+        save(tmp_path / "nowhere" / "a.safetensors", make_weights())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_space_is_another_space(tmp_path):
+    save(tmp_path / "a.safetensors", make_weights())
+    high = SPACE.high.copy()
+    high[0] = 1.0
+    with pytest.raises(ActorError, match="another parameter space"):
+        Actor.load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
