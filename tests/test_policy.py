@@ -1,4 +1,4 @@
-"""The parameter space, the observation and the actor file: values, refusals, and agreement with scipy and torch."""
+"""The parameter space, the observation and the actor file: values, refusals, agreement with scipy and torch."""
 import json
 import pickle
 import struct
@@ -10,7 +10,8 @@ from hypothesis import given, settings, strategies as st
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import observation
 from applr_ros1.policy.actor import Actor, ActorError, save
-from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe, smooth
+from applr_ros1.policy.observation import (ObservationError, check_scan, goal_angle, local_goal, observe,
+                                           smooth)
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space, SpaceError
 
 
@@ -92,7 +93,7 @@ def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
     gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
     assert gx == pytest.approx(1.025) and gy == pytest.approx(0.0, abs=1e-9)
     assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
-    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)              # none: the last point
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)       # none: the last point
 
 
 def test_local_goal_refuses_empty_and_nan_plans():
@@ -207,7 +208,7 @@ def _damaged_files():
         "checksum": (bytes(changed), "checksum"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
         "no space": (_raw(good, format=actor_module.FORMAT, sha256=header["sha256"]), "metadata"),
-        "layout": (_raw(good, **dict(header, layout=json.dumps(dict(observation.LAYOUT, beams=360)))), "beams"),
+        "layout": (_raw(good, **dict(header, layout=layout.replace('"beams": 720', '"beams": 360'))), "beams"),
         "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
         "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
@@ -248,4 +249,5 @@ def test_another_space_is_another_space(tmp_path):
     high = SPACE.high.copy()
     high[0] = 1.0
     with pytest.raises(ActorError, match="another parameter space"):
-        Actor.load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+        Actor.load(tmp_path / "a.safetensors",
+                   Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))

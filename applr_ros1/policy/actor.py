@@ -1,7 +1,7 @@
 """The actor pi(s) → a: a multilayer perceptron in numpy, read from a safetensors file.
 
-Called by the applr node and by evaluation; the trainer writes such files with `save`. Nothing is unpickled, sizes
-are bounded, and every way in which a file can be wrong is one line.
+Called by the applr node and by evaluation; the trainer writes such files with `save`. Nothing is unpickled,
+sizes are bounded, and every way in which a file can be wrong is one line.
 """
 import hashlib
 import json
@@ -21,11 +21,11 @@ MAX_LAYERS = 16
 
 
 class ActorError(ValueError):
-    """An actor file that cannot be used, or an output that must not be; one line with what, why and the remedy."""
+    """An actor file that cannot be read, used or written; one line with what, why and the remedy."""
 
 
 class Actor:
-    """A deterministic policy: ReLU layers and tanh at the end (TD3's actor; three hidden layers of 512 in the paper).
+    """A deterministic policy: ReLU layers and tanh at the end (the paper's has three hidden layers of 512).
 
     weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
     """
@@ -37,8 +37,8 @@ class Actor:
 
     @classmethod
     def load(cls, path, space=SPACE):
-        """Reads an actor file. Raises ActorError when it is absent, damaged, too big, of other shapes, made for
-        another parameter space or observation, or when its checksum is wrong."""
+        """Reads an actor file. Raises ActorError when it is absent, damaged, too big, of other shapes, made
+        for another parameter space or observation, or when its checksum is wrong."""
         path = os.fspath(path)
         weights, metadata = _read(path)
         _compare(path, "parameter space", metadata.get("space"), json.loads(space.to_json()))
@@ -62,8 +62,8 @@ class Actor:
 def save(path, weights, metadata=None, space=SPACE):
     """Writes an actor file, whole or not at all (a temporary file beside it, then renamed).
 
-    weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Space, layout and checksum
-    are added.
+    weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Space, layout and
+    checksum are added. Raises ActorError.
     """
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
     _layers(weights, observation.BEAMS + 1 + len(space), len(space), "actor to save")
@@ -105,7 +105,8 @@ def _read(path):
         with open(path, "rb") as f:
             data = f.read(MAX_BYTES + 1)
     except OSError as e:
-        raise ActorError(f"{path}: cannot be read ({e.strerror or e}); give an existing .safetensors file") from None
+        raise ActorError(f"{path}: cannot be read ({e.strerror or e}); "
+                         "give an existing .safetensors file") from None
     if data[:2] in (b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"):
         raise ActorError(f"{path}: a pickle, not a safetensors file; nothing of it was executed")
     if len(data) < 10:
@@ -117,8 +118,10 @@ def _read(path):
         header = json.loads(data[8:8 + length].decode("utf-8")).get("__metadata__") or {}
         metadata = {key: _value(text) for key, text in header.items()}
         weights = safetensors.numpy.load(data)
-    except (safetensors.SafetensorError, ValueError, AttributeError, KeyError, RecursionError, TypeError) as e:
-        raise ActorError(f"{path}: truncated or damaged ({str(e).splitlines()[0]}); copy the file again") from None
+    except (safetensors.SafetensorError, ValueError, AttributeError, KeyError, TypeError,
+            RecursionError) as e:
+        why = str(e).splitlines()[0]
+        raise ActorError(f"{path}: truncated or damaged ({why}); copy the file again") from None
     if metadata.get("format") != FORMAT:
         raise ActorError(f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r})")
     if metadata.get("sha256") != checksum(weights):
@@ -140,7 +143,8 @@ def _layers(weights, inputs, outputs, path):
     count = len(weights) // 2
     names = {f"{i}.{kind}" for i in range(count) for kind in ("weight", "bias")}
     if not 1 <= count <= MAX_LAYERS or set(weights) != names:
-        raise ActorError(f"{path}: tensors are {', '.join(sorted(weights)[:6])}...: 0.weight, 0.bias, 1.weight... needed")
+        raise ActorError(f"{path}: tensors are {', '.join(sorted(weights)[:6])}...: "
+                         "0.weight, 0.bias, 1.weight... needed")
     for i in range(count):
         weight, bias = weights[f"{i}.weight"], weights[f"{i}.bias"]
         rows = outputs if i == count - 1 else weight.shape[0]
@@ -161,7 +165,8 @@ def _compare(path, what, found, expected):
         raise ActorError(f"{path}: its metadata name no {what}; it was not written by this package")
     for key, value in expected.items():
         if found.get(key) != value:
-            raise ActorError(f"{path}: made for another {what}: {key} is {_short(found.get(key))}, here {_short(value)}")
+            raise ActorError(f"{path}: made for another {what}: {key} is {_short(found.get(key))}, "
+                             f"here {_short(value)}")
 
 
 def _short(value):

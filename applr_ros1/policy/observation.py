@@ -1,4 +1,4 @@
-"""What the policy sees: s = (o_t, phi_t, theta_{t-1}) of the paper (section III-B), every component in [-1, 1].
+"""What the policy sees: s = (o_t, phi_t, theta_{t-1}) (paper, section III-B), every component in [-1, 1].
 
 Called by the applr node, the meta-environment and the bag reader, so that all three see the same vector.
 """
@@ -27,10 +27,10 @@ class ObservationError(ValueError):
 def observe(ranges, phi, theta_prev, space=SPACE):
     """The observation (729,) float32: [720 beams r - 1 with r capped at 2 m; phi / pi; theta_prev scaled].
 
-    ranges: (720,) m; REP-117: +inf is no return (2 m), -inf is too near (0 m), NaN is no measurement and takes
-    the value between its valid neighbours. phi: rad, angle of the local goal. theta_prev: (8,) what the planner
-    has; beyond the ranges it is clipped. Raises ObservationError for another beam count, a scan without a single
-    valid beam, or a phi that is not finite.
+    ranges: (720,) m; REP-117: +inf is no return (2 m), -inf is too near (0 m), NaN is no measurement and
+    takes the value between its valid neighbours. phi: rad, angle of the local goal. theta_prev: (8,) what the
+    planner has; beyond the ranges it is clipped. Raises ObservationError for another beam count, a scan
+    without a single valid beam, or a phi that is not finite.
     """
     ranges = np.asarray(ranges, dtype=np.float32)
     if ranges.shape != (BEAMS,):
@@ -59,16 +59,16 @@ def check_scan(beams, angle_min, angle_increment):
                                "give a scan of that many over 270 degrees")
     angle_max = angle_min + angle_increment * (beams - 1)
     if not (abs(angle_min - ANGLE_MIN) <= ANGLE_TOLERANCE and abs(angle_max + ANGLE_MIN) <= ANGLE_TOLERANCE):
-        raise ObservationError(f"scan covers {angle_min:.3f} to {angle_max:.3f} rad: the policy was trained on "
-                               f"{ANGLE_MIN:.3f} to {-ANGLE_MIN:.3f}; cut the scan to that")
+        raise ObservationError(f"scan covers {angle_min:.3f} to {angle_max:.3f} rad: the policy was trained "
+                               f"on {ANGLE_MIN:.3f} to {-ANGLE_MIN:.3f}; cut the scan to that")
 
 
 def local_goal(plan, pose):
-    """The local goal g = (gx, gy) in the robot's frame [m]: the first point of the smoothed global plan more than
-    1 m away from the robot, its last point when none is.
+    """The local goal g = (gx, gy) in the robot's frame [m]: the first point of the smoothed global plan more
+    than 1 m away from the robot, its last point when none is.
 
-    plan: (n, >=2) x, y in the frame of pose (x, y, yaw), start first. Raises ObservationError for a plan that is
-    empty or not finite.
+    plan: (n, >=2) x, y in the frame of pose (x, y, yaw), start first. Raises ObservationError for a plan that
+    is empty or not finite.
     """
     plan = np.asarray(plan, dtype=np.float64)
     if plan.ndim != 2 or len(plan) == 0:
@@ -89,9 +89,9 @@ def goal_angle(goal):
 
 
 def smooth(points):
-    """Savitzky-Golay filter (19, 3) along the columns of points (n, k), as scipy's savgol_filter with its default
-    edges ("interp": a polynomial through the first and last window). Shorter plans take the largest odd window
-    that fits; four points and fewer stay as they are."""
+    """Savitzky-Golay filter (19, 3) along the columns of points (n, k), as scipy's savgol_filter with its
+    default edges ("interp": a polynomial through the first and last window). Shorter plans take the largest
+    odd window that fits; four points and fewer stay as they are."""
     window = min(WINDOW, len(points) if len(points) % 2 else len(points) - 1)
     if window <= ORDER:
         return np.array(points, dtype=np.float64)

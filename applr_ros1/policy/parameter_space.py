@@ -18,8 +18,8 @@ class SpaceError(ValueError):
 class Target:
     """One dynamic_reconfigure value that follows a parameter of theta.
 
-    server: "planner", "local_inflation" or "global_inflation"; names: accepted names, the newest first (servers
-    differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the server's value is mirrored.
+    server: "planner", "local_inflation" or "global_inflation"; names: accepted names, the newest first
+    (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is mirrored.
     """
     server: str
     names: Tuple[str, ...]
@@ -61,7 +61,8 @@ class Space:
         return self.clip(self.low + 0.5 * (action + 1.0) * (self.high - self.low))
 
     def to_action(self, theta):
-        """theta (n,) → (n,) float64 in [-1, 1]. Values outside the ranges (a person may set them) are clipped."""
+        """theta (n,) → (n,) float64 in [-1, 1]. Values beyond the ranges (a person may set them) are
+        clipped."""
         theta = np.asarray(theta, dtype=np.float64)
         self._check(theta, "parameter")
         return np.clip(2.0 * (theta - self.low) / (self.high - self.low) - 1.0, -1.0, 1.0)
@@ -72,8 +73,8 @@ class Space:
                 for name, value, whole in zip(self.names, theta, self.integer)}
 
     def from_dict(self, values, base=None):
-        """{name: value} → theta (n,), missing names taken from `base` (theta_0). Raises SpaceError when a name
-        is unknown, a value is no number, or one lies outside its range."""
+        """{name: value} → theta (n,), missing names taken from `base` (theta_0). Raises SpaceError when a
+        name is unknown, a value is no number, or one lies outside its range."""
         theta = np.array(self.theta0 if base is None else base, dtype=np.float64)
         for name, value in values.items():
             if name not in self.names:
