@@ -9,14 +9,16 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from applr_ros1.planner.scan import LaserScan
-from applr_ros1.policy.observation import local_goal, observe
-from applr_ros1.policy.parameter_space import Space
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 
 PERIOD = 2.0            # of one decision [s], as in the paper
 CONTROL_PERIOD = 0.05   # of one planner and controller cycle [s]: the Jackal's 20 Hz
 CYCLES = 40             # control cycles of one decision
 LIMIT = 50              # decisions: 100 s
+SERVERS = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
+           "global_inflation": "global_costmap/inflater_layer"}     # the space's targets, by MoveBase's names
 NEAREST = 0.1           # smallest distance that the laser can tell [m]: what lies nearer counts as this
 
 
@@ -90,10 +92,10 @@ class Episode:
     until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
     """
 
-    def __init__(self, simulator, move_base, space: Optional[Space] = None, limit: int = LIMIT,
+    def __init__(self, simulator, move_base, space=SPACE, limit: int = LIMIT,
                  end_on_contact: bool = False, record: bool = False):
         self.simulator, self.move_base = simulator, move_base
-        self.space = space or Space()
+        self.space = space
         self.limit, self.end_on_contact, self.record = limit, end_on_contact, record
         self.outcome: Optional[Outcome] = None
         self.trace = Trace()
@@ -168,9 +170,13 @@ class Episode:
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
         """Set parameters theta (8,) through the same reconfigure servers as over ROS; returns what is in force."""
-        for server, values in self.space.requests(theta).items():
-            self.move_base.reconfigure(server, values)
-        return self.space.read_back(self.move_base.configuration)
+        requests = {}
+        for name, value in self.space.as_dict(self.space.clip(theta)).items():
+            for target in self.space.targets[name]:
+                requests.setdefault(SERVERS[target.server], {})[target.names[0]] = target.sign * value
+        has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
+        first = [self.space.targets[name][0] for name in self.space.names]
+        return np.array([has[SERVERS[t.server]][t.names[0]] * t.sign for t in first], dtype=np.float64)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
     def _cycle(self):
@@ -224,11 +230,9 @@ class Episode:
         """Angle to the local goal 1 m along the plan [rad]; to the goal itself where there is no plan."""
         pose = self.simulator.state.odom_pose
         if plan is not None and len(plan):
-            gx, gy = local_goal(plan, pose)
-        else:
-            dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
-            gx, gy = math.cos(yaw) * dx + math.sin(yaw) * dy, math.cos(yaw) * dy - math.sin(yaw) * dx
-        return math.atan2(gy, gx)
+            return goal_angle(local_goal(plan, pose))
+        dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
+        return math.remainder(math.atan2(dy, dx) - yaw, 2.0 * math.pi)
 
     def _progress(self, p, q) -> Tuple[float, float]:
         """The paper's R_p, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
