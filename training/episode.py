@@ -134,7 +134,7 @@ class Episode:
         theta = self.apply(theta)
         if self.record:
             self.trace.theta.append(theta)
-        before = self.simulator.state
+        since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
         was = self.outcome
         now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, lowest_range=math.inf, jerk=0.0)
         jerks, cycles = self._jerks, self._cycles
@@ -143,7 +143,7 @@ class Episode:
             if now.over:
                 break
         state = self.simulator.state
-        now.seconds = state.time - before.time
+        now.seconds = state.time - since
         now.time_s = state.time - self.began
         if not now.over and now.decisions >= self.limit:
             now.timeout, now.reason = True, "time limit"
@@ -156,7 +156,7 @@ class Episode:
         now.lowest_range = min(now.lowest_range, now.min_range)
         now.min_clearance_m = min(was.min_clearance_m, now.lowest_range)
         now.phi = self._phi(self.move_base.global_plan)
-        now.progress, now.progress_y = self._progress(before.pose, state.pose)
+        now.progress, now.progress_y = self._progress(came_from, state.pose)
         now.jerk = (self._jerks - jerks) / max(1, self._cycles - cycles)
         now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
         self.outcome = now
