@@ -1,0 +1,40 @@
+"""What the robot believes about its own motion: wheels for the distance, IMU for the heading, as robot_localization fuses
+them on the Jackal. Sideways slip and wheels spinning at an obstacle are not seen. Both simulators call it."""
+from math import cos, exp, sin, sqrt
+
+from . import jackal
+
+
+class Odometry:
+    """Dead reckoning in frame odom; errors are drawn from the given generator."""
+
+    def __init__(self, yaw, rng, scale=1.0):
+        """Starts at (0, 0, yaw). `scale` multiplies all errors."""
+        self.rng, self.scale = rng, scale
+        self.pose = (0.0, 0.0, yaw)
+        self.twist = (0.0, 0.0)
+        self.imu = (0.0, 0.0)
+        self._gain = 1.0 + scale * jackal.ODOM_SCALE_ERROR * float(rng.standard_normal())
+        self._error = 0.0                                    # of the heading [rad]; none at the start
+        self._noise, self._next = rng.standard_normal(256).tolist(), 0
+
+    def _normal(self):
+        if self._next == 256:
+            self._noise, self._next = self.rng.standard_normal(256).tolist(), 0
+        self._next += 1
+        return self._noise[self._next - 1]
+
+    def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
+        """Wheels turned at `wheel_speed` [m/s] (mean of the four) for `duration`; the true yaw and yaw rate now."""
+        keep = exp(-duration / jackal.ODOM_HEADING_TIME)
+        self._error = keep * self._error + (self.scale * jackal.ODOM_HEADING_DRIFT
+                                            * sqrt(1.0 - keep * keep) * self._normal())
+        x, y, old = self.pose
+        yaw += self._error
+        turn = (yaw - old + 3.141592653589793) % 6.283185307179586 - 3.141592653589793
+        ahead = wheel_speed * self._gain * duration
+        middle = old + 0.5 * turn
+        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), old + turn)
+        rate = yaw_rate + self.scale * jackal.GYRO_NOISE * self._normal()
+        self.twist = (wheel_speed * self._gain, yaw_rate)
+        self.imu = (acceleration + self.scale * jackal.ACCELEROMETER_NOISE * self._normal(), rate)

@@ -1,0 +1,172 @@
+"""The one interface of the robot's stand-in worlds. PybulletSimulator and KinematicSimulator implement it; the ROS
+bridge, the training environment and the evaluation drive through it. Time is simulated: nothing here reads a clock."""
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from math import cos, isfinite, pi, sin
+from typing import Optional, Tuple, Union
+
+import numpy as np
+
+from . import jackal
+from .lidar import Lidar
+
+Span = Union[float, Tuple[float, float]]      # a number, or (low, high): drawn anew at every reset
+
+
+class SimulatorError(ValueError):
+    """A wrong argument to a simulator: one line that says which, its value and what to do."""
+
+
+@dataclass
+class RobotState:
+    """What is known of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s]."""
+    time: float = 0.0
+    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)          # true, world frame
+    twist: Tuple[float, float] = (0.0, 0.0)                     # true, along and about the body's axes
+    odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)     # as the odometry believes, frame odom
+    odom_twist: Tuple[float, float] = (0.0, 0.0)
+    contact: bool = False                                       # touched anything since the last advance() began
+    flipped: bool = False
+    imu: Tuple[float, float] = (0.0, 0.0)                       # forward acceleration [m/s^2], yaw rate [rad/s]
+
+
+@dataclass(frozen=True)
+class Randomisation:
+    """What may differ from the nominal Jackal. Each is a number or a (low, high) span drawn at reset from the seed."""
+    start_xy: float = 0.0          # the start is moved by up to this much along x and y [m]
+    start_yaw: float = 0.0         # and turned by up to this much [rad]
+    scan_noise: Span = 1.0         # multiplies the laser's noise
+    latency: Span = 0.0            # from command() to the wheels [s]
+    friction: Span = 1.0           # multiplies the wheels' friction
+    slip: Span = 1.0               # multiplies slip and drift beyond what physics gives
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            spans = name not in ("start_xy", "start_yaw")
+            low, high = value if spans and isinstance(value, (tuple, list)) else (value, value)
+            if not (isfinite(low) and isfinite(high) and 0 <= low <= high):
+                raise SimulatorError("randomisation %s = %r: give a number >= 0%s" % (
+                    name, value, " or a span (low, high)" if spans else ""))
+
+    def draw(self, rng):
+        """One robot: the same fields, every span replaced by a number drawn uniformly from it."""
+        def pick(span):
+            return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
+        return replace(self, scan_noise=pick(self.scan_noise), latency=pick(self.latency),
+                       friction=pick(self.friction), slip=pick(self.slip))
+
+
+def wrap(angle):
+    """The angle in [-pi, pi)."""
+    return (angle + pi) % (2 * pi) - pi
+
+
+@dataclass
+class _Command:
+    v: float = 0.0
+    w: float = 0.0
+    until: float = -1.0            # sim time at which the base stops by itself
+    pending: list = field(default_factory=list)      # (effective from, v, w) held back by the latency
+
+
+class Simulator(ABC):
+    """One robot in one world.
+
+    Frames: the world's own, and `odom`, whose origin is the start position and whose axes stay parallel to the
+    world's (as on Gazebo's Jackal), so a start that is turned does not move a goal given in odom.
+    """
+
+    def __init__(self, **randomisation):
+        try:
+            self.randomisation = Randomisation(**randomisation)
+        except TypeError as error:
+            raise SimulatorError("%s; known: %s" % (error, ", ".join(vars(Randomisation())))) from None
+        self.world = None
+        self.state = RobotState()
+        self.odom_origin = (0.0, 0.0)
+        self._lidar = None
+        self._command = _Command()
+
+    # -- for everybody -----------------------------------------------------------------------------
+    def reset(self, world, seed: int, start: Optional[Tuple[float, float, float]] = None) -> RobotState:
+        """Put the robot at `start` (world frame, default the course's) at time 0, standing. The same world, seed
+        and commands give the same states and scans, to the last bit."""
+        start = tuple(float(value) for value in (world.course.start if start is None else start))
+        if len(start) != 3 or not all(map(isfinite, start)):
+            raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (start,))
+        self._rng = np.random.default_rng(seed)
+        self.drawn = self.randomisation.draw(self._rng)
+        shift = self._rng.uniform(-1, 1, 3)
+        pose = (start[0] + shift[0] * self.drawn.start_xy, start[1] + shift[1] * self.drawn.start_xy,
+                wrap(start[2] + shift[2] * self.drawn.start_yaw))
+        if self._lidar is None or world is not self.world:
+            self._lidar = Lidar(world.cylinders, world.boxes)
+        new_world, self.world = world is not self.world, world
+        self.odom_origin = pose[:2]
+        self._command = _Command()
+        self._place(pose, new_world, int(self._rng.integers(2 ** 31)))
+        return self.state
+
+    def command(self, v: float, w: float) -> None:
+        """The newest velocity command [m/s, rad/s]. The base stops COMMAND_TIMEOUT after the last one."""
+        if not (isfinite(v) and isfinite(w)):
+            raise SimulatorError("command (%r, %r): velocities must be finite" % (v, w))
+        v = min(max(v, -jackal.MAX_SPEED), jackal.MAX_SPEED)
+        w = min(max(w, -jackal.MAX_YAW_RATE), jackal.MAX_YAW_RATE)
+        self._command.pending.append((self.state.time + self.drawn.latency, v, w))
+
+    def advance(self, duration: float) -> RobotState:
+        """Let `duration` seconds pass (rounded to whole physics steps by what has passed in total)."""
+        if not 0.0 < duration < 3600.0:
+            raise SimulatorError("duration %r: give seconds between 0 and 3600" % (duration,))
+        self._drive(duration)
+        return self.state
+
+    def scan(self) -> np.ndarray:
+        """(720,) float32 ranges [m] from the laser at the present instant, +inf where nothing returns and -inf
+        nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new noise."""
+        x, y, yaw = self.state.pose
+        c, s = cos(yaw), sin(yaw)
+        ox, oy = jackal.LASER_OFFSET
+        ranges = self._lidar.scan(x + c * ox - s * oy, y + s * ox + c * oy, yaw, self.mover_circles())
+        noise = self._rng.standard_normal(jackal.BEAMS, dtype=np.float32)
+        noise *= np.float32(jackal.SCAN_NOISE * self.drawn.scan_noise)
+        return np.add(ranges, noise, out=ranges)
+
+    def to_odom(self, pose):
+        """A pose (x, y, yaw) of the world frame in frame odom."""
+        return pose[0] - self.odom_origin[0], pose[1] - self.odom_origin[1], pose[2]
+
+    def to_world(self, pose):
+        """A pose (x, y, yaw) of frame odom in the world frame."""
+        return pose[0] + self.odom_origin[0], pose[1] + self.odom_origin[1], pose[2]
+
+    def mover_circles(self):
+        """(k, 3) x, y, radius of the world's moving cylinders at the present time."""
+        movers = self.world.movers
+        if not movers:
+            return _NO_CIRCLES
+        return np.array([(*mover.position(self.state.time), mover.radius) for mover in movers], dtype=np.float64)
+
+    def close(self) -> None:
+        """Give back what the simulator holds. It cannot be used after."""
+
+    # -- for the implementations -------------------------------------------------------------------
+    @abstractmethod
+    def _place(self, pose, new_world: bool, seed: int) -> None:
+        """Start anew: the robot stands at `pose` in self.world, self.state is set."""
+
+    @abstractmethod
+    def _drive(self, duration: float) -> None:
+        """Move on by `duration` and renew self.state; `_target(time)` says what the wheels are asked for."""
+
+    def _target(self, time: float):
+        """(v, w) in force at `time`: latency and time-out included."""
+        command = self._command
+        while command.pending and command.pending[0][0] <= time + 1e-9:
+            since, command.v, command.w = command.pending.pop(0)
+            command.until = since + jackal.COMMAND_TIMEOUT
+        return (command.v, command.w) if time < command.until - 1e-9 else (0.0, 0.0)
+
+
+_NO_CIRCLES = np.empty((0, 3))
