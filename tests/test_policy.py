@@ -1,4 +1,4 @@
-"""The parameter space, the observation and the actor file: values, refusals, agreement with scipy and torch."""
+"""Parameter space, observation and actor file: values, refusals, agreement with scipy and torch."""
 import json
 import pickle
 import struct
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from applr_ros1.policy import actor as actor_module
-from applr_ros1.policy import observation
+from applr_ros1.policy import methods, observation
 from applr_ros1.policy.actor import Actor, ActorError, save
 from applr_ros1.policy.observation import (ObservationError, check_scan, goal_angle, local_goal, observe,
                                            smooth)
@@ -72,6 +72,18 @@ def test_every_parameter_has_a_server():
     servers = {t.server for targets in SPACE.targets.values() for t in targets}
     assert servers == {"planner", "local_inflation", "global_inflation"}
     assert [t.sign for t in SPACE.targets["max_vel_theta"]] == [1.0, -1.0]
+    assert SPACE.targets["pdist_scale"][0].names == ("path_distance_bias", "pdist_scale")
+
+
+def test_ranges_lie_within_the_servers_bounds():
+    from applr_ros1.planner.parameters import SERVERS
+    names = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
+             "global_inflation": "global_costmap/inflater_layer"}
+    for name, low, high in zip(SPACE.names, SPACE.low, SPACE.high):
+        for target in SPACE.targets[name]:
+            (p,) = [p for p in SERVERS[names[target.server]] if p.name == target.names[0]]
+            assert p.min <= min(low * target.sign, high * target.sign)
+            assert max(low * target.sign, high * target.sign) <= p.max
 
 
 @pytest.mark.parametrize("n", [5, 6, 18, 19, 20, 37, 200])
@@ -208,7 +220,7 @@ def _damaged_files():
         "checksum": (bytes(changed), "checksum"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
         "no space": (_raw(good, format=actor_module.FORMAT, sha256=header["sha256"]), "metadata"),
-        "layout": (_raw(good, **dict(header, layout=layout.replace('"beams": 720', '"beams": 360'))), "beams"),
+        "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "beams is 360"),
         "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
         "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
@@ -251,3 +263,33 @@ def test_another_space_is_another_space(tmp_path):
     with pytest.raises(ActorError, match="another parameter space"):
         Actor.load(tmp_path / "a.safetensors",
                    Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+
+
+def test_methods(tmp_path):
+    obs = observe(np.ones(720), 0.0, THETA_0)
+    assert methods.make("dwa").static and methods.make("dwa").theta(obs).tolist() == THETA_0.tolist()
+    first, again = methods.make("random", seed=3), methods.make("random", seed=3)
+    np.testing.assert_array_equal(first.theta(obs), again.theta(obs))
+    save(tmp_path / "a.safetensors", make_weights())
+    applr = methods.make("applr", policy=str(tmp_path / "a.safetensors"), seed=1)
+    np.testing.assert_array_equal(applr.theta(obs), Actor(make_weights()).theta(obs))
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
+    assert methods.make("fixed", parameters=str(tmp_path / "set.json")).theta(obs)[:3].tolist() == [1.5, 1.57, 12]
+
+
+@pytest.mark.parametrize("text", ["", "[1]", "{", '{"speed": 1}', '{"max_vel_x": 9}', '{"max_vel_x": NaN}',
+                                  '{"max_vel_x": [1]}', "[" * 50000, '{"max_vel_x": true}'])
+def test_bad_parameter_files_are_one_line(text, tmp_path):
+    path = tmp_path / "set.json"
+    path.write_text(text)
+    with pytest.raises(SpaceError) as e:
+        methods.make("fixed", parameters=str(path))
+    assert "\n" not in str(e.value) and str(path) in str(e.value)
+
+
+def test_unknown_modes_and_missing_files():
+    for call in (lambda: methods.make("fast"), lambda: methods.make("fixed", parameters="")):
+        with pytest.raises(SpaceError):
+            call()
+    with pytest.raises(ActorError):
+        methods.make("applr", policy="")

@@ -1,13 +1,16 @@
 """The action space of APPLR: the eight planner parameters theta, their ranges and theta_0.
 
 Called by the applr node (actions to parameters), the meta-environment and the trainer. Ranges and theta_0 are
-those of the authors' final code and of Clearpath's Jackal.
+those of the authors' final code and of Clearpath's Jackal; types, aliases and theta_0 come from the planner's
+declarations.
 """
 import json
 from dataclasses import dataclass, field
 from typing import Dict, Tuple
 
 import numpy as np
+
+from applr_ros1.planner.parameters import SERVERS
 
 
 class SpaceError(ValueError):
@@ -100,30 +103,43 @@ class Space:
             raise SpaceError(f"{what} {self.names[bad[-1]]} is {vector[tuple(bad)]}: refused, not finite")
 
 
-def _planner(*names, sign=1.0):
-    return Target("planner", names, sign)
+# ranges in the authors' final code; what else is to say of each parameter stands in planner/parameters.py
+_RANGES = {"max_vel_x": (0.2, 2.0), "max_vel_theta": (0.314, 3.14), "vx_samples": (4, 20),
+           "vtheta_samples": (4, 60), "occdist_scale": (0.05, 1.0), "pdist_scale": (0.1, 1.5),
+           "gdist_scale": (0.1, 2.0), "inflation_radius": (0.1, 0.6)}
+_INFLATION = {"local_inflation": "local_costmap/inflater_layer",
+              "global_inflation": "global_costmap/inflater_layer"}
 
 
-# name: (low, high, integer, theta_0, targets)
-_TABLE = {
-    "max_vel_x": (0.2, 2.0, False, 0.5, (_planner("max_vel_x"),)),
-    "max_vel_theta": (0.314, 3.14, False, 1.57, (_planner("max_vel_theta"),
-                                                 _planner("min_vel_theta", sign=-1.0))),
-    "vx_samples": (4, 20, True, 6, (_planner("vx_samples"),)),
-    "vtheta_samples": (4, 60, True, 20, (_planner("vtheta_samples"),)),
-    "occdist_scale": (0.05, 1.0, False, 0.1, (_planner("occdist_scale"),)),
-    "pdist_scale": (0.1, 1.5, False, 0.75, (_planner("path_distance_bias", "pdist_scale"),)),
-    "gdist_scale": (0.1, 2.0, False, 1.0, (_planner("goal_distance_bias", "gdist_scale"),)),
-    "inflation_radius": (0.1, 0.6, False, 0.30, (Target("local_inflation", ("inflation_radius",)),
-                                                 Target("global_inflation", ("inflation_radius",)))),
-}
+def _declared(server, name):
+    """The declaration of a parameter known to `server` under `name` or an alias."""
+    return next(p for p in SERVERS[server] if name == p.name or name in p.aliases)
 
-SPACE = Space(names=tuple(_TABLE),
-              low=np.array([row[0] for row in _TABLE.values()], dtype=np.float64),
-              high=np.array([row[1] for row in _TABLE.values()], dtype=np.float64),
-              integer=np.array([row[2] for row in _TABLE.values()]),
-              theta0=np.array([row[3] for row in _TABLE.values()], dtype=np.float64),
-              targets={name: row[4] for name, row in _TABLE.items()})
+
+def _server(name):
+    return _INFLATION["local_inflation"] if name == "inflation_radius" else "TrajectoryPlannerROS"
+
+
+def _targets(name):
+    if name == "inflation_radius":
+        return tuple(Target(role, (name,)) for role in _INFLATION)
+    declared = _declared(_server(name), name)
+    targets = (Target("planner", (declared.name,) + declared.aliases),)
+    if name == "max_vel_theta":     # the planner takes the other direction apart: the same speed, mirrored
+        targets += (Target("planner", ("min_vel_theta",), -1.0),)
+    return targets
+
+
+def _space():
+    declared = [_declared(_server(name), name) for name in _RANGES]
+    low, high = np.array(list(_RANGES.values()), dtype=np.float64).T
+    integer = np.array([p.type == "int" for p in declared])
+    theta0 = np.array([p.value for p in declared], dtype=np.float64)
+    low, high = low.copy(), high.copy()
+    for array in (low, high, integer, theta0):
+        array.setflags(write=False)
+    return Space(tuple(_RANGES), low, high, integer, theta0, {name: _targets(name) for name in _RANGES})
+
+
+SPACE = _space()
 THETA_0 = SPACE.theta0
-for _array in (SPACE.low, SPACE.high, SPACE.integer, SPACE.theta0):
-    _array.setflags(write=False)

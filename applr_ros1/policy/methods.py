@@ -1,0 +1,102 @@
+"""What can decide over the parameters while driving: a registry of methods, the same for every launch mode.
+
+The applr node makes one by the launch argument `mode` and asks it every two seconds. A method added here is at
+once a mode.
+"""
+import json
+import os
+
+import numpy as np
+
+from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.parameter_space import SPACE, SpaceError
+
+
+class Method:
+    """One way to choose theta. Static methods hold one set: it is applied once, and what a person changes later
+    stands. options: what the launch file gives (`policy`, `parameters`, `seed`)."""
+    static = False
+
+    def __init__(self, space=SPACE, **options):
+        self.space = space
+
+    def reset(self):
+        """Called when a goal becomes active: a new course begins."""
+
+    def theta(self, obs):
+        """obs (729,) float32 → theta (8,) float64. Raises SpaceError when there is none to be had."""
+        raise NotImplementedError
+
+
+class Default(Method):
+    """The paper's baseline: the planner on theta_0, all the way."""
+    static = True
+
+    def theta(self, obs):
+        return self.space.theta0.copy()
+
+
+class Applr(Method):
+    """The learned policy. policy: path of an actor file (ActorError, one line, when it cannot be used)."""
+
+    def __init__(self, space=SPACE, policy="", **options):
+        super().__init__(space)
+        self.actor = Actor.load(policy, space)
+
+    def theta(self, obs):
+        return self.actor.theta(obs)
+
+
+class Fixed(Method):
+    """One set of parameters. parameters: a JSON file {name: value}; names left out keep theta_0."""
+    static = True
+
+    def __init__(self, space=SPACE, parameters="", **options):
+        super().__init__(space)
+        self.values = read_parameters(parameters, space)
+
+    def theta(self, obs):
+        return self.values.copy()
+
+
+class Random(Method):
+    """Uniform over the ranges: for trying the stack and for gathering data. seed: int."""
+
+    def __init__(self, space=SPACE, seed=0, **options):
+        super().__init__(space)
+        self.rng = np.random.default_rng(int(seed))
+
+    def theta(self, obs):
+        return self.space.to_theta(self.rng.uniform(-1.0, 1.0, len(self.space)))
+
+
+METHODS = {"dwa": Default, "applr": Applr, "fixed": Fixed, "random": Random}
+
+
+def make(name, space=SPACE, **options):
+    """The method called `name`. Raises SpaceError for an unknown name, ActorError or SpaceError for bad files."""
+    if name not in METHODS:
+        raise SpaceError(f"mode {name!r} is unknown: give {', '.join(sorted(METHODS))}")
+    return METHODS[name](space=space, **options)
+
+
+def read_parameters(path, space=SPACE):
+    """theta (8,) from a JSON file {name: value}. Raises SpaceError with one line that names the file."""
+    try:
+        if os.path.getsize(path) > 2 ** 16:
+            raise SpaceError(f"{path}: too big for a set of parameters")
+        with open(path, encoding="utf-8") as f:
+            values = json.load(f)
+    except OSError as e:
+        raise SpaceError(f"{path or 'parameter file'}: cannot be read ({e.strerror or e}); "
+                         'give a JSON file such as {"max_vel_x": 1.0}') from None
+    except (ValueError, RecursionError) as e:
+        if isinstance(e, SpaceError):
+            raise
+        raise SpaceError(f"{path}: not JSON ({str(e).splitlines()[0]})") from None
+    if not isinstance(values, dict):
+        raise SpaceError(f'{path}: give one object such as {{"max_vel_x": 1.0}}')
+    try:
+        return space.from_dict(values)
+    except SpaceError as e:
+        raise SpaceError(f"{path}: {e}") from None
