@@ -1,0 +1,189 @@
+"""TD3 beside stable-baselines3's, step by step, and on a task small enough to learn in seconds."""
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from training.replay import Replay  # noqa: E402
+from training.td3 import TD3, Batch, LearnerError, TD3Config, exploration_noise  # noqa: E402
+from training.trajectory import Layout, Trajectory  # noqa: E402
+
+
+def _batch(rng, size, n, m, gamma=0.95):
+    def floats(*shape):
+        return torch.from_numpy(rng.uniform(-1, 1, shape).astype(np.float32))
+    discount = torch.from_numpy(np.where(rng.random(size) < 0.2, 0.0, gamma ** 4).astype(np.float32))
+    return Batch(floats(size, n), floats(size, m), floats(size), discount, floats(size, n),
+                 torch.from_numpy(rng.standard_normal((size, m)).astype(np.float32)))
+
+
+def _sb3(n, m, hidden, batch_size):
+    gym = pytest.importorskip("gymnasium")
+    sb3 = pytest.importorskip("stable_baselines3")
+
+    class Spaces(gym.Env):
+        observation_space = gym.spaces.Box(-1, 1, (n,), np.float32)
+        action_space = gym.spaces.Box(-1, 1, (m,), np.float32)
+
+    model = sb3.TD3("MlpPolicy", Spaces(), learning_rate=1e-3, batch_size=batch_size, tau=0.005, buffer_size=10,
+                    policy_kwargs={"net_arch": list(hidden)}, device="cpu")
+    model.set_logger(sb3.common.logger.Logger(None, []))
+    return model
+
+
+def _copy_to_sb3(td3, model):
+    pairs = [(td3.actor, model.actor.mu), (td3.actor_target, model.actor_target.mu),
+             *zip(td3.critics, (model.critic.qf0, model.critic.qf1)),
+             *zip(td3.critic_targets, (model.critic_target.qf0, model.critic_target.qf1))]
+    with torch.no_grad():
+        for ours, theirs in pairs:
+            for (weight, bias), layer in zip(ours.layers, [x for x in theirs if hasattr(x, "weight")]):
+                layer.weight.copy_(weight)
+                layer.bias.copy_(bias)
+    return pairs
+
+
+def _sb3_update(model, batch, seed):
+    """One of SB3's updates on our batch; its smoothing noise is drawn from torch's generator."""
+    from types import SimpleNamespace
+    data = SimpleNamespace(observations=batch.observation, actions=batch.action, rewards=batch.reward[:, None],
+                           next_observations=batch.following, dones=torch.zeros(len(batch.reward), 1),
+                           discounts=batch.discount[:, None])
+    model.replay_buffer.sample = lambda *a, **k: data
+    torch.manual_seed(seed)
+    model.train(1, len(batch.reward))
+
+
+@pytest.mark.parametrize("n, m, hidden, size, double", [
+    (30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)])
+def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
+    """At the paper's size in double precision: there, in single, Adam's first steps of tiny gradients are rounding."""
+    rng = np.random.default_rng(5)
+    td3 = TD3(n, m, TD3Config(hidden=hidden, actor_lr=1e-3, critic_lr=1e-3), seed=3)
+    model = _sb3(n, m, hidden, size)
+    if double:
+        model.policy.double()
+        monkeypatch.setattr("stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs)  # no .float()
+        for p in td3.tensors().values():
+            p.data = p.data.double()
+    pairs = _copy_to_sb3(td3, model)
+    start = td3.actor.layers[0][0].clone()
+    for i in range(10):
+        batch = _batch(rng, size, n, m)
+        torch.manual_seed(i)
+        batch.noise = torch.empty(size, m).normal_(0, 0.2) / 0.2
+        if double:
+            batch = Batch(**{k: v.double() for k, v in vars(batch).items()})
+            torch.manual_seed(i)
+            batch.noise = torch.empty(size, m, dtype=torch.float64).normal_(0, 0.2) / 0.2
+        td3.update(batch)
+        _sb3_update(model, batch, i)
+    for ours, theirs in pairs:
+        for (weight, bias), layer in zip(ours.layers, [x for x in theirs if hasattr(x, "weight")]):
+            torch.testing.assert_close(weight, layer.weight.data, atol=1e-5, rtol=0)
+            torch.testing.assert_close(bias, layer.bias.data, atol=1e-5, rtol=0)
+    assert (td3.actor.layers[0][0] - start).abs().max() > 1e-3       # it did move
+
+
+@pytest.mark.parametrize("alpha", [0.0, 2.5])
+def test_gradients_equal_autograd(alpha):
+    """The written-out gradient of the policy's loss, TD3+BC's term included."""
+    td3 = TD3(12, 3, TD3Config(hidden=(16, 16), bc_alpha=alpha), seed=1)
+    batch = _batch(np.random.default_rng(0), 32, 12, 3)
+    parameters = [p.clone().requires_grad_() for p in td3.actor.parameters]
+
+    def mlp(x, layers):
+        for i in range(0, len(layers), 2):
+            x = torch.nn.functional.linear(x, layers[i], layers[i + 1])
+            x = x.relu() if i + 2 < len(layers) else x
+        return x
+    action = torch.tanh(mlp(batch.observation, parameters))
+    q = mlp(torch.cat((batch.observation, action), 1), td3.critics[0].parameters)
+    loss = -q.mean()
+    if alpha:
+        loss = -alpha * q.mean() / q.abs().mean().detach() + torch.nn.functional.mse_loss(action, batch.action)
+    loss.backward()
+    with torch.no_grad():
+        td3._update_actor(batch)
+    for p, q in zip(td3.actor.parameters, parameters):
+        torch.testing.assert_close(p.grad, q.grad, atol=1e-7, rtol=1e-5)
+
+
+def test_learns_a_small_task():
+    """Go to zero on a line: x' = x + .3 a, r = -|x'|, ten steps cut by a time limit. Best return from x_0 = 1: -1.8."""
+    layout, rng = Layout(scan=0, rest=1, action=1), np.random.default_rng(0)
+    td3 = TD3(1, 1, TD3Config(hidden=(64, 64), actor_lr=1e-3, batch_size=128, gamma=0.9, n_step=2), seed=0)
+    replay = Replay(layout, 5000)
+
+    def episode(policy):
+        x, states, actions, rewards = rng.uniform(-1, 1), [], [], []
+        for _ in range(10):
+            a = float(np.clip(policy(x), -1, 1))
+            states.append(x)
+            x += 0.3 * a
+            actions.append(a)
+            rewards.append(-abs(x))
+        return states + [x], actions, rewards
+
+    for i in range(60):
+        states, actions, rewards = episode(lambda x: td3.action(np.array([[x]]))[0, 0] + 0.4 * rng.standard_normal())
+        replay.add(Trajectory.of(layout, states, actions, rewards, False, {"actor": "a", "episode": i}))
+        for _ in range(20):
+            td3.update(replay.sample(rng, 128, 2, 0.9))
+    returns = [sum(episode(lambda x: td3.action(np.array([[x]]))[0, 0])[2]) for _ in range(40)]
+    assert np.mean(returns) > -1.2      # doing nothing: -5; the best: -.83
+
+
+def test_same_seed_same_weights_and_state_round_trip():
+    rng = np.random.default_rng(0)
+    batches = [_batch(rng, 64, 10, 2) for _ in range(6)]
+    config = TD3Config(hidden=(64, 64))
+    a, b, c = TD3(10, 2, config, seed=7), TD3(10, 2, config, seed=7), TD3(10, 2, config, seed=8)
+    for batch in batches[:3]:
+        a.update(batch)
+    c.load(*a.state())
+    for batch in batches[:3]:
+        b.update(batch)
+    for batch in batches[3:]:
+        for t in (a, b, c):
+            t.update(batch)
+    for other in (b, c):
+        for name, tensor in a.tensors().items():
+            assert torch.equal(tensor, other.tensors()[name]), name
+    assert c.updates == 6
+
+
+def test_refuses_another_network_and_leaves_its_own():
+    td3, other = TD3(10, 2, TD3Config(hidden=(32,))), TD3(10, 2, TD3Config(hidden=(64,)))
+    before = td3.actor_weights()
+    with pytest.raises(LearnerError, match="layers .*64.*--hidden"):
+        td3.load(*other.state())
+    arrays, header = td3.state()
+    arrays["actor/0.bias"] = arrays["actor/0.bias"] * np.nan
+    with pytest.raises(LearnerError, match="NaN"):
+        td3.load(arrays, header)
+    for name, value in td3.actor_weights().items():
+        assert np.array_equal(value, before[name])
+    with pytest.raises(LearnerError, match="device"):
+        TD3(3, 1, device="gpu9")
+
+
+def test_noise_schedule_is_the_papers():
+    assert exploration_noise(0) == 0.5
+    assert exploration_noise(1_000_000) == pytest.approx(0.375)
+    assert exploration_noise(3_840_000) == pytest.approx(0.02)
+    assert exploration_noise(5_000_000) == 0.02
+    assert exploration_noise(100_000, scale=10) == pytest.approx(0.375)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_cuda_graphs_give_the_same_weights():
+    rng = np.random.default_rng(0)
+    cpu, gpu = TD3(40, 3, TD3Config(hidden=(64, 64))), TD3(40, 3, TD3Config(hidden=(64, 64)), device="cuda")
+    for _ in range(30):
+        batch = _batch(rng, 64, 40, 3)
+        cpu.update(batch)
+        gpu.update(Batch(**{k: v.cuda() for k, v in vars(batch).items()}))
+    for name, tensor in cpu.tensors().items():
+        if "adam" not in name:
+            torch.testing.assert_close(gpu.tensors()[name].cpu(), tensor, atol=2e-4, rtol=0)
