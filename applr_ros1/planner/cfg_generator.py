@@ -1,6 +1,5 @@
-"""Turns one server's parameters into a dynamic_reconfigure configuration; the files in applr_ros1/cfg call it.
-
-Runs at build time under ROS's interpreter, without numpy.
+"""Turns one server's parameters into a dynamic_reconfigure configuration; the files in applr_ros1/cfg call it
+at build time, under ROS's interpreter and without numpy.
 """
 from __future__ import annotations
 
@@ -18,7 +17,8 @@ def generate(server: str, node: str, name: str) -> int:
     for p in SERVERS[server]:
         bounds = [v if p.type in ("double", "int") and math.isfinite(v) else None for v in (p.min, p.max)]
         doc = p.doc + (" Unit: %s." % p.unit if p.unit else "")
-        edit = generator.enum([generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum], doc) if p.enum else ""
+        choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]
+        edit = generator.enum(choices, doc) if choices else ""
         for key in (p.name,) + p.aliases:
             text = doc if key == p.name else "Older name of %s; both always show the same value." % p.name
             generator.add(key, types[p.type], 0, text, p.default, bounds[0], bounds[1], edit)

@@ -243,7 +243,7 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
               "Names and types of the recoveries in order; empty takes the four usual ones."),
         _double("scan_timeout", 1.0, 0.0, INF, None, "s",
                 "Age of the newest scan at which the robot stands still."),
-        _double("make_plan_clearing_radius", 0.46, 0.0, INF, None, "m",
+        _double("clearing_radius", 0.46, 0.0, INF, None, "m",
                 "Half side of the square that make_plan_clear_costmap frees."),
     ),
     "TrajectoryPlannerROS": (

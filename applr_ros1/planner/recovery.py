@@ -1,0 +1,101 @@
+"""What move_base does when it is stuck: clear the maps away from the robot, or turn once in place and look.
+
+MoveBase holds one object per behaviour and calls step() once per control turn until it says it is over, so a
+rotation can be cancelled between two turns.
+"""
+from __future__ import annotations
+
+import math
+from typing import Optional, Tuple
+
+from .parameters import DEFAULT_RECOVERIES, RECOVERY_TYPES
+
+Pose = Tuple[float, float, float]
+PATIENCE = 4.0  # a rotation that takes this many times its unhindered time is over (C++ would turn for ever)
+
+
+def angle_difference(a: float, b: float) -> float:
+    """Shortest turn from a to b [rad], in (-pi, pi]."""
+    r = math.fmod(b - a + math.pi, 2.0 * math.pi)
+    return r + math.pi if r <= 0.0 else r - math.pi
+
+
+class ClearCostmapRecovery:
+    """Forgets obstacles outside a square of `side` metres about the robot, in both maps, global first.
+
+    Unlike C++ it clears the obstacle layer whatever its name is. The last scan stays and marks again.
+    """
+
+    def __init__(self, name: str, side: float):
+        self.name, self.side = name, side
+
+    def start(self, now: float, pose: Pose) -> None:
+        pass
+
+    def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:
+        """Always None: over within its first turn."""
+        global_costmap.clear_outside(pose, self.side)
+        local_costmap.clear_outside(pose, self.side)
+        return None
+
+
+class RotateRecovery:
+    """One turn anticlockwise in place (rotate_recovery.cpp:93). Its limits are read once."""
+
+    def __init__(self, name: str, planner: dict, sim_granularity: float = 0.017):
+        self.name = name
+        self.acc = planner["acc_lim_theta"]
+        self.fastest, self.slowest = planner["max_vel_theta"], planner["min_in_place_vel_theta"]
+        self.tolerance = planner["yaw_goal_tolerance"]
+        self.granularity = sim_granularity
+        self._start = self._angle = self._until = 0.0
+        self._half = False
+
+    def start(self, now: float, pose: Pose) -> None:
+        """Remember where the turn begins."""
+        self._start = self._angle = pose[2]
+        self._half = False
+        self._until = now + PATIENCE * 2.0 * math.pi / max(self.fastest, 1e-3)
+
+    def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:
+        """The next command (0, w); None when the turn is complete, blocked or takes too long."""
+        done = self._half and abs(angle_difference(self._angle, self._start)) <= self.tolerance
+        if done or now > self._until:
+            return None
+        x, y, yaw = pose
+        self._angle = yaw
+        if self._half:
+            left = abs(angle_difference(yaw, self._start))
+        else:
+            to_half = abs(angle_difference(yaw, self._start + math.pi))
+            left = math.pi + to_half
+            self._half = to_half < self.tolerance
+        ahead = 0.0
+        while ahead < left:
+            if local_costmap.footprint_cost(x, y, yaw + ahead) < 0.0:
+                return None
+            ahead += self.granularity
+        w = math.sqrt(2.0 * self.acc * left)
+        return 0.0, min(max(w, self.slowest), self.fastest)
+
+
+def build(parameters: dict) -> list:
+    """The behaviours in order, from a complete parameter tree. Read at start-up only, as in C++.
+
+    Without `recovery_behaviors`: conservative reset, rotation, aggressive reset, rotation; no rotations
+    without `clearing_rotation_allowed`.
+    """
+    listed = parameters["recovery_behaviors"]
+    usual = not listed
+    made = {}
+    behaviours = []
+    for entry in listed or DEFAULT_RECOVERIES:
+        name, clears = entry["name"], entry["type"] == RECOVERY_TYPES[0]
+        if usual and not clears and not parameters["clearing_rotation_allowed"]:
+            continue
+        if name not in made:
+            own = parameters[name]
+            made[name] = (ClearCostmapRecovery(name, own["reset_distance"]) if clears else
+                          RotateRecovery(name, parameters["TrajectoryPlannerROS"], own["sim_granularity"]))
+        behaviours.append(made[name])
+    return behaviours
