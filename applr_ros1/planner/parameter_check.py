@@ -155,7 +155,7 @@ def _check_whole(full):
         costmap = full[name]
         cells = costmap["width"] * costmap["height"] / costmap["resolution"] ** 2
         if cells > MAX_CELLS:
-            raise ParameterError("%s has %d x %d m at %g m, %.3g cells: give at most %g cells" % (
+            raise ParameterError("%s/width, height are %d x %d m at %g m, %.3g cells: give at most %g" % (
                 name, costmap["width"], costmap["height"], costmap["resolution"], cells, MAX_CELLS))
         if costmap["plugins"] != PLUGINS:
             raise ParameterError("%s/plugins is %r: give %r" % (name, costmap["plugins"], PLUGINS))

@@ -1,0 +1,171 @@
+"""The parameter tables, checks and requests. Numbers come from a running C++ move_base (move_base_surface.json)."""
+import copy
+import json
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+
+from applr_ros1.planner import parameters
+from applr_ros1.planner.configuration import Configuration
+from applr_ros1.planner.parameter_check import complete
+from applr_ros1.planner.parameters import JACKAL, SERVERS, STATIC, ParameterError, check
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+with open(os.path.join(HERE, "move_base_surface.json")) as file:
+    SURFACE = json.load(file)
+PLANNER = "TrajectoryPlannerROS"
+
+
+def number(value):
+    return float(value) if value in ("inf", "-inf") else value
+
+
+@pytest.mark.parametrize("server", SERVERS)
+def test_servers_equal_the_cpp_ones(server):
+    theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
+    ours = [(p.name, p.type, p.min, p.max, p.default, p.jackal) for p in SERVERS[server]]
+    assert ours == [(p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"])
+                    for p in theirs]
+
+
+def test_jackal_tree_equals_the_running_one():
+    assert JACKAL == SURFACE["params"]
+
+
+def test_every_parameter_has_a_sentence():
+    for table in list(SERVERS.values()) + list(STATIC.values()):
+        for p in table:
+            assert p.doc.endswith(".") and p.doc[0].isupper() and '"' not in p.doc, p.name
+            assert p.type in ("double", "int", "bool", "str", "list")
+
+
+def test_jackal_is_clean_and_complete_is_stable():
+    assert check(JACKAL) == [] and check({}) == []
+    full = complete(JACKAL)
+    assert complete(full) == full
+    assert check(full) == []
+    assert full["aggressive_reset"]["reset_distance"] == 1.84
+
+
+@pytest.mark.parametrize("path, value, words", [
+    ("TrajectoryPlannerROS/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
+    ("zzz", 1.0, "no such parameter; remove it"),
+    ("local_costmap/inflation_radius", 0.3, "no such parameter"),
+    ("TrajectoryPlannerROS/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
+    ("TrajectoryPlannerROS/vx_samples", 0, "give a value from 1 to 300"),
+    ("TrajectoryPlannerROS/vx_samples", 6.5, "give a whole number"),
+    ("TrajectoryPlannerROS/vx_samples", "six", "give a whole number"),
+    ("TrajectoryPlannerROS/max_vel_x", math.nan, "give a finite number"),
+    ("TrajectoryPlannerROS/max_vel_x", True, "give a finite number"),
+    ("TrajectoryPlannerROS/dwa", 1, "give true or false"),
+    ("TrajectoryPlannerROS/pdist_scale", 0.5, "one of them"),
+    ("TrajectoryPlannerROS/sim_granularity", 0.0, "cannot work"),
+    ("controller_frequency", 0, "cannot work"),
+    ("local_costmap/footprint", "[[0, 0], [1, 0]]", "at least three points"),
+    ("local_costmap/footprint", "__import__('os')", "at least three points"),
+    ("local_costmap/width", 100000, "cells"),
+    ("local_costmap/resolution", 0.0, "cannot work"),
+    ("local_costmap/global_frame", "map", "give the same"),
+    ("local_costmap/plugins", [], "plugins"),
+    ("local_costmap/obstacles_layer/scan/data_type", "PointCloud2", "LaserScan"),
+    ("local_costmap/obstacles_layer/observation_sources", "scan bump", "one source"),
+    ("local_costmap", 3, "no such parameter"),
+    ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
+])
+def test_check_says_what_where_and_what_to_do(path, value, words):
+    tree = copy.deepcopy(JACKAL)
+    *folders, name = path.split("/")
+    here = tree
+    for folder in folders:
+        here = here[folder]
+    here[name] = value
+    problems = check(tree)
+    assert any(words in problem and name in problem for problem in problems), problems
+    assert all("\n" not in problem for problem in problems)
+
+
+def test_older_name_alone_is_taken():
+    full = complete({PLANNER: {"pdist_scale": 0.4}})
+    assert full[PLANNER]["path_distance_bias"] == full[PLANNER]["pdist_scale"] == 0.4
+
+
+def test_scan_source_may_have_any_name():
+    tree = copy.deepcopy(JACKAL)
+    layer = tree["local_costmap"]["obstacles_layer"]
+    layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
+    layer["laser"]["topic"] = "elsewhere"
+    assert check(tree) == []
+    assert complete(tree)["local_costmap"]["obstacles_layer"]["scan"]["topic"] == "elsewhere"
+
+
+def test_footprint_may_be_a_list():
+    tree = {"local_costmap": {"footprint": [[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]}}
+    assert check(tree) == []
+    assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
+
+
+def test_own_recoveries_bring_their_parameters():
+    tree = {"recovery_behaviors": [{"name": "wide", "type": parameters.RECOVERY_TYPES[0]}],
+            "wide": {"reset_distance": 7.0}}
+    assert check(tree) == []
+    assert complete(tree)["wide"]["reset_distance"] == 7.0
+
+
+class TestConfiguration:
+    @pytest.fixture
+    def config(self):
+        return Configuration(complete(JACKAL))
+
+    def test_clamps_and_keeps_the_rest(self, config):
+        new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
+        assert (new["max_vel_x"], new["vx_samples"], new["sim_time"]) == (20.0, 1, 2.0)
+        assert config[PLANNER]["max_vel_x"] == 0.5  # request alone changes nothing
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, None, "1", True])
+    def test_refuses_the_whole_request(self, config, bad):
+        with pytest.raises(ParameterError, match="max_vel_x"):
+            config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": bad})
+
+    def test_older_names_always_follow(self, config):
+        for name, other in (("pdist_scale", "path_distance_bias"), ("goal_distance_bias", "gdist_scale")):
+            config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
+            assert config[PLANNER][name] == config[PLANNER][other] == 0.33
+        everything = dict(config[PLANNER], pdist_scale=0.5)  # as rqt_reconfigure sends it: all values, one changed
+        new = config.request(PLANNER, everything)
+        assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
+
+    def test_restore_defaults_is_the_start_up_state(self, config):
+        config.accept(PLANNER, config.request(PLANNER, {"max_vel_x": 1.5}))
+        new = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
+        assert new == config.start_up(PLANNER)
+        assert new["max_vel_x"] == 0.5 and new["restore_defaults"] is False
+
+    def test_unknown_names(self, config):
+        with pytest.raises(ParameterError, match="no such parameter"):
+            config.request(PLANNER, {"warp": 9})
+        with pytest.raises(ParameterError, match="no server"):
+            config.request("nowhere", {})
+
+    def test_another_planner_cannot_be_loaded(self, config):
+        assert config.request("", {"base_global_planner": "x/Y"})["base_global_planner"] == "navfn/NavfnROS"
+
+
+def test_cfg_files_are_generated_without_numpy(tmp_path):
+    dynamic_reconfigure = "/usr/share/dynamic_reconfigure"
+    if not os.path.isdir(dynamic_reconfigure):
+        dynamic_reconfigure = "/opt/ros/noetic/share/dynamic_reconfigure"
+    if not os.path.isdir(dynamic_reconfigure):
+        pytest.skip("no dynamic_reconfigure here")
+    cfg = os.path.join(HERE, "..", "applr_ros1", "cfg", "TrajectoryPlanner.cfg")
+    (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
+    done = subprocess.run([sys.executable, cfg, dynamic_reconfigure, str(tmp_path), str(tmp_path), str(tmp_path)],
+                          env=dict(os.environ, PYTHONPATH=str(tmp_path) + ":" + os.environ.get("PYTHONPATH", "")),
+                          capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    made = {}
+    exec((tmp_path / "cfg" / "TrajectoryPlannerConfig.py").read_text(), made)
+    assert made["defaults"]["vx_samples"] == 20 and made["max"]["pdist_scale"] == 5.0
+    assert made["min"]["min_vel_theta"] == -20.0
