@@ -3,7 +3,6 @@ The generator, the built-in worlds, the SDF reader (for path files) and the diff
 from __future__ import annotations
 
 import math
-from typing import Optional
 
 import numpy as np
 
@@ -57,7 +56,13 @@ def paper_course(path: np.ndarray) -> Course:
                   finish_y=FINISH_Y, goal_tolerance=GOAL_TOLERANCE, path=path)
 
 
-def make_world(name: str, filled: np.ndarray, path_cells: np.ndarray, cylinders: Optional[np.ndarray] = None) -> World:
+def challenge_course(path: np.ndarray) -> Course:
+    """The BARN Challenge's course: one start for all worlds, goal 10 m ahead, done within 1 m of it."""
+    return Course(start=(-2.25, 3.0, math.pi / 2), goal=(-2.25, 13.0, math.pi / 2), finish_y=None,
+                  goal_tolerance=1.0, path=path)
+
+
+def make_world(name: str, filled: np.ndarray, path_cells: np.ndarray) -> World:
     """World from a field (30, 30) bool and a reference path (k, 2) of cells."""
-    return World(name=name, cylinders=cylinders_of(filled) if cylinders is None else cylinders,
-                 boxes=np.zeros((0, 5)), course=paper_course(to_xy(path_cells)))
+    return World(name=name, cylinders=cylinders_of(filled), boxes=np.zeros((0, 5)),
+                 course=paper_course(to_xy(path_cells)))

@@ -2,7 +2,7 @@
 `worlds.builtin` holds what this made for numbers 0 to 299; a test makes them again."""
 from __future__ import annotations
 
-from typing import Tuple
+from typing import Optional, Tuple
 
 import numpy as np
 from scipy import ndimage
@@ -25,45 +25,57 @@ def kind(number: int) -> Tuple[float, int]:
     return FILL[i_fill], ROUNDS[i_rounds]
 
 
+def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
+    """(30, 30) filled neighbours of 8 of each cell. Columns outside are free, rows outside as said."""
+    padded = np.pad(np.pad(filled, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=rows_outside).astype(np.int64)
+    return ndimage.convolve(padded, _NEIGHBOURS, mode="constant")[1:-1, 1:-1]
+
+
 def smooth(filled: np.ndarray) -> np.ndarray:
     """One round, all cells at once: 5 or more filled neighbours fill a cell, 1 or fewer clear it.
     Rows outside count as filled, columns outside as free."""
-    padded = np.pad(np.pad(filled, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=True).astype(np.int64)
-    neighbours = ndimage.convolve(padded, _NEIGHBOURS, mode="constant")[1:-1, 1:-1]
+    neighbours = _neighbours(filled, rows_outside=True)
     return (filled | (neighbours >= 5)) & (neighbours > 1)
 
 
+def hollow(filled: np.ndarray) -> np.ndarray:
+    """Without the cells that are enclosed on all 8 sides: BARN puts no cylinder where no robot or laser can tell."""
+    return filled & (_neighbours(filled, rows_outside=False) < 8)
+
+
 def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> np.ndarray:
-    """(30, 30) bool: a smoothed random field between two walls (rows 0 and 29)."""
+    """(30, 30) bool: a smoothed random field between two walls (rows 0 and 29), not yet hollowed."""
     filled = rng.random((field.ROWS, field.COLS)) < fill
     filled[[0, -1]] = True
     for _ in range(rounds):
         filled = smooth(filled)
-    filled[[0, -1]] = True
     return filled
 
 
-def draw_path(filled: np.ndarray, rng: np.random.Generator):
-    """(k, 2) cells from a random free row of the first column to one of the last in the same region, or None."""
+def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarray]:
+    """(k, 2) cells from a random free row of the first column to one of the last, or None where there is no way.
+    The largest region that touches the first column must be the largest that touches the last one."""
     free = search.free_space(filled, field.CLEARANCE)
-    regions, _ = ndimage.label(free, structure=np.ones((3, 3)))
-    starts = np.flatnonzero(np.isin(regions[:, 0], regions[free[:, -1], -1]) & free[:, 0])
-    if not len(starts):
+    regions, _ = ndimage.label(free)
+    sizes = np.bincount(regions.ravel())
+    sizes[0] = 0
+    start_region, goal_region = (regions[:, c][np.argmax(sizes[regions[:, c]])] for c in (0, -1))
+    if start_region == 0 or start_region != goal_region:
         return None
-    start = int(rng.choice(starts))
-    goal = int(rng.choice(np.flatnonzero(regions[:, -1] == regions[start, 0])))
-    return search.shortest_path(free, (start, 0), (goal, field.COLS - 1))
+    start = int(rng.choice(np.flatnonzero(regions[:, 0] == start_region)))
+    goal = int(rng.choice(np.flatnonzero(regions[:, -1] == start_region)))
+    return search.barn_path(free, (start, 0), (goal, field.COLS - 1))
 
 
-def generate_field(number: int, seed: int = SEED):
-    """(filled (30, 30) bool, path (k, 2) int64 cells) of world `number`; drawn again until there is a path."""
+def generate_field(number: int, seed: int = SEED) -> Tuple[np.ndarray, np.ndarray]:
+    """(filled (30, 30) bool, hollowed; path (k, 2) int64 cells) of world `number`; drawn again until there is a path."""
     fill, rounds = kind(number)
     rng = np.random.default_rng([seed, number])
     while True:
         filled = draw_field(fill, rounds, rng)
         path = draw_path(filled, rng)
         if path is not None:
-            return filled, path
+            return hollow(filled), path
 
 
 def generate(number: int, seed: int = SEED) -> World:

@@ -1,35 +1,65 @@
 """From a specification that a person types ("generated:7", a file, a folder) to worlds. Everything loads through here."""
 from __future__ import annotations
 
+import os
+import re
 from typing import List
 
-from . import generator
+from . import builtin, generator, physical_course, sdf_reader
 from .world import World, WorldError
 
 GENERATED = "generated:"
-FORMS = "generated:N (0-%d), generated:train, generated:test, physical_course, a .world file or a folder of them" % (
-    generator.COUNT - 1)
+FORMS = ("generated:N (0-%d), generated:train, generated:test, physical_course, a .world file or a folder of them"
+         % (generator.COUNT - 1))
+MAX_WORLDS = 10_000     # in a folder
 
 
 def load(spec: str) -> World:
-    """One world. Raises WorldError with one line."""
+    """The one world that `spec` names. Raises WorldError with one line."""
     text = str(spec)
     if text.startswith(GENERATED):
-        return _generated(text)
-    raise WorldError("unknown world %r; give %s" % (text, FORMS))
+        numbers = _numbers(text)
+        if len(numbers) > 1:
+            raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(numbers)))
+        return builtin.world(numbers[0])
+    if text == physical_course.NAME:
+        return physical_course.world()
+    if text.endswith(".world"):
+        return sdf_reader.read(text)
+    if os.path.isdir(text):
+        raise WorldError("%s is a folder where one world is needed; give one of its .world files" % text)
+    raise WorldError("unknown world %r; give %s" % (text[:200], FORMS))
 
 
 def load_all(spec: str) -> List[World]:
-    """All worlds that a specification names, in a fixed order. Raises WorldError with one line."""
-    return [load(spec)]
+    """All worlds that `spec` names, in a fixed order: numbers rise, a folder's files in the order of their numbers."""
+    text = str(spec)
+    if text.startswith(GENERATED):
+        return [builtin.world(n) for n in _numbers(text)]
+    if os.path.isdir(text):
+        return [sdf_reader.read(path) for path in folder_files(text)]
+    return [load(text)]
 
 
-def _generated(text: str) -> World:
+def folder_files(folder: str) -> List[str]:
+    """The .world files directly in a folder, by number, then name. WorldError where there is none."""
     try:
-        number = int(text[len(GENERATED):])
-    except ValueError:
-        raise WorldError("world %r is not a number; give %s" % (text, FORMS)) from None
-    if not 0 <= number < generator.COUNT:
-        raise WorldError("world %r does not exist; built-in worlds are generated:0 to generated:%d"
-                         % (text, generator.COUNT - 1))
-    return generator.generate(number)
+        names = [n for n in os.listdir(folder) if n.endswith(".world")]
+    except OSError as error:
+        raise WorldError("%s cannot be listed (%s); check the path" % (folder, error.strerror)) from None
+    if not 1 <= len(names) <= MAX_WORLDS:
+        raise WorldError("%s holds %d .world files; it must hold 1 to %d" % (folder, len(names), MAX_WORLDS))
+    return [os.path.join(folder, name) for name in sorted(names, key=_natural)]
+
+
+def _natural(name: str):
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def _numbers(text: str) -> List[int]:
+    part = text[len(GENERATED):]
+    if part in ("train", "test"):
+        return list(builtin.TRAIN if part == "train" else builtin.TEST)
+    if not re.match(r"^\d{1,9}$", part, re.ASCII) or int(part) >= generator.COUNT:
+        raise WorldError("world %r does not exist; give %s" % (text[:200], FORMS))
+    return [int(part)]

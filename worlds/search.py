@@ -1,79 +1,120 @@
-"""A* over a grid as BARN's generator has it: 8-connected, gentle turns, shy of blocked cells.
-The generator makes its reference paths with it, the SDF reader searches a course where no path file lies beside a world."""
+"""Reference paths on a grid: BARN's own search, move for move, and an exact A* for worlds that come without a path.
+The generator uses the first, `worlds.course` the second; both keep a robot's width from what is filled."""
 from __future__ import annotations
 
 import heapq
 import math
-from typing import Optional, Tuple
+from typing import Dict, Iterable, List, Optional, Tuple
 
 import numpy as np
 from scipy import ndimage
 
-MOVES = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))     # neighbours differ by 45 degrees
+Cell = Tuple[int, int]
+
+MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))     # neighbours differ by 45 degrees
+LENGTHS = tuple(math.hypot(*m) for m in MOVES)
 SHY_CELLS, SHY_COST = 2.0, 5.0      # a cell this near to a blocked one costs 5 / distance more
 
 
 def free_space(filled: np.ndarray, clearance: int) -> np.ndarray:
-    """Cells with no filled cell in the window of +-`clearance` cells. Outside the grid counts as empty."""
-    size = 2 * clearance + 1
-    return ~ndimage.maximum_filter(filled, size=size, mode="constant", cval=False)
+    """Cells with no filled cell in the window of +-`clearance` cells. What lies outside the grid counts as empty."""
+    return ~ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
 
 
 def shyness(free: np.ndarray) -> np.ndarray:
-    """Extra cost of entering each cell: 5 / (distance to the nearest blocked cell) within 2 cells, else 0."""
+    """Penalty of each cell: 5 / (distance to the nearest blocked cell) within 2 cells of one, else 0."""
     if free.all():
         return np.zeros(free.shape)
     distance = ndimage.distance_transform_edt(free)
-    near = free & (distance <= SHY_CELLS)
-    return np.where(near, SHY_COST / np.maximum(distance, 1.0), 0.0)
+    return np.where(free & (distance <= SHY_CELLS), SHY_COST / np.maximum(distance, 1.0), 0.0)
 
 
-def shortest_path(free: np.ndarray, start: Tuple[int, int], goal: Tuple[int, int]) -> Optional[np.ndarray]:
-    """Cheapest path over free cells, or None.
+def _turns(heading: int) -> Tuple[int, ...]:
+    """Moves at most 45 degrees off; every move from the start (heading -1). Order settles ties."""
+    if heading < 0:
+        return tuple(range(8))
+    return (heading - 1) % 8, heading, (heading + 1) % 8
 
-    free         (rows, columns) bool
-    start, goal  cells
-    returns      (k, 2) int64 cells from start to goal; consecutive moves differ by at most 45 degrees.
 
-    A state is a cell and the move that led into it, so that the rule on turns keeps A* exact. Ties fall to the state
-    that was reached first: the result depends on the arguments only.
+def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]:
+    """The path that BARN's generator draws: (k, 2) int64 cells from start to goal, or None where it finds none.
+
+    It resembles A*, with three peculiarities that shape BARN's paths and are kept: a cell's penalty counts for the
+    order of expansion but is not passed on to later cells; a cell first met has no estimate of what is left, only one
+    met again and cheaper has; and a cell is closed for all headings, so that the rule on turns can hide a path.
     """
+    penalty = shyness(free)
     rows, columns = free.shape
-    if not (free[start] and free[goal]):
-        return None
-    extra = shyness(free)
-    lengths = [math.hypot(*m) for m in MOVES]
-
-    def to_go(r, c):
-        a, b = abs(goal[0] - r), abs(goal[1] - c)
-        return max(a, b) + (math.sqrt(2.0) - 1.0) * min(a, b)
-
-    best = np.full((rows, columns, 8), np.inf)
-    came_from = {}
-    queue = [(to_go(*start), 0, 0.0, start[0], start[1], -1)]
-    order = 0
+    spent: Dict[Cell, float] = {start: 0.0}
+    parent: Dict[Cell, Tuple[Optional[Cell], int]] = {start: (None, -1)}
+    rank: Dict[Cell, float] = {start: 0.0}
+    number: Dict[Cell, int] = {start: 0}        # ties: the cell met first
+    queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
+    closed = set()
     while queue:
-        _, _, cost, r, c, heading = heapq.heappop(queue)
-        if (r, c) == goal:
-            return _trace(came_from, (r, c, heading), start)
-        if heading >= 0 and cost > best[r, c, heading]:
+        value, _, cell = heapq.heappop(queue)
+        if cell in closed or value != rank[cell]:
             continue
-        for turn in (range(8) if heading < 0 else ((heading - 1) % 8, heading, (heading + 1) % 8)):
-            nr, nc = r + MOVES[turn][0], c + MOVES[turn][1]
-            if not (0 <= nr < rows and 0 <= nc < columns and free[nr, nc]):
+        closed.add(cell)
+        if cell == goal:
+            return _trace(cell, lambda c: parent[c][0])
+        for turn in _turns(parent[cell][1]):
+            r, c = cell[0] + MOVES[turn][0], cell[1] + MOVES[turn][1]
+            if not (0 <= r < rows and 0 <= c < columns and free[r, c]) or (r, c) in closed:
                 continue
-            reached = cost + lengths[turn] + extra[nr, nc]
-            if reached < best[nr, nc, turn]:
-                best[nr, nc, turn] = reached
-                came_from[(nr, nc, turn)] = (r, c, heading)
-                order += 1
-                heapq.heappush(queue, (reached + to_go(nr, nc), order, reached, nr, nc, turn))
+            if not (free[r, cell[1]] or free[cell[0], c]):
+                continue                        # no squeezing between two blocked corners
+            cost = spent[cell] + LENGTHS[turn]
+            if (r, c) not in spent:
+                number[r, c] = len(number)
+                rank[r, c] = cost + penalty[r, c]
+            elif cost < spent[r, c]:
+                rank[r, c] = cost + math.hypot(r - goal[0], c - goal[1]) + penalty[r, c]
+            else:
+                continue
+            spent[r, c], parent[r, c] = cost, (cell, turn)
+            heapq.heappush(queue, (rank[r, c], number[r, c], (r, c)))
     return None
 
 
-def _trace(came_from, state, start) -> np.ndarray:
-    cells = [state[:2]]
-    while state[2] >= 0:
-        state = came_from[state]
+def shortest_path(free: np.ndarray, starts: Iterable[Cell], goals: Iterable[Cell]) -> Optional[np.ndarray]:
+    """The cheapest path from any of the starts to any of the goals, or None: length in cells plus penalties on the way.
+
+    free     (rows, columns) bool
+    returns  (k, 2) int64 cells; consecutive moves differ by at most 45 degrees.
+    A state is a cell and the move that led into it, so the rule on turns costs no exactness. Every state is opened at
+    most once: time and memory are bounded by 8 x the number of cells.
+    """
+    extra = shyness(free)
+    rows, columns = free.shape
+    goals = {tuple(int(v) for v in g) for g in goals if free[tuple(g)]}
+    best = np.full((8, rows, columns), np.inf)
+    came_from: Dict[Tuple[int, int, int], Tuple[int, int, int]] = {}
+    queue = [(0.0, n, int(s[0]), int(s[1]), -1) for n, s in enumerate(starts) if free[tuple(s)]]
+    heapq.heapify(queue)
+    order = len(queue)
+    while queue:
+        cost, _, r, c, heading = heapq.heappop(queue)
+        if (r, c) in goals:
+            return _trace((r, c, heading), came_from.get)
+        if heading >= 0 and cost > best[heading, r, c]:
+            continue
+        for turn in _turns(heading):
+            nr, nc = r + MOVES[turn][0], c + MOVES[turn][1]
+            if not (0 <= nr < rows and 0 <= nc < columns and free[nr, nc]) or not (free[nr, c] or free[r, nc]):
+                continue
+            reached = cost + LENGTHS[turn] + extra[nr, nc]
+            if reached < best[turn, nr, nc]:
+                best[turn, nr, nc] = reached
+                came_from[nr, nc, turn] = (r, c, heading)
+                order += 1
+                heapq.heappush(queue, (reached, order, nr, nc, turn))
+    return None
+
+
+def _trace(state, previous) -> np.ndarray:
+    cells = []
+    while state is not None:
         cells.append(state[:2])
+        state = previous(state)
     return np.array(cells[::-1], dtype=np.int64)

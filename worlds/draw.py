@@ -1,0 +1,85 @@
+"""Pictures of worlds: `python -m worlds.draw generated:7 out.png`. Reports and the demo draw their maps with `draw`."""
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+
+import numpy as np
+
+from .loading import FORMS, load
+from .world import World, WorldError
+
+OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
+
+
+def draw(axes, world: World, path: bool = True) -> None:
+    """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales."""
+    from matplotlib.collections import PatchCollection
+    from matplotlib.patches import Circle, Polygon
+    patches = [Circle((x, y), radius) for x, y, radius in world.cylinders]
+    patches += [Polygon(corners(box)) for box in world.boxes]
+    axes.add_collection(PatchCollection(patches, facecolor=OBSTACLE, edgecolor="none"))
+    for mover in world.movers:
+        times = np.linspace(0.0, mover.waypoints[-1][0] * 0.999, 200)
+        axes.plot(*zip(*[mover.position(t) for t in times]), color=MOVER, lw=0.8, alpha=0.6)
+        axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
+    course = world.course
+    if path:
+        axes.plot(course.path[:, 0], course.path[:, 1], color=PATH, lw=1.2, ls="--", label="reference path")
+    x, y, yaw = course.start
+    axes.plot([x], [y], "o", color=START, ms=6, label="start")
+    axes.annotate("", (x + 0.5 * math.cos(yaw), y + 0.5 * math.sin(yaw)), (x, y),
+                  arrowprops=dict(arrowstyle="->", color=START))
+    axes.plot(course.goal[0], course.goal[1], "*", color=GOAL, ms=11, label="goal")
+    if course.finish_y is not None:
+        axes.axhline(course.finish_y, color=GOAL, lw=0.8, ls=":", label="finish line")
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def corners(box) -> np.ndarray:
+    """(4, 2) corners of a box x, y, yaw, size_x, size_y."""
+    x, y, yaw, size_x, size_y = box
+    c, s = math.cos(yaw), math.sin(yaw)
+    half = 0.5 * np.array([[size_x, size_y], [-size_x, size_y], [-size_x, -size_y], [size_x, -size_y]])
+    return np.array([x, y]) + half @ np.array([[c, s], [-s, c]])
+
+
+def picture(world: World, file: str) -> None:
+    """Draws `world` into a picture file; its ending says which kind. Raises WorldError."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise WorldError("drawing %s needs matplotlib; install python3-matplotlib (apt) or matplotlib (pip)"
+                         % world.name) from None
+    figure = Figure(figsize=(6, 9))
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    draw(axes, world)
+    axes.set_title(world.name)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    try:
+        figure.savefig(file, dpi=120, bbox_inches="tight")
+    except (OSError, ValueError) as error:
+        raise WorldError("%s cannot be written (%s); check folder and ending (.png)" % (file, error)) from None
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
+    parser.add_argument("world", help=FORMS)
+    parser.add_argument("picture", help="file to write, say out.png")
+    arguments = parser.parse_args()
+    try:
+        picture(load(arguments.world), arguments.picture)
+    except WorldError as error:
+        print("error: %s" % error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,117 @@
+"""The picture of one drive: course and driven path coloured by speed on the left, speed and parameters over time on the
+right. Called by the demo and by whoever else has recorded a drive; knows nothing of ROS."""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Dict, List, Tuple
+
+import numpy as np
+
+from .world import World
+
+
+@dataclass
+class Drive:
+    """What was recorded of a drive in `world`, in the world's frame.
+
+    track       (n, 5) float64: time [s], x [m], y [m], speed [m/s], turn rate [rad/s]
+    parameters  per name the (time [s], value) pairs at which it was seen to have that value
+    contacts    times [s] at which the robot touched something
+    """
+    world: World
+    track: np.ndarray
+    parameters: Dict[str, List[Tuple[float, float]]] = field(default_factory=dict)
+    contacts: List[float] = field(default_factory=list)
+    title: str = ""
+
+    def length(self) -> float:
+        """Driven distance [m]."""
+        return float(np.hypot(*np.diff(self.track[:, 1:3], axis=0).T).sum())
+
+
+def save(drive: Drive, path: str) -> None:
+    """Draw `drive` into the PNG file `path`. OSError if it cannot be written."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    rows = 1 + len(drive.parameters)
+    figure = Figure(figsize=(13, 8), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(rows, 2, width_ratios=(1, 1.25), height_ratios=[2.5] + [1] * (rows - 1))
+    _course(figure, figure.add_subplot(grid[:, 0]), drive)
+    first = figure.add_subplot(grid[0, 1])
+    _speed(first, drive)
+    last = first
+    for row, (name, steps) in enumerate(drive.parameters.items(), start=1):
+        last = figure.add_subplot(grid[row, 1], sharex=first)
+        _parameter(last, name, steps, drive.track)
+        if row < rows - 1:
+            last.tick_params(labelbottom=False)
+    if last is not first:
+        first.tick_params(labelbottom=False)
+    last.set_xlabel("time [s]")
+    figure.suptitle(drive.title)
+    figure.savefig(path, dpi=110)
+
+
+def _course(figure, axes, drive):
+    from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+
+    world, track = drive.world, drive.track
+    if len(world.cylinders):
+        widths = 2 * world.cylinders[:, 2]
+        axes.add_collection(EllipseCollection(widths, widths, np.zeros(len(widths)), units="xy", facecolors="0.35",
+                                              offsets=world.cylinders[:, :2], transOffset=axes.transData))
+    if len(world.boxes):
+        axes.add_collection(PolyCollection([_corners(box) for box in world.boxes], facecolors="0.35"))
+    reference = np.asarray(world.course.path)
+    if len(reference):
+        axes.plot(reference[:, 0], reference[:, 1], ":", color="tab:green", lw=1, label="reference path")
+    (start_x, start_y, _), (goal_x, goal_y, _) = world.course.start, world.course.goal
+    axes.plot(start_x, start_y, "o", color="tab:blue", label="start")
+    axes.plot(goal_x, goal_y, "*", color="tab:red", ms=12, label="goal")
+    if world.course.finish_y is not None:
+        axes.axhline(world.course.finish_y, color="tab:red", ls="--", lw=1, label="finish line")
+    if len(track) > 1:
+        points = track[:, 1:3]
+        lines = LineCollection(np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", lw=3)
+        lines.set_array(track[:-1, 3])
+        lines.set_clim(0, max(0.5, float(track[:, 3].max())))
+        axes.add_collection(lines)
+        figure.colorbar(lines, ax=axes, label="speed [m/s]", shrink=0.6)
+    if drive.contacts:
+        at = np.interp(drive.contacts, track[:, 0], np.arange(len(track))).astype(int)
+        axes.plot(track[at, 1], track[at, 2], "x", color="tab:red", label="contact")
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.legend(loc="upper left", fontsize=8)
+
+
+def _corners(box):
+    """(4, 2) corners of a box (x, y, yaw, size_x, size_y)."""
+    x, y, yaw, size_x, size_y = box
+    c, s = np.cos(yaw), np.sin(yaw)
+    local = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (size_x / 2, size_y / 2)
+    return local @ np.array([(c, s), (-s, c)]) + (x, y)
+
+
+def _speed(axes, drive):
+    time, speed, turn = drive.track[:, 0], drive.track[:, 3], drive.track[:, 4]
+    axes.plot(time, speed, label="speed [m/s]")
+    axes.plot(time, turn, lw=0.7, alpha=0.7, label="turn rate [rad/s]")
+    for contact in drive.contacts:
+        axes.axvline(contact, color="tab:red", lw=0.8)
+    axes.legend(loc="upper right", fontsize=8)
+    axes.grid(alpha=0.3)
+
+
+def _parameter(axes, name, steps, track):
+    times, values = np.array(steps, dtype=np.float64).reshape(-1, 2).T
+    end = max(track[-1, 0] if len(track) else 0.0, times[-1] if len(times) else 0.0)
+    axes.step(np.append(times, end), np.append(values, values[-1:]), where="post", color="tab:purple")
+    axes.set_ylabel(name, rotation=0, ha="right", va="center", fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.margins(y=0.3)
+    axes.grid(alpha=0.3)

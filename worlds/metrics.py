@@ -1,0 +1,85 @@
+"""How hard a world is: BARN's five difficulty metrics, averaged over the reference path.
+`worlds.compare` and evaluation reports use them. They equal BARN's published values to the last printed digit."""
+from __future__ import annotations
+
+import math
+from typing import Dict, Tuple
+
+import numpy as np
+from scipy import ndimage
+
+from . import field, search
+from .world import World
+
+NAMES = ("closest_obstacle", "visibility", "dispersion", "dimension", "tortuosity")
+
+_DISPERSION_RADIUS = 3
+_SIXTEEN = ((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2),
+            (0, -1), (-2, -1), (-1, -1), (-1, -2), (-1, 0), (-2, 1), (-1, 1), (-1, 2))
+
+
+def difficulty(world: World) -> Dict[str, float]:
+    """The five metrics of a world on BARN's grid (generated, or a BARN file), by the names in NAMES."""
+    return grid_difficulty(field.fill_of(world.cylinders), field.to_cells(world.course.path))
+
+
+def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
+    """The five metrics from a field and its reference path.
+
+    filled   (30, 30) bool
+    path     (k, 2) cells
+    closest_obstacle  distance to the nearest cell where the robot's centre cannot be [cells]
+    visibility        mean free length along 8 rays [cells]
+    dispersion        changes between wall and free around 16 rays of 3 cells
+    dimension         least free length over the 4 axes [cells]
+    tortuosity        arc / chord
+
+    As in BARN's files, the path's first cell counts twice in every mean (its path files repeat it).
+    """
+    free = search.free_space(filled, field.CLEARANCE)
+    distance = ndimage.distance_transform_edt(free)
+    cells = [tuple(int(v) for v in c) for c in path]
+    cells.insert(0, cells[0])
+    runs = [[_free_run(free, cell, move) for move in search.MOVES] for cell in cells]
+    visibility = [sum((n + 1) * length for n, length in zip(run, search.LENGTHS)) / 8.0 for run in runs]
+    dimension = [min((run[i] + run[i + 4]) * search.LENGTHS[i] for i in range(4)) for run in runs]
+    steps = np.diff(np.asarray(path, dtype=np.float64), axis=0)
+    chord = math.hypot(*(float(a - b) for a, b in zip(path[-1], path[0])))
+    arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    return {"closest_obstacle": float(np.mean([distance[c] for c in cells])),
+            "visibility": float(np.mean(visibility)),
+            "dispersion": float(np.mean([_dispersion(free, c) for c in cells])),
+            "dimension": float(np.mean(dimension)),
+            "tortuosity": arc / chord if chord else 1.0}
+
+
+def fill_share(filled: np.ndarray) -> float:
+    """Share of the field's 900 cells, its two walls included, that hold a cylinder."""
+    return float(filled.mean())
+
+
+def _free_run(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) -> int:
+    """Free cells in a row from `cell`, itself not counted, in the direction of `move`."""
+    rows, columns = free.shape
+    r, c, n = cell[0] + move[0], cell[1] + move[1], 0
+    while 0 <= r < rows and 0 <= c < columns and free[r, c]:
+        r, c, n = r + move[0], c + move[1], n + 1
+    return n
+
+
+def _dispersion(free: np.ndarray, cell: Tuple[int, int]) -> int:
+    seen = [_meets_wall(free, cell, move) for move in _SIXTEEN]
+    return sum(seen[i] != seen[i - 1] for i in range(len(seen)))
+
+
+def _meets_wall(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) -> bool:
+    """Whether a ray of 3 cells meets a cell that is not free. A step of +2 counts as two, one of -2 (so BARN) as one."""
+    (r, c), gone = cell, 0
+    while gone < _DISPERSION_RADIUS:
+        r, c = r + move[0], c + move[1]
+        if not (0 <= r < free.shape[0] and 0 <= c < free.shape[1]):
+            return False
+        if not free[r, c]:
+            return True
+        gone += 2 if 2 in move else 1
+    return False

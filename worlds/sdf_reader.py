@@ -1,0 +1,172 @@
+"""Gazebo SDF worlds, BARN's and DynaBARN's among them, read unchanged into a World. `worlds.loading` calls `read`.
+Model, link and collision poses are composed; a saved <state> overrides them, as it does in Gazebo."""
+from __future__ import annotations
+
+import math
+import os
+from typing import Dict, List, NamedTuple, Optional
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from . import course, dynabarn, sdf_geometry
+from .sdf_xml import numbers, parse
+from .world import Mover, World, WorldError
+
+MAX_OBSTACLES = 10_000          # BARN's worlds have up to 365
+IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
+NOTHING_THERE = ("empty", "plane")      # geometries without an obstacle
+
+_IDENTITY = np.eye(4)
+
+
+def read(path: str) -> World:
+    """World from a .world file.
+
+    The course comes from the file itself where our writer put one, else from path_files/path_N.npy beside it, else
+    from a search. Raises WorldError with one line.
+    """
+    name = os.path.splitext(os.path.basename(path))[0]
+    root = parse(path)
+    world = root if root.tag == "world" else root.find("world")
+    if world is None:
+        raise WorldError("%s holds no <world>; give a Gazebo world file" % path)
+    obstacles = _Reader(path, world).read()
+    found = dict(cylinders=obstacles.cylinders, boxes=obstacles.boxes, movers=obstacles.movers)
+    stated = world.find("{%s}course" % course.NAMESPACE)
+    if stated is not None:
+        return World(name=name, course=course.from_element(stated, path), **found)
+    return World(name=name, course=course.beside(path, **found), **found)
+
+
+class Obstacles(NamedTuple):
+    cylinders: np.ndarray
+    boxes: np.ndarray
+    movers: tuple
+
+
+class _State(NamedTuple):
+    """What a saved <state> says of one model: its pose in the world, its scale, its links' poses in the world."""
+    pose: Optional[np.ndarray]
+    scale: np.ndarray
+    links: Dict[str, np.ndarray]
+    models: Dict[str, "_State"]
+
+
+_NO_STATE = _State(None, np.ones(3), {}, {})
+
+
+class _Reader:
+    """One pass over a <world>. `path` is only for error lines and for DynaBARN's plugin sources."""
+
+    def __init__(self, path: str, world: Element):
+        self.path, self.world = path, world
+        self.cylinders: List[tuple] = []
+        self.boxes: List[tuple] = []
+        self.movers: List[Mover] = []
+
+    def read(self) -> Obstacles:
+        for tag in ("population", "road"):
+            if self.world.find(tag) is not None:
+                raise WorldError("%s has a <%s>, which is not read; save the world from Gazebo with its models inline"
+                                 % (self.path, tag))
+        for include in self.world.iter("include"):
+            uri = (include.findtext("uri") or "").strip().rstrip("/")
+            if uri not in IGNORED_INCLUDES:
+                raise WorldError("%s includes %r, which is not read; save the world from Gazebo with its models inline"
+                                 % (self.path, uri[:80]))
+        states = self._states(self.world)
+        for model in self._models_of_state():
+            self._model(model, _IDENTITY, states)
+        for model in self.world.findall("model"):
+            self._model(model, _IDENTITY, states)
+        return Obstacles(np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
+                         np.array(self.boxes, dtype=np.float64).reshape(-1, 5), tuple(self.movers))
+
+    def _states(self, parent: Element) -> Dict[str, _State]:
+        states = {}
+        for state in parent.findall("state") if parent is self.world else [parent]:
+            for model in state.findall("model"):
+                what = "state of model %r in %s" % (model.get("name"), self.path)
+                links = {link.get("name"): self._pose(link, "link %r, %s" % (link.get("name"), what))
+                         for link in model.findall("link") if link.find("pose") is not None}
+                scale = model.findtext("scale")
+                states[model.get("name")] = _State(
+                    self._pose(model, what) if model.find("pose") is not None else None,
+                    np.ones(3) if scale is None else np.array(numbers(scale, 3, "scale, " + what)),
+                    links, self._states(model))
+        return states
+
+    def _models_of_state(self):
+        for state in self.world.findall("state"):
+            for insertions in state.findall("insertions"):
+                for model in insertions.findall("model"):
+                    yield model
+
+    def _model(self, model: Element, parent: np.ndarray, states: Dict[str, _State]) -> None:
+        name = "model %r in %s" % (model.get("name"), self.path)
+        state = states.get(model.get("name"), _NO_STATE)
+        pose = parent @ self._pose(model, name) if state.pose is None else state.pose
+        waypoints = dynabarn.waypoints_of(model, self.path, course.NAMESPACE)
+        for link in model.findall("link"):
+            self._link(link, pose, state, name, waypoints)
+        for inner in model.findall("model"):
+            self._model(inner, pose, state.models)
+
+    def _link(self, link: Element, model_pose: np.ndarray, state: _State, name: str, waypoints) -> None:
+        if link.get("name") in state.links:
+            pose = state.links[link.get("name")]
+        else:
+            pose = model_pose @ self._pose(link, "link %r of %s" % (link.get("name"), name))
+        for collision in link.findall("collision"):
+            what = "collision %r of %s" % (collision.get("name"), name)
+            geometry = collision.find("geometry")
+            if geometry is None:
+                raise WorldError("%s has no <geometry>; give it a box or a cylinder" % what)
+            self._collision(geometry, pose @ self._pose(collision, what), state.scale, what, waypoints)
+            if len(self.cylinders) + len(self.boxes) + len(self.movers) > MAX_OBSTACLES:
+                raise WorldError("%s has more than %d obstacles; give a world with fewer" % (self.path, MAX_OBSTACLES))
+
+    def _collision(self, geometry: Element, pose: np.ndarray, scale: np.ndarray, what: str, waypoints) -> None:
+        for shape in geometry:
+            circle = rectangle = None
+            if shape.tag == "cylinder":
+                radius = self._size(shape, "radius", what) * float(max(scale[:2]))
+                circle, rectangle = sdf_geometry.cylinder(pose, radius, self._size(shape, "length", what) * scale[2])
+            elif shape.tag == "sphere":
+                circle = sdf_geometry.sphere(pose, self._size(shape, "radius", what) * float(max(scale)))
+            elif shape.tag == "box":
+                size = numbers(shape.findtext("size"), 3, "size, " + what)
+                if min(size) <= 0.0:
+                    raise WorldError("size, %s is %s; it must be above 0" % (what, size))
+                rectangle = sdf_geometry.box(pose, np.array(size) * scale)
+            elif shape.tag not in NOTHING_THERE:
+                raise WorldError("%s is a %r; only box, cylinder, sphere and plane are read, replace it"
+                                 % (what, shape.tag))
+            if waypoints and circle:
+                self.movers.append(Mover(radius=circle[2], waypoints=waypoints))
+            elif circle:
+                self.cylinders.append(circle)
+            elif rectangle:
+                self.boxes.append(rectangle)
+
+    @staticmethod
+    def _size(shape: Element, tag: str, what: str) -> float:
+        value = numbers(shape.findtext(tag), 1, "%s, %s" % (tag, what))[0]
+        if value <= 0.0:
+            raise WorldError("%s, %s is %g; it must be above 0" % (tag, what, value))
+        return value
+
+    @staticmethod
+    def _pose(element: Element, what: str) -> np.ndarray:
+        pose = element.find("pose")
+        if pose is None or not (pose.text or "").strip():
+            return _IDENTITY
+        frame = pose.get("relative_to") or pose.get("frame") or ""
+        if frame not in ("", "world", "__model__"):
+            raise WorldError("pose, %s is relative to %r, which is not read; make it relative to its parent"
+                             % (what, frame[:60]))
+        values = numbers(pose.text, 6, "pose, " + what)
+        if pose.get("degrees") in ("true", "1"):
+            values[3:] = [math.radians(v) for v in values[3:]]
+        return sdf_geometry.transform(values)

@@ -1,0 +1,97 @@
+"""A World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`. Reading it back gives the same
+world, course included; Gazebo itself passes over our own two elements (namespace applr)."""
+from __future__ import annotations
+
+import os
+import sys
+from typing import Iterable, List
+
+from .world import Course, Mover, World, WorldError
+
+HEIGHT = 1.0        # of everything written [m]
+
+_HEAD = """<?xml version="1.0"?>
+<sdf version="1.6" xmlns:applr="applr">
+  <world name="default">
+    <include><uri>model://sun</uri></include>
+    <include><uri>model://ground_plane</uri></include>
+"""
+_TAIL = """  </world>
+</sdf>
+"""
+_MODEL = """    <model name="{name}">
+      <static>1</static>
+      <pose>{x!r} {y!r} {z!r} 0 0 {yaw!r}</pose>{extra}
+      <link name="link">
+        <collision name="collision"><geometry>{shape}</geometry></collision>
+        <visual name="visual"><geometry>{shape}</geometry></visual>
+      </link>
+    </model>
+"""
+
+
+def write(world: World, path: str) -> None:
+    """Writes `world` to `path`, whole or not at all. WorldError when that cannot be done."""
+    part = path + ".part"
+    try:
+        with open(part, "w", encoding="utf-8") as file:
+            file.write(text(world))
+        os.replace(part, path)
+    except OSError as error:
+        raise WorldError("%s cannot be written (%s); check folder and permissions" % (path, error.strerror)) from None
+
+
+def text(world: World) -> str:
+    """The .world file's text. Numbers are written so that they read back to the last bit."""
+    models: List[str] = []
+    for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
+        models.append(_model("cylinder_%d" % n, x, y, 0.0, _cylinder(radius)))
+    for n, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
+        shape = "<box><size>{!r} {!r} {!r}</size></box>".format(size_x, size_y, HEIGHT)
+        models.append(_model("box_%d" % n, x, y, yaw, shape))
+    for n, mover in enumerate(world.movers):
+        _, x, y = mover.waypoints[0]
+        models.append(_model("mover_%d" % n, x, y, 0.0, _cylinder(mover.radius), _waypoints(mover)))
+    return _HEAD + "".join(models) + _course(world.course) + _TAIL
+
+
+def _model(name: str, x: float, y: float, yaw: float, shape: str, extra: str = "") -> str:
+    return _MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT, yaw=yaw, shape=shape, extra=extra)
+
+
+def _cylinder(radius: float) -> str:
+    return "<cylinder><radius>{!r}</radius><length>{!r}</length></cylinder>".format(radius, HEIGHT)
+
+
+def _waypoints(mover: Mover) -> str:
+    return "\n      <applr:waypoints>%s</applr:waypoints>" % _row(v for point in mover.waypoints for v in point)
+
+
+def _course(course: Course) -> str:
+    finish = "" if course.finish_y is None else "      <applr:finish_y>%r</applr:finish_y>\n" % float(course.finish_y)
+    return ("    <applr:course>\n"
+            "      <applr:start>%s</applr:start>\n      <applr:goal>%s</applr:goal>\n%s"
+            "      <applr:goal_tolerance>%r</applr:goal_tolerance>\n      <applr:path>%s</applr:path>\n"
+            "    </applr:course>\n") % (_row(course.start), _row(course.goal), finish, float(course.goal_tolerance),
+                                        _row(course.path.ravel().tolist()))
+
+
+def _row(values: Iterable[float]) -> str:
+    return " ".join(repr(float(v)) for v in values)
+
+
+def main() -> int:
+    from .loading import load
+    if len(sys.argv) != 3 or sys.argv[1] in ("-h", "--help"):
+        print("usage: python -m worlds.sdf_writer WORLD OUT.world\nWorlds: see worlds/loading.py")
+        return 0 if sys.argv[1:2] in (["-h"], ["--help"]) else 2
+    try:
+        write(load(sys.argv[1]), sys.argv[2])
+    except WorldError as error:
+        print("error: %s" % error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
