@@ -1,0 +1,120 @@
+"""The launch file's arguments: read from ARG:=VALUE words, and checked before any node starts.
+
+Called by scripts/check_arguments.py (while roslaunch loads the file) and by the demo. Names, defaults and sentences
+stand in launch/jackal_applr.launch; what a value may be stands here.
+"""
+import math
+import os
+import xml.etree.ElementTree as xml
+
+import worlds
+from applr_ros1.policy import methods
+
+SIMULATORS = ("pybullet", "kinematic")
+MOVE_BASES = ("python", "cpp")
+
+
+class ArgumentError(ValueError):
+    """An argument that the stack cannot start with; one line: what, which value, what to give."""
+
+
+def launch_file():
+    """Path of jackal_applr.launch, the same below the package's folder in devel and in install space."""
+    import rospkg
+    return os.path.join(rospkg.RosPack().get_path("applr_ros1"), "applr_ros1", "launch", "jackal_applr.launch")
+
+
+def declared(path=None):
+    """{name: (default, doc)} of the launch file's arguments, in its order."""
+    root = xml.parse(path or launch_file()).getroot()
+    return {arg.get("name"): (arg.get("default"), arg.get("doc", "")) for arg in root.findall("arg")}
+
+
+def parse(words, known):
+    """{name: value} from ["name:=value", ...]. ArgumentError for other words, unknown names and repeated ones."""
+    given = {}
+    for word in words:
+        name, separator, value = word.partition(":=")
+        if not separator or not name:
+            raise ArgumentError("%s: arguments are given as ARG:=VALUE, for instance world:=generated:7" % word)
+        if name.startswith("_"):        # roslaunch's and ROS's own
+            continue
+        if name not in known:
+            raise ArgumentError("%s:= is no argument: there are %s" % (name, ", ".join(known)))
+        if name in given:
+            raise ArgumentError("%s:= is given twice: give it once" % name)
+        given[name] = value
+    return given
+
+
+def check(values):
+    """Raise ArgumentError, WorldError, SpaceError or ActorError, each of one line, if the stack cannot start so.
+
+    values: {name: text} for every argument of the launch file.
+    """
+    sim = boolean("sim", values["sim"])
+    boolean("gui", values["gui"])
+    boolean("rviz", values["rviz"])
+    one_of("simulator", values["simulator"], SIMULATORS)
+    one_of("move_base", values["move_base"], MOVE_BASES)
+    factor = number("real_time_factor", values["real_time_factor"])
+    if factor < 0:
+        raise ArgumentError("real_time_factor is %g: give 0 (as fast as it goes) or more" % factor)
+    seed = number("seed", values["seed"])
+    if seed != int(seed) or not 0 <= seed < 2 ** 31:
+        raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
+    one_of("mode", values["mode"], sorted(methods.METHODS))
+    methods.make(values["mode"], policy=path(values["policy"]), parameters=path(values["parameters"]), seed=int(seed))
+    goal(values["goal"])
+    if sim:
+        worlds.load(values["world"])
+    recording(values["record"])
+
+
+def boolean(name, text):
+    """True or False from a launch file's spelling."""
+    if str(text).lower() not in ("true", "false", "1", "0"):
+        raise ArgumentError("%s is %s: give true or false" % (name, text or "empty"))
+    return str(text).lower() in ("true", "1")
+
+
+def one_of(name, text, choices):
+    if text not in choices:
+        raise ArgumentError("%s is %s: give %s" % (name, text or "empty", " or ".join(choices)))
+
+
+def number(name, text):
+    """A finite float."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ArgumentError("%s is %s: give a number" % (name, text or "empty"))
+    return value
+
+
+def goal(text):
+    """None for auto and none, else (x, y, yaw) [m, m, rad] in frame odom."""
+    if text in ("auto", "none"):
+        return None
+    words = str(text).replace(",", " ").split()
+    if len(words) != 3:
+        raise ArgumentError("goal is %s: give auto, none, or three numbers 'x y yaw' in metres and radians"
+                            % (text or "empty"))
+    return tuple(number("goal", word) for word in words)
+
+
+def path(text):
+    """A file argument; the words that stand for no file become ''."""
+    return "" if text in ("none", "shipped") else text
+
+
+def recording(text):
+    if not path(text):
+        return
+    folder = os.path.dirname(os.path.abspath(text))
+    if not text.endswith(".bag"):
+        raise ArgumentError("record is %s: give the path of a file that ends in .bag" % text)
+    if not os.path.isdir(folder) or not os.access(folder, os.W_OK):
+        raise ArgumentError("record is %s: its folder %s is not there or not writable" % (text, folder))

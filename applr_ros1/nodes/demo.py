@@ -1,0 +1,193 @@
+"""One course from start to finish with the whole stack, as ./applr demo shows it: starts the launch file on a master of
+its own, says when each part is up, sends the goal, reports progress, ends every process, and leaves a picture and one
+line of JSON. Called by scripts/demo.py."""
+import dataclasses
+import json
+import os
+import signal
+import sys
+import tempfile
+import time
+
+import worlds
+from . import arguments, processes
+
+PICTURE = "applr_demo.png"
+LIMIT = 100.0           # simulated seconds: the fifty decisions of the paper's episodes
+UP_WITHIN = 300.0       # wall seconds for one part to come up; the first time its kernels are compiled
+STALLED_AFTER = 20.0    # wall seconds without a new pose
+EXTRA = {"port": ("", "of the ROS master; a free one if empty"),
+         "picture": (PICTURE, "file for the picture"),
+         "limit": (str(LIMIT), "simulated seconds until the drive counts as timed out")}
+
+
+class DemoError(RuntimeError):
+    """Why the demo cannot go on, in one line."""
+
+
+def main(words):
+    """Exit status: 0 goal reached, 1 not reached, 2 wrong argument, 130 interrupted."""
+    try:
+        values, world = _prepare(words)
+    except (ValueError, OSError) as problem:
+        print("applr: %s" % problem, file=sys.stderr)
+        return 2
+    signal.signal(signal.SIGTERM, _interrupt)
+    processes.adopt_orphans()
+    with tempfile.NamedTemporaryFile(prefix="applr_demo_", suffix=".log", delete=False) as log:
+        stack = Stack(values, log)
+        try:
+            result, drive = _run(stack, values, world)
+        except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            say("interrupted: ending every process")
+            stack.stop()
+            return 130
+        except DemoError as problem:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            say("%s; all that the nodes said is in %s" % (problem, log.name))
+            stack.stop()
+            print(json.dumps(_result(values, world, reason=str(problem))), flush=True)
+            return 1
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        stack.stop()
+    os.unlink(log.name)
+    result["picture"] = _picture(drive, values["picture"], result)
+    print(json.dumps(result), flush=True)
+    return 0 if result["success"] else 1
+
+
+def say(text):
+    print("applr: %s" % text, flush=True)
+
+
+def _interrupt(signum, frame):
+    raise KeyboardInterrupt
+
+
+def _prepare(words):
+    """({argument: text}, World) from the command line. ValueError or OSError, one line, for a mistake."""
+    known = arguments.declared()
+    given = arguments.parse(words, list(known) + list(EXTRA))
+    values = {name: default for name, (default, _) in list(known.items()) + list(EXTRA.items())}
+    values.update(given)
+    arguments.check({name: values[name] for name in known})
+    if not arguments.boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
+        raise arguments.ArgumentError("the demo needs sim:=true, move_base:=python and a goal: for a real robot use "
+                                      "roslaunch applr_ros1 jackal_applr.launch")
+    if not 1.0 <= arguments.number("limit", values["limit"]) <= 3600.0:
+        raise arguments.ArgumentError("limit is %s: give 1 to 3600 simulated seconds" % values["limit"])
+    _check_picture(values["picture"])
+    _choose_port(values)
+    for name in ("world", "policy", "parameters", "record"):        # the nodes run in another folder
+        if os.path.exists(values[name]) or name == "record" and arguments.path(values[name]):
+            values[name] = os.path.abspath(values[name])
+    world = worlds.load(values["world"])
+    goal = arguments.goal(values["goal"])
+    if goal is not None:        # given in odom, whose origin is the start
+        start = world.course.start
+        goal = (goal[0] + start[0], goal[1] + start[1], goal[2])
+        world = dataclasses.replace(world, course=dataclasses.replace(world.course, goal=goal, finish_y=None))
+    return values, world
+
+
+def _check_picture(path):
+    folder = os.path.dirname(os.path.abspath(path))
+    if not path.endswith(".png") or not os.path.isdir(folder) or not os.access(folder, os.W_OK):
+        raise arguments.ArgumentError("picture is %s: give a .png file in a folder that can be written"
+                                      % (path or "empty"))
+
+
+def _choose_port(values):
+    if not values["port"]:
+        values["port"] = str(processes.free_port())
+        return
+    port = arguments.number("port", values["port"])
+    if port != int(port) or not 1024 <= port <= 65535:
+        raise arguments.ArgumentError("port is %s: give 1024 to 65535" % values["port"])
+    if not processes.port_is_free(int(port)):
+        raise arguments.ArgumentError("port %d is taken by another program: leave port:= away and a free one is "
+                                      "chosen" % port)
+
+
+class Stack:
+    """The launch file running below this process, on its own master."""
+
+    def __init__(self, values, log):
+        self.log = log
+        launch = ["%s:=%s" % (name, values[name]) for name in arguments.declared() if name != "goal"]
+        environment = dict(os.environ, ROS_MASTER_URI="http://localhost:%s" % values["port"], ROS_HOSTNAME="localhost",
+                           PYTHONUNBUFFERED="1")
+        environment.pop("ROS_IP", None)
+        os.environ.update(ROS_MASTER_URI=environment["ROS_MASTER_URI"], ROS_HOSTNAME="localhost")
+        os.environ.pop("ROS_IP", None)
+        self.process = processes.start(
+            ["roslaunch", "--skip-log-check", "--disable-title", "--sigint-timeout=2", "--sigterm-timeout=0.5",
+             "-p", values["port"], "applr_ros1", "jackal_applr.launch", "goal:=none"] + launch, environment, log)
+
+    def check(self):
+        """DemoError if it has ended."""
+        if self.process.poll() is not None:
+            raise DemoError("the stack ended by itself: %s" % self.last_words())
+
+    def last_words(self):
+        """The last line of the log that reports an error."""
+        with open(self.log.name, encoding="utf-8", errors="replace") as file:
+            lines = [line.strip() for line in file if line.strip()]
+        telling = [line for line in lines if "rror" in line or "FATAL" in line or line.startswith("applr")]
+        return (telling or lines or ["it said nothing"])[-1][:300]
+
+    def stop(self):
+        processes.stop(self.process)
+
+
+def _run(stack, values, world):
+    from . import demo_drive        # rospy is loaded only when there is something to drive
+    say("world %s, mode %s, simulator %s, master on port %s" % (
+        world.name, values["mode"], values["simulator"], values["port"]))
+    began = time.monotonic()
+    wait = Waiting(stack)
+    observer = demo_drive.Observer(values, world, wait)
+    for part, up in observer.parts():
+        wait.until(up, UP_WITHIN, "%s does not come up" % part)
+        say("%-12s up after %.1f s" % (part, time.monotonic() - began))
+    outcome = observer.drive(float(values["limit"]), say, STALLED_AFTER)
+    drive = observer.recorded()
+    say("%s after %.1f s and %.2f m%s" % (outcome.text, outcome.time, drive.length(), ", touching something"
+                                          if drive.contacts else ""))
+    result = _result(values, world, outcome.success, bool(drive.contacts), outcome.time, outcome.text)
+    result.update(timeout=outcome.timeout, path_length_m=round(drive.length(), 3), seed=int(values["seed"]),
+                  simulator=values["simulator"])
+    return result, drive
+
+
+class Waiting:
+    """Waits in wall time and notices when the stack ends meanwhile."""
+
+    def __init__(self, stack):
+        self.stack = stack
+
+    def until(self, condition, seconds, otherwise):
+        deadline = time.monotonic() + seconds
+        while not condition():
+            self.stack.check()
+            if time.monotonic() > deadline:
+                raise DemoError("%s within %g s: %s" % (otherwise, seconds, self.stack.last_words()))
+            time.sleep(0.02)
+
+
+def _result(values, world, success=False, collided=False, seconds=None, reason=""):
+    return {"world": world.name, "mode": values["mode"], "success": success, "collided": collided,
+            "time_s": None if seconds is None else round(seconds, 2), "reason": reason}
+
+
+def _picture(drive, path, result):
+    from worlds import drive_picture
+    drive.title = "%s, mode %s: %s in %.1f s" % (result["world"], result["mode"], result["reason"], result["time_s"])
+    try:
+        drive_picture.save(drive, path)
+    except OSError as problem:
+        say("no picture: %s" % problem)
+        return None
+    say("picture %s" % os.path.abspath(path))
+    return os.path.abspath(path)

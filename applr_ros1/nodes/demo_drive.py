@@ -1,0 +1,137 @@
+"""What the demo sees over ROS of one drive, and how it starts and ends it. Called by demo.py; keeps what it hears
+until the picture is drawn. The robot's true pose decides, the course's own rule says when it is finished."""
+import math
+import time
+from collections import namedtuple
+
+import actionlib
+import numpy as np
+import rosgraph
+import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from dynamic_reconfigure.msg import Config
+from move_base_msgs.msg import MoveBaseAction
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool, Float64MultiArray
+
+from worlds.drive_picture import Drive
+from . import goal
+from .demo import DemoError
+
+Outcome = namedtuple("Outcome", "success timeout time text")
+SHOWN = {"TrajectoryPlannerROS": ("max_vel_x", "max_vel_theta", "vx_samples", "vtheta_samples", "occdist_scale",
+                                  "path_distance_bias", "goal_distance_bias"),
+         "local_costmap/inflater_layer": ("inflation_radius",)}
+EVERY = 2.0         # simulated seconds between lines of progress
+
+
+class Observer:
+    """Subscribes to the stack; `parts`, then `drive`, then `recorded`."""
+
+    def __init__(self, values, world, wait):
+        self.world, self.wait = world, wait
+        self.track, self.contacts, self.parameters = [], [], {}
+        self._seen, self._began = {}, None
+        wait.until(_master_answers, 30.0, "the ROS master does not come up")
+        rospy.init_node("demo", anonymous=True, disable_signals=True)
+        self._keep("/front/scan", LaserScan)
+        self._keep("/move_base/status", GoalStatusArray)
+        self._keep("/applr/parameters", Float64MultiArray)
+        rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
+        rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
+        for server, names in SHOWN.items():
+            for name in names:
+                self.parameters[name] = []
+            rospy.Subscriber("/move_base/%s/parameter_updates" % server, Config, self._on_parameters, names,
+                             queue_size=10)
+        self.client = None
+
+    def parts(self):
+        """(name, function that says whether it is up) in the order in which they come up."""
+        yield "simulator", lambda: "/front/scan" in self._seen and self.track
+        yield "move_base", self._move_base_up
+        yield "applr", lambda: "/applr/parameters" in self._seen
+
+    def drive(self, limit, say, stalled_after):
+        """Send the goal and watch until it is reached, given up, or `limit` simulated seconds have passed."""
+        course, start = self.world.course, self.world.course.start
+        pose = (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])
+        self._began = self.track[-1][0]
+        self.track, self.contacts = self.track[-1:], []
+        self.client.send_goal(goal.message(pose))
+        say("goal sent   %.2f m ahead" % course.length_m)
+        told = self._began
+        heard, newest = time.monotonic(), self._began
+        while True:
+            self.wait.stack.check()
+            now, x, y, speed, _ = self.track[-1]
+            if course.done(x, y):
+                return self._end(Outcome(True, False, now - self._began, "goal reached"))
+            if now - self._began >= limit:
+                return self._end(Outcome(False, True, now - self._began, "timed out"))
+            if self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
+                return self._end(Outcome(False, False, now - self._began, "move_base gave up: %s" % (
+                    self.client.get_goal_status_text() or goal.WORDS.get(self.client.get_state(), "no reason given"))))
+            if now > newest:
+                newest, heard = now, time.monotonic()
+            elif time.monotonic() - heard > stalled_after:
+                raise DemoError("the simulation stands still")
+            if now - told >= EVERY:
+                told += EVERY
+                say("%6.1f s    %5.2f m to go   %4.2f m/s%s" % (
+                    now - self._began, self._to_go(x, y), speed, "   contact" if self._touched(now) else ""))
+            time.sleep(0.01)
+
+    def recorded(self):
+        """The drive as drive_picture draws it; time 0 is when the goal was sent."""
+        track = np.array(self.track, dtype=np.float64).reshape(-1, 5)
+        track[:, 0] -= self._began
+        steps = {name: [(max(0.0, t - self._began), value) for t, value in seen]
+                 for name, seen in self.parameters.items()}
+        return Drive(self.world, track, {name: seen for name, seen in steps.items() if seen},
+                     [t - self._began for t in self.contacts])
+
+    def _end(self, outcome):
+        self.client.cancel_goal()
+        return outcome
+
+    def _to_go(self, x, y):
+        course = self.world.course
+        if course.finish_y is not None:
+            return max(0.0, course.finish_y - y)
+        return math.hypot(course.goal[0] - x, course.goal[1] - y)
+
+    def _touched(self, now):
+        return bool(self.contacts) and now - self.contacts[-1] < EVERY
+
+    def _move_base_up(self):
+        if self.client is None:
+            self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+        action = self.client.action_client
+        return "/move_base/status" in self._seen and action.pub_goal.get_num_connections() > 0 \
+            and action.pub_cancel.get_num_connections() > 0 and action.result_sub.get_num_connections() > 0
+
+    def _keep(self, topic, kind):
+        rospy.Subscriber(topic, kind, lambda message: self._seen.__setitem__(topic, message), queue_size=1,
+                         buff_size=2 ** 24)
+
+    def _on_pose(self, message):
+        pose, twist = message.pose.pose, message.twist.twist
+        self.track.append((message.header.stamp.to_sec(), pose.position.x, pose.position.y,
+                           twist.linear.x, twist.angular.z))
+
+    def _on_contact(self, message):
+        if message.data and self.track:
+            self.contacts.append(self.track[-1][0])
+
+    def _on_parameters(self, message, names):
+        now = self.track[-1][0] if self.track else 0.0
+        for parameter in list(message.doubles) + list(message.ints):
+            if parameter.name in names:
+                self.parameters[parameter.name].append((now, float(parameter.value)))
+
+
+def _master_answers():
+    return rosgraph.is_master_online()
+

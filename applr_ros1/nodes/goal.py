@@ -1,0 +1,48 @@
+"""Sends a goal to move_base, ours or the C++ one, through its action. Used by scripts/send_goal.py and the demo."""
+import math
+
+import actionlib
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+
+import worlds
+from . import arguments
+
+WORDS = {GoalStatus.SUCCEEDED: "reached", GoalStatus.ABORTED: "aborted", GoalStatus.PREEMPTED: "preempted",
+         GoalStatus.REJECTED: "rejected", GoalStatus.RECALLED: "recalled", GoalStatus.LOST: "lost"}
+
+
+def course_goal(course):
+    """The course's goal (x, y, yaw) in frame odom: its origin is the start position, its axes are the world's."""
+    (start_x, start_y, _), (x, y, yaw) = course.start, course.goal
+    return x - start_x, y - start_y, yaw
+
+
+def message(pose, frame="odom", stamp=None):
+    """A MoveBaseGoal for pose (x, y, yaw) [m, m, rad]."""
+    goal = MoveBaseGoal()
+    goal.target_pose.header.frame_id = frame
+    goal.target_pose.header.stamp = stamp or rospy.Time(0)
+    goal.target_pose.pose.position.x, goal.target_pose.pose.position.y = pose[:2]
+    goal.target_pose.pose.orientation.z = math.sin(pose[2] / 2)
+    goal.target_pose.pose.orientation.w = math.cos(pose[2] / 2)
+    return goal
+
+
+def main():
+    """Send ~goal (auto: the course of ~world), wait and say how it ended."""
+    rospy.init_node("send_goal")
+    try:
+        pose = arguments.goal(rospy.get_param("~goal", "auto"))
+        if pose is None:
+            pose = course_goal(worlds.load(rospy.get_param("~world", "generated:0")).course)
+    except ValueError as problem:
+        raise SystemExit("send_goal: %s" % problem) from None
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    client.wait_for_server()
+    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in odom", *pose)
+    client.send_goal(message(pose))
+    client.wait_for_result()
+    if not rospy.is_shutdown():
+        rospy.loginfo("goal %s: %s", WORDS.get(client.get_state(), "not reached"), client.get_goal_status_text())

@@ -1,0 +1,83 @@
+"""Child processes that end when they should: started apart from the terminal's Ctrl-C, ended by their own pids, never
+by name. The demo runs the whole stack as one such child (roslaunch with everything below it)."""
+import ctypes
+import os
+import signal
+import socket
+import subprocess
+import time
+
+_SET_PARENT_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36      # linux/prctl.h
+
+
+def free_port():
+    """A TCP port that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("localhost", 0))
+        return probe.getsockname()[1]
+
+
+def port_is_free(port):
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("localhost", port))
+        except OSError:
+            return False
+        return True
+
+
+def adopt_orphans():
+    """Processes below this one whose parent ends become children of this one, so that they can still be found."""
+    ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
+
+
+def _leave_with_parent():
+    ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGINT, 0, 0, 0)
+
+
+def start(command, environment, output):
+    """Popen of `command` in a session of its own; it gets SIGINT if this process dies."""
+    return subprocess.Popen(command, env=environment, stdout=output, stderr=subprocess.STDOUT,
+                            stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=_leave_with_parent)
+
+
+def descendants(root=None):
+    """Pids of all living processes below `root` (this process by default)."""
+    children = {}
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                with open("/proc/%s/stat" % entry) as stat:
+                    state, parent = stat.read().rpartition(")")[2].split()[:2]
+            except (OSError, ValueError):
+                continue            # it ended meanwhile
+            if state != "Z":
+                children.setdefault(int(parent), []).append(int(entry))
+    found, todo = [], [root or os.getpid()]
+    while todo:
+        below = children.get(todo.pop(), [])
+        found += below
+        todo += below
+    return found
+
+
+def stop(process, patience=3.0):
+    """End `process` and everything below this process: SIGINT first, SIGKILL for what is left after `patience` [s]."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + patience
+    while time.monotonic() < deadline and (process.poll() is None or descendants()):
+        time.sleep(0.05)
+    for _ in range(20):             # what is killed may leave children that only then become ours
+        left = descendants()
+        if not left:
+            break
+        for pid in left:
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        time.sleep(0.05)
+    process.poll()
+

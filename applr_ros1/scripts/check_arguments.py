@@ -1,0 +1,13 @@
+#!/usr/bin/env python3
+"""Run by roslaunch while it loads jackal_applr.launch: prints "checked", or one line about the wrong argument."""
+import sys
+
+from applr_ros1.nodes import arguments
+
+try:
+    known = arguments.declared()
+    given = arguments.parse([word for word in sys.argv[1:] if not word.startswith("_")], known)
+    arguments.check(dict({name: default for name, (default, _) in known.items()}, **given))
+except (ValueError, OSError) as problem:
+    sys.exit("applr: %s" % problem)
+print("checked")

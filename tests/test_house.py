@@ -1,0 +1,160 @@
+"""The house's own rules: who may know whom, Python 3.8 on the robot's side, documented arguments, exact requirements,
+declared dependencies, run bits, and nothing of other people's machines in the repo. Reads files only; needs no ROS."""
+import ast
+import os
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as xml
+
+import pytest
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+ROBOT_SIDE = ("applr_ros1", "sim_bridge", "worlds")
+PACKAGES = ROBOT_SIDE + ("training",)
+BUILTIN_GENERICS = ("list", "dict", "tuple", "set", "frozenset", "type")
+STANDARD = set(getattr(sys, "stdlib_module_names", ())) | {"__future__"}
+ROS = {"rospy", "rosgraph", "roslib", "rosbag", "rospkg", "actionlib", "actionlib_msgs", "dynamic_reconfigure",
+       "tf2_ros", "tf2_msgs", "geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "std_srvs", "map_msgs",
+       "move_base_msgs", "diagnostic_msgs", "visualization_msgs", "rosgraph_msgs", "genpy"}
+NUMBERS = {"numpy", "numba", "torch"}
+LEARNING = NUMBERS | {"scipy", "matplotlib", "gymnasium", "ray", "tensorboard", "cma", "ruptures", "sklearn", "rosbags",
+                      "onnx", "onnxruntime", "onnxscript", "safetensors", "stable_baselines3", "yaml"}
+# first match wins: folder or file -> modules that it may import beside the standard library and itself
+MAY_KNOW = (
+    ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib"}),
+    ("applr_ros1/planner/", NUMBERS | {"dynamic_reconfigure"}),     # the latter when catkin runs cfg_generator.py
+    ("applr_ros1/policy/", NUMBERS | {"safetensors", "scipy", "applr_ros1.planner"}),
+    ("applr_ros1/nodes/", None),
+    ("applr_ros1/scripts/", None),
+    ("applr_ros1/", set()),
+    ("sim_bridge/ros_bridge", None),
+    ("sim_bridge/ros_", None),
+    ("sim_bridge/", NUMBERS | {"scipy", "pybullet", "pybullet_utils", "matplotlib", "worlds"}),
+    ("training/", LEARNING | {"applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}),
+)
+
+
+def tracked(*suffixes):
+    """Paths of the files in git (those new and not ignored too), relative to the root."""
+    listed = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT,
+                            capture_output=True, check=False).stdout.decode()
+    names = [name for name in listed.split("\0") if name and os.path.isfile(os.path.join(ROOT, name))]
+    return sorted(name for name in names if not suffixes or name.endswith(suffixes))
+
+
+def python_files(folders):
+    return [name for name in tracked(".py", ".cfg") if name.split("/")[0] in folders]
+
+
+def text_of(name):
+    with open(os.path.join(ROOT, name), encoding="utf-8") as file:
+        return file.read()
+
+
+def imports(name):
+    """Full names of the modules that a file imports, relative ones resolved."""
+    package = name.split("/")[:-1]
+    found = []
+    for node in ast.walk(ast.parse(text_of(name))):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[:len(package) - node.level + 1] if node.level else []
+            base = ".".join(above + ([node.module] if node.module else []))
+            found.append(base)
+            if base in ("applr_ros1", "training", "worlds", "sim_bridge"):
+                found += [base + "." + alias.name for alias in node.names]
+    return found
+
+
+@pytest.mark.parametrize("name", python_files(PACKAGES))
+def test_who_may_know_whom(name):
+    allowed = next(known for start, known in MAY_KNOW if name.startswith(start))
+    if allowed is None:
+        return
+    own = next(start for start, _ in MAY_KNOW if name.startswith(start)).rstrip("/").replace("/", ".")
+    for module in imports(name):
+        parts = module.split(".")
+        names = {".".join(parts[:i + 1]) for i in range(len(parts))}
+        inside = own in names or module == "applr_ros1"
+        assert inside or parts[0] in STANDARD or names & allowed, "%s imports %s" % (name, module)
+        for nobody in ("applr_ros1.nodes", "applr_ros1.scripts"):
+            assert nobody not in names or name.startswith(nobody.replace(".", "/")), "%s imports %s" % (name, module)
+
+
+@pytest.mark.parametrize("name", python_files(ROBOT_SIDE))
+def test_robot_side_parses_as_python_38(name):
+    tree = ast.parse(text_of(name), filename=name, feature_version=(3, 8))
+    future = any(isinstance(node, ast.ImportFrom) and node.module == "__future__" for node in tree.body)
+    for node in ast.walk(tree):
+        if type(node).__name__ == "Match":
+            pytest.fail("%s:%d uses match" % (name, node.lineno))
+        notes = [note for note in (getattr(node, "annotation", None), getattr(node, "returns", None)) if note]
+        for note in [part for whole in notes if not future for part in ast.walk(whole)]:
+            generic = isinstance(note, ast.Subscript) and getattr(note.value, "id", "") in BUILTIN_GENERICS
+            assert not generic and not isinstance(note, ast.BinOp), \
+                "%s:%d: this annotation needs from __future__ import annotations" % (name, note.lineno)
+
+
+@pytest.mark.parametrize("name", python_files(PACKAGES + ("tests",)))
+def test_files_of_one_thought(name):
+    text = text_of(name)
+    assert len(text.splitlines()) <= 400, "%s has %d lines" % (name, len(text.splitlines()))
+    if text.strip():
+        assert ast.get_docstring(ast.parse(text)), "%s does not say what it is for" % name
+
+
+def test_every_launch_argument_is_documented():
+    for name in tracked(".launch"):
+        for argument in xml.parse(os.path.join(ROOT, name)).getroot().findall("arg"):
+            assert argument.get("value") is not None or argument.get("doc"), "%s: %s" % (name, argument.get("name"))
+    main = xml.parse(os.path.join(ROOT, "applr_ros1/launch/jackal_applr.launch")).getroot()
+    pinned = {"world", "mode", "policy", "gui", "rviz", "seed", "record", "real_time_factor", "move_base", "sim"}
+    assert pinned <= {argument.get("name") for argument in main.findall("arg")}
+
+
+@pytest.mark.parametrize("name", [name for name in tracked(".txt") if name.startswith("requirements/")])
+def test_requirements_are_exact(name):
+    lines = [line for line in text_of(name).splitlines() if line.strip() and not line.startswith("#")]
+    for line in lines:
+        assert re.match(r"^[A-Za-z0-9._-]+==[A-Za-z0-9.]+( ; python_version [<>]=? \"3\.\d+\")?$", line), line
+    assert len({line.split(" ;")[0].lower() for line in lines}) == len(lines)
+
+
+def test_package_declares_what_it_imports():
+    package = xml.parse(os.path.join(ROOT, "package.xml")).getroot()
+    declared = {node.text for node in package if node.tag.endswith("depend")}
+    used = {module.split(".")[0] for name in python_files(ROBOT_SIDE) for module in imports(name)} & ROS
+    assert used - {"rospkg", "genpy"} <= declared, "package.xml lacks %s" % sorted(used - declared)
+
+
+def test_only_what_a_person_starts_has_a_run_bit():
+    runnable = {name for name in tracked() if os.access(os.path.join(ROOT, name), os.X_OK)}
+    cfg = {name for name in tracked(".cfg")}            # catkin starts them itself
+    assert runnable == {"applr", ".ci/run"} | cfg
+
+
+def test_nothing_of_a_machine_or_a_registry():
+    telling = re.compile("|".join(["pypi" + r"\.org", "pythonhosted" + r"\.org", "deb" + r"\.debian\.org",
+                                   "/wo" + "rk/", "/ro" + "ot/", "/opt/" + "wheels", "/opt/" + "pypi"]))
+    for name in tracked(".py", ".md", ".txt", ".sh", ".launch", ".yaml", ".toml", ".xml", ".json", ".rviz", ".csv",
+                        "applr", ".ci/run"):
+        found = telling.search(text_of(name))
+        assert not found, "%s names %s" % (name, found.group())
+
+
+def test_no_large_files():
+    for name in tracked():
+        size = os.path.getsize(os.path.join(ROOT, name))
+        limit = 12_000_000 if name.startswith(("tests/golden/", "applr_ros1/models/")) else 1_500_000
+        assert size <= limit, "%s has %d bytes" % (name, size)
+
+
+def test_ruff():
+    ruff = [sys.executable, "-m", "ruff"]
+    if subprocess.run(ruff + ["--version"], capture_output=True, check=False).returncode:
+        pytest.skip("ruff is not installed for this Python")
+    found = subprocess.run(ruff + ["check", "--output-format", "concise", "--no-cache", "."], cwd=ROOT,
+                           capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout
