@@ -21,6 +21,12 @@ WHEELBASE = 0.262
 AXLE_HEIGHT = 0.0345                         # of the wheels' axles above base_link
 BASE_HEIGHT = WHEEL_RADIUS - AXLE_HEIGHT     # of base_link above the ground
 MASS = CHASSIS_MASS + 4 * WHEEL_MASS
+COM = tuple(CHASSIS_MASS / MASS * value for value in CHASSIS_COM[:2])      # of the whole robot, in base_link
+COM_HEIGHT = BASE_HEIGHT + (CHASSIS_MASS * CHASSIS_COM[2] + 4 * WHEEL_MASS * AXLE_HEIGHT) / MASS  # above the ground
+YAW_INERTIA = (CHASSIS_INERTIA[2] + 4 * WHEEL_INERTIA[2] + 4 * WHEEL_MASS * (TRACK ** 2 + WHEELBASE ** 2) / 4
+               + CHASSIS_MASS * (CHASSIS_COM[0] ** 2 + CHASSIS_COM[1] ** 2)
+               - MASS * (COM[0] ** 2 + COM[1] ** 2))                         # about COM
+GRAVITY = 9.8
 
 # The navigation parameters' footprint (unpadded), and the real outline that meets obstacles:
 # the wheels reach further than the chassis, in front, behind and to the sides.
@@ -34,6 +40,12 @@ MAX_ACCELERATION = 20.0
 MAX_YAW_RATE = 4.0
 MAX_YAW_ACCELERATION = 25.0
 COMMAND_TIMEOUT = 0.25
+
+# -- skid steering (skid_steer.py): what Gazebo's per-world figures are matched with ----------------------------
+GRIP_LIMIT = 3.7                             # up to this v w [m/s^2] the tyres hold a curve; the wheels are calibrated so far
+TYRE_CREEP = 0.02                            # slip speed at which a tyre has about .7 of its full friction [m/s]
+GRIP_NOISE, GRIP_TIME = 0.10, 0.5            # uneven ground: each wheel's friction, relative sd, correlation time [s]
+WHEEL_NOISE, WHEEL_TIME = 0.005, 0.5          # each side's speed, relative sd, correlation time [s]
 
 # -- laser ----------------------------------------------------------------------------------------
 LASER_FRAME = "front_laser"

@@ -1,6 +1,6 @@
 """What the robot believes about its own motion: wheels for the distance, IMU for the heading, as robot_localization fuses
 them on the Jackal. Sideways slip and wheels spinning at an obstacle are not seen. Both simulators call it."""
-from math import cos, exp, sin, sqrt
+from math import cos, exp, pi, sin, sqrt
 
 from . import jackal
 
@@ -31,10 +31,10 @@ class Odometry:
                                             * sqrt(1.0 - keep * keep) * self._normal())
         x, y, old = self.pose
         yaw += self._error
-        turn = (yaw - old + 3.141592653589793) % 6.283185307179586 - 3.141592653589793
+        turn = (yaw - old + pi) % (2 * pi) - pi
         ahead = wheel_speed * self._gain * duration
         middle = old + 0.5 * turn
-        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), old + turn)
+        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), (old + turn + pi) % (2 * pi) - pi)
         rate = yaw_rate + self.scale * jackal.GYRO_NOISE * self._normal()
         self.twist = (wheel_speed * self._gain, yaw_rate)
         self.imu = (acceleration + self.scale * jackal.ACCELEROMETER_NOISE * self._normal(), rate)

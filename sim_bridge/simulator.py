@@ -96,7 +96,7 @@ class Simulator(ABC):
             raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (start,))
         self._rng = np.random.default_rng(seed)
         self.drawn = self.randomisation.draw(self._rng)
-        shift = self._rng.uniform(-1, 1, 3)
+        shift = self._rng.uniform(-1, 1, 3).tolist()
         pose = (start[0] + shift[0] * self.drawn.start_xy, start[1] + shift[1] * self.drawn.start_xy,
                 wrap(start[2] + shift[2] * self.drawn.start_yaw))
         if self._lidar is None or world is not self.world:

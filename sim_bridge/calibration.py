@@ -1,0 +1,103 @@
+"""The table of commanded against driven speeds: `python -m sim_bridge.calibration [--simulator kinematic] [--even]`.
+
+The tests read `measure` and `CASES`. Driven means: true motion of base_link, averaged over some seconds once it is steady.
+"""
+import argparse
+import sys
+from dataclasses import dataclass
+from math import cos, hypot, pi, sin
+
+import numpy as np
+
+from . import jackal, make
+from .simulator import SimulatorError
+
+# (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
+CASES = ([(v, 0.0) for v in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, -0.1, -0.5)]
+         + [(0.0, w) for w in (0.314, 0.6, 1.0, 1.57, 2.0, 2.5, 3.14, -0.314, -1.57, -3.14)]
+         + [(v, w) for v in (0.1, 0.25, 0.5, 1.0, 1.5, 2.0) for w in (0.2, 0.6, -1.0, 1.57, 3.14)
+            if abs(v * w) <= jackal.GRIP_LIMIT])
+
+
+@dataclass
+class Measurement:
+    """Means over the steady part; drift: how far base_link strays while its heading turns once round, in place [m]."""
+    v: float
+    w: float
+    driven_v: float
+    driven_w: float
+    drift: float
+
+    @property
+    def error(self):
+        """Largest relative error of the speeds asked for."""
+        return max(abs(driven / asked - 1.0)
+                   for asked, driven in ((self.v, self.driven_v), (self.w, self.driven_w)) if asked)
+
+
+class OpenPlane:
+    """A world with nothing in it."""
+    name = "open plane"
+    cylinders, boxes, movers = np.empty((0, 3)), np.empty((0, 5)), ()
+
+    class course:
+        start = goal = (0.0, 0.0, 0.0)
+
+
+def measure(simulator, v, w, seconds=6.0, seeds=range(1)):
+    """Drive (v, w) from a stand, once per seed, and average; the first second does not count."""
+    runs = [_measure(simulator, v, w, seconds, seed) for seed in seeds]
+    return Measurement(v, w, *np.mean(runs, axis=0).tolist())
+
+
+def _measure(simulator, v, w, seconds, seed):
+    simulator.reset(OpenPlane, seed)
+    run(simulator, v, w, 1.0)
+    state = simulator.state
+    ahead = turned = 0.0
+    track = [state.pose[:2]]
+    for _ in range(int(round(seconds / 0.05))):
+        last = state
+        state = run(simulator, v, w, 0.05)
+        turn = (state.pose[2] - last.pose[2] + pi) % (2 * pi) - pi
+        middle = last.pose[2] + turn / 2
+        dx, dy = state.pose[0] - last.pose[0], state.pose[1] - last.pose[1]
+        # the chord of the arc, made as long as the arc
+        ahead += (dx * cos(middle) + dy * sin(middle)) * (turn / 2 / sin(turn / 2) if turn else 1.0)
+        turned += turn
+        if abs(turned) <= 2 * pi:
+            track.append(state.pose[:2])
+    return ahead / seconds, turned / seconds, max(hypot(x - track[0][0], y - track[0][1]) for x, y in track)
+
+
+def run(simulator, v, w, seconds):
+    """Hold a command; returns the last state."""
+    for _ in range(int(round(seconds / 0.05))):
+        simulator.command(v, w)
+        state = simulator.advance(0.05)
+    return state
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--simulator", default="pybullet", help="pybullet or kinematic")
+    parser.add_argument("--even", action="store_true", help="even ground: no random slip")
+    parser.add_argument("--seeds", type=int, default=4, help="runs to average")
+    arguments = parser.parse_args(argv)
+    try:
+        simulator = make(arguments.simulator, slip=0.0 if arguments.even else 1.0)
+    except SimulatorError as error:
+        sys.exit("calibration: %s" % error)
+    print("commanded        driven           error   drift of a turn in place")
+    worst = 0.0
+    for v, w in CASES:
+        m = measure(simulator, v, w, seeds=range(1 if arguments.even else arguments.seeds))
+        worst = max(worst, m.error)
+        print("%5.2f m/s %6.3f  %6.3f m/s %6.3f  %4.1f %%%s" % (
+            v, w, m.driven_v, m.driven_w, 100 * m.error, "   %.3f m" % m.drift if v == 0.0 else ""))
+    print("largest error %.1f %%" % (100 * worst))
+    return 0 if worst <= 0.05 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
