@@ -5,7 +5,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from training.replay import Replay  # noqa: E402
-from training.td3 import TD3, Batch, LearnerError, TD3Config, exploration_noise  # noqa: E402
+from training.td3 import TD3, Batch, LearnerError, TD3Config  # noqa: E402
 from training.trajectory import Layout, Trajectory  # noqa: E402
 
 
@@ -166,14 +166,6 @@ def test_refuses_another_network_and_leaves_its_own():
         assert np.array_equal(value, before[name])
     with pytest.raises(LearnerError, match="device"):
         TD3(3, 1, device="gpu9")
-
-
-def test_noise_schedule_is_the_papers():
-    assert exploration_noise(0) == 0.5
-    assert exploration_noise(1_000_000) == pytest.approx(0.375)
-    assert exploration_noise(3_840_000) == pytest.approx(0.02)
-    assert exploration_noise(5_000_000) == 0.02
-    assert exploration_noise(100_000, scale=10) == pytest.approx(0.375)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")

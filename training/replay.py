@@ -71,6 +71,18 @@ class Replay:
         """The next unused episode number of an actor."""
         return self._seen[actor].next if actor in self._seen else 0
 
+    # -- checkpoints: the rows themselves are in the journal -----------------------------------------
+    def begin_at(self, written: int, transitions: int) -> None:
+        """Go on counting where a journal begins whose older segments are gone."""
+        self.written, self.transitions = written, transitions
+
+    def seen(self) -> Dict[str, list]:
+        return {actor: [n.next, sorted(n.missing)] for actor, n in self._seen.items()}
+
+    def see(self, seen: Dict[str, list]) -> None:
+        for actor, (following, missing) in seen.items():
+            self._seen[actor] = _Numbers(following, missing)
+
     # -- sampling ----------------------------------------------------------------------------------
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """(size,) rows of transitions, uniformly among those held."""
@@ -120,8 +132,8 @@ class Replay:
 class _Numbers:
     """A set of episode numbers in little memory: all below `next` but the missing ones."""
 
-    def __init__(self):
-        self.next, self.missing = 0, set()      # type: int, Set[int]
+    def __init__(self, following: int = 0, missing=()):
+        self.next, self.missing = following, set(missing)       # type: int, Set[int]
 
     MOST_MISSING = 10_000
 

@@ -261,14 +261,6 @@ def _device(name) -> torch.device:
     return device
 
 
-def exploration_noise(transitions: int, start: float = 0.5, fall_per_million: float = 0.125, floor: float = 0.02,
-                      scale: float = 1.0) -> float:
-    """Standard deviation of the exploration noise after so many transitions: .5, falling by .125 per million to .02
-    (the paper's; .02 is reached at 3.84 million). A training of another length than the paper's stretches the axis:
-    scale = paper's transitions / ours. scale = 1 is the paper's."""
-    return max(floor, start - fall_per_million * transitions * scale / 1e6)
-
-
 def decode(array: np.ndarray, device) -> torch.Tensor:
     """A numpy array as a float32 tensor on the device (bytes travel as bytes and become floats there)."""
     tensor = torch.from_numpy(array)
