@@ -7,5 +7,5 @@ setup(**generate_distutils_setup(
         "applr_ros1", "applr_ros1.planner", "applr_ros1.policy", "applr_ros1.nodes",
         "sim_bridge", "training", "worlds",
     ],
-    package_data={"applr_ros1": ["models/*"], "worlds": ["*.npz", "*.json"], "training": ["*.json", "*.html"]},
+    package_data={"applr_ros1": ["models/*"], "worlds": ["data/*"], "training": ["*.json", "*.html"]},
 ))

@@ -7,6 +7,7 @@ from typing import Dict, List, Tuple
 
 import numpy as np
 
+from .draw import draw
 from .world import World
 
 
@@ -55,23 +56,10 @@ def save(drive: Drive, path: str) -> None:
 
 
 def _course(figure, axes, drive):
-    from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+    from matplotlib.collections import LineCollection
 
-    world, track = drive.world, drive.track
-    if len(world.cylinders):
-        widths = 2 * world.cylinders[:, 2]
-        axes.add_collection(EllipseCollection(widths, widths, np.zeros(len(widths)), units="xy", facecolors="0.35",
-                                              offsets=world.cylinders[:, :2], transOffset=axes.transData))
-    if len(world.boxes):
-        axes.add_collection(PolyCollection([_corners(box) for box in world.boxes], facecolors="0.35"))
-    reference = np.asarray(world.course.path)
-    if len(reference):
-        axes.plot(reference[:, 0], reference[:, 1], ":", color="tab:green", lw=1, label="reference path")
-    (start_x, start_y, _), (goal_x, goal_y, _) = world.course.start, world.course.goal
-    axes.plot(start_x, start_y, "o", color="tab:blue", label="start")
-    axes.plot(goal_x, goal_y, "*", color="tab:red", ms=12, label="goal")
-    if world.course.finish_y is not None:
-        axes.axhline(world.course.finish_y, color="tab:red", ls="--", lw=1, label="finish line")
+    track = drive.track
+    draw(axes, drive.world)
     if len(track) > 1:
         points = track[:, 1:3]
         lines = LineCollection(np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", lw=3)
@@ -82,19 +70,7 @@ def _course(figure, axes, drive):
     if drive.contacts:
         at = np.interp(drive.contacts, track[:, 0], np.arange(len(track))).astype(int)
         axes.plot(track[at, 1], track[at, 2], "x", color="tab:red", label="contact")
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.legend(loc="upper left", fontsize=8)
-
-
-def _corners(box):
-    """(4, 2) corners of a box (x, y, yaw, size_x, size_y)."""
-    x, y, yaw, size_x, size_y = box
-    c, s = np.cos(yaw), np.sin(yaw)
-    local = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (size_x / 2, size_y / 2)
-    return local @ np.array([(c, s), (-s, c)]) + (x, y)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=8, frameon=False)
 
 
 def _speed(axes, drive):
