@@ -274,7 +274,8 @@ def test_methods(tmp_path):
     applr = methods.make("applr", policy=str(tmp_path / "a.safetensors"), seed=1)
     np.testing.assert_array_equal(applr.theta(obs), Actor(make_weights()).theta(obs))
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
-    assert methods.make("fixed", parameters=str(tmp_path / "set.json")).theta(obs)[:3].tolist() == [1.5, 1.57, 12]
+    fixed = methods.make("fixed", parameters=str(tmp_path / "set.json"))
+    assert fixed.theta(obs)[:3].tolist() == [1.5, 1.57, 12]
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "{", '{"speed": 1}', '{"max_vel_x": 9}', '{"max_vel_x": NaN}',
@@ -292,4 +293,4 @@ def test_unknown_modes_and_missing_files():
         with pytest.raises(SpaceError):
             call()
     with pytest.raises(ActorError):
-        methods.make("applr", policy="")
+        methods.make("applr", policy="/nowhere/actor.safetensors")

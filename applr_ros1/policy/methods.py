@@ -1,7 +1,7 @@
 """What can decide over the parameters while driving: a registry of methods, the same for every launch mode.
 
-The applr node makes one by the launch argument `mode` and asks it every two seconds. A method added here is at
-once a mode.
+The applr node makes one by the launch argument `mode` and asks it every two seconds. A method added here is
+at once a mode.
 """
 import json
 import os
@@ -13,8 +13,8 @@ from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
 
 class Method:
-    """One way to choose theta. Static methods hold one set: it is applied once, and what a person changes later
-    stands. options: what the launch file gives (`policy`, `parameters`, `seed`)."""
+    """One way to choose theta. Static methods hold one set: it is applied once, and what a person changes
+    later stands. options: what the launch file gives (`policy`, `parameters`, `seed`)."""
     static = False
 
     def __init__(self, space=SPACE, **options):
@@ -37,11 +37,12 @@ class Default(Method):
 
 
 class Applr(Method):
-    """The learned policy. policy: path of an actor file (ActorError, one line, when it cannot be used)."""
+    """The learned policy. policy: path of an actor file, "" for the shipped one. Raises ActorError (one line)
+    when it cannot be used."""
 
     def __init__(self, space=SPACE, policy="", **options):
         super().__init__(space)
-        self.actor = Actor.load(policy, space)
+        self.actor = Actor.load(policy or shipped(), space)
 
     def theta(self, obs):
         return self.actor.theta(obs)
@@ -74,10 +75,21 @@ METHODS = {"dwa": Default, "applr": Applr, "fixed": Fixed, "random": Random}
 
 
 def make(name, space=SPACE, **options):
-    """The method called `name`. Raises SpaceError for an unknown name, ActorError or SpaceError for bad files."""
+    """The method called `name`. Raises SpaceError for an unknown name, that or ActorError for bad files."""
     if name not in METHODS:
         raise SpaceError(f"mode {name!r} is unknown: give {', '.join(sorted(METHODS))}")
     return METHODS[name](space=space, **options)
+
+
+def shipped():
+    """Path of the actor that comes with the package: beside the code, or below share/ of an install space."""
+    package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    prefix = os.path.join(package, *[os.pardir] * 4)
+    for folder in (package, os.path.join(prefix, "share", "applr_ros1", "applr_ros1")):
+        path = os.path.normpath(os.path.join(folder, "models", "applr.safetensors"))
+        if os.path.exists(path):
+            return path
+    return os.path.join(package, "models", "applr.safetensors")
 
 
 def read_parameters(path, space=SPACE):

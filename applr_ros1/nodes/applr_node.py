@@ -1,0 +1,222 @@
+"""The applr node: every two seconds of ROS time observation → method → eight parameters (Algorithm 1 of the paper).
+
+Run by scripts/applr.py beside any TrajectoryPlannerROS move_base. It decides while a goal is active; between goals
+the planner has theta_0, on which every course starts. README.md lists its topics and parameters.
+"""
+import math
+import sys
+import threading
+from collections import Counter
+
+import numpy as np
+import rospy
+
+from applr_ros1.nodes.applier import Applier
+from applr_ros1.nodes.applr_inputs import Inputs
+from applr_ros1.nodes.applr_topics import Topics
+from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import ActorError
+from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE, SpaceError
+
+TICK = 0.05             # s of ROS time between looks at the clock
+LATE = 0.1              # share of a period after which a decision counts as late
+COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
+LOST_AFTER = 3          # periods without a usable decision after which the policy counts as lost
+
+
+class ApplrNode:
+    """Joins inputs, method and applier. period: s of ROS time between decisions."""
+
+    def __init__(self, method, inputs, topics, period=2.0, namespace="/move_base"):
+        self.method, self.inputs, self.topics, self.period = method, inputs, topics, period
+        self.counts = Counter()
+        self.trouble = ""           # newest line about what is wrong; "" when nothing is
+        self.degraded = ""          # why the chosen method is not the one that drives
+        self._goal, self._due, self._failures = None, None, 0
+        self._last = None           # ROS time of the last decision
+        self._base_set = False      # whether what a goal-less planner should have has been sent
+        self._lock = threading.Lock()
+        self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
+        self.applier = Applier(self.client, self._on_report, self._on_trouble)
+
+    def spin(self):
+        """Until shutdown. A clock that jumps back starts afresh."""
+        self.applier.start()
+        rospy.on_shutdown(self.shutdown)
+        beat = report = rospy.Time(0)
+        while not rospy.is_shutdown():
+            try:
+                now = rospy.Time.now()
+                if now >= beat:
+                    self.topics.heartbeat(now)
+                    beat = now + rospy.Duration(self.period)
+                if now >= report:
+                    self._report(now)
+                    report = now + rospy.Duration(1.0)
+                self.tick(now)
+                rospy.sleep(self._nap(now))
+            except rospy.exceptions.ROSTimeMovedBackwardsException:
+                rospy.logwarn("applr: the clock jumped back; starting afresh on theta_0")
+                beat = report = rospy.Time(0)
+                self.inputs.clear()
+                self._goal = self._due = self._last = None
+                self._base()
+            except rospy.exceptions.ROSInterruptException:
+                return
+
+    def _nap(self, now):
+        left = TICK if self._due is None else (self._due - now).to_sec()
+        return left if 0.001 < left < TICK else TICK
+
+    def tick(self, now):
+        """One look at the clock: begins and ends courses, and decides when a decision is due."""
+        if not self._base_set and self.client.connected:
+            self._base_set = True
+            self._base()
+        goal = self.inputs.goal(now)
+        if goal != self._goal:
+            if goal is None:
+                rospy.loginfo("applr: no goal any more")
+                self._base()
+            else:
+                self.method.reset()
+                self._due, self._failures = now, 0
+            self._goal, self._last = goal, None
+        if goal is not None and now >= self._due:
+            self._decide(now, goal)
+
+    def _decide(self, now, goal):
+        theta_prev = self.client.theta()
+        try:
+            if theta_prev is None:
+                raise ObservationError("the planner's parameters are not known yet")
+            seen = self.inputs.snapshot(now)
+            target = local_goal(seen.plan, seen.pose)
+            obs = observe(seen.ranges, goal_angle(target), theta_prev)
+        except ObservationError as e:
+            if (now - self._due).to_sec() >= self.period:       # tried for a whole period
+                self._due = now
+                self._fail("unusable", str(e))
+            return
+        if self._last is None:
+            self._due = now     # a course's first decision waits for its first plan, and the others count from it
+        late = (now - self._due).to_sec()
+        self.counts["late"] += late > LATE * self.period
+        self.counts["decisions"] += 1
+        self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
+        self._last = now
+        theta, refused = self._ask(obs)
+        self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
+        if refused:
+            self._fail("refused", f"decision refused, parameters stay: {refused}")
+            return
+        self._failures = 0
+        if not self.method.static:
+            self.applier.want(theta)
+
+    def _ask(self, obs):
+        """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
+        try:
+            return SPACE.clip(self.method.theta(obs)), ""
+        except SpaceError as e:
+            return None, str(e)
+        except Exception as e:      # a method is exchangeable: whatever it does, the planner drives on
+            return None, f"{type(e).__name__}: {e}".splitlines()[0]
+
+    def _fail(self, kind, line):
+        """A period without a decision. After several the policy counts as lost: theta_0."""
+        self.counts[kind] += 1
+        self._failures += 1
+        self._warn(line)
+        if self._failures == LOST_AFTER and not self.method.static:
+            self._warn(f"no decision for {LOST_AFTER} periods: back to theta_0")
+            self.applier.want(SPACE.theta0)
+
+    def _base(self):
+        """What the planner has between goals: theta_0, or the one set of a static method."""
+        theta = SPACE.clip(self.method.theta(None)) if self.method.static else SPACE.theta0
+        has = self.client.theta()
+        if has is None or not np.array_equal(has, theta) or self.applier.busy:
+            self.applier.want(theta)
+
+    def shutdown(self):
+        """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
+        self.applier.stop()
+        if self.applier.applied is not None and not np.array_equal(self.applier.applied, SPACE.theta0):
+            self.client.apply(SPACE.theta0)
+
+    def _on_restart(self, server):
+        self.counts["restarts"] += 1
+        rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
+        self.applier.again()
+
+    def _on_report(self, report):
+        if report.ok:
+            self.counts["applied"] += 1
+            with self._lock:
+                self.trouble = ""
+            self.topics.parameters(report.theta)
+            return
+        self.counts["failed"] += 1
+        self.counts["put_back"] += len(report.put_back)
+        also = f"; put back: {', '.join(report.put_back)}" if report.put_back else ""
+        self._warn(f"parameters not changed: {report.error}{also}")
+
+    def _on_trouble(self, line):
+        self._warn(line)
+
+    def _warn(self, line):
+        with self._lock:
+            fresh, self.trouble = line != self.trouble, line
+        if fresh:
+            rospy.logwarn(f"applr: {line}")
+
+    def _report(self, now):
+        theta = self.client.theta()
+        if theta is not None:
+            self.topics.parameters(theta)
+        age = math.nan if self._last is None else (now - self._last).to_sec()
+        with self._lock:
+            trouble = self.trouble or self.degraded
+        lost = bool(self.degraded) or self._failures >= LOST_AFTER or theta is None
+        self.topics.diagnostics(now, trouble, lost, dict(
+            {name: self.counts[name] for name in COUNTS}, method=type(self.method).__name__.lower(),
+            goal=self._goal or "none", decision_age_s=f"{age:.2f}",
+            servers=", ".join(sorted(self.client.servers.values())) or "none"))
+
+
+def make_method(mode, policy, parameters, seed):
+    """The method for `mode`. When its file cannot be used: one line, and the planner drives on theta_0."""
+    try:
+        return methods.make(mode, policy=policy, parameters=parameters, seed=seed), ""
+    except (ActorError, SpaceError) as e:
+        if mode not in methods.METHODS:
+            raise
+        return methods.make("dwa"), str(e)
+
+
+def main():
+    """Reads the private parameters and runs until shutdown. Returns the exit status."""
+    rospy.init_node("applr")
+    period = rospy.get_param("~period", 2.0)
+    namespace = rospy.get_param("~move_base", "/move_base")
+    try:
+        if isinstance(period, bool) or not isinstance(period, (int, float)) or not 0.1 <= period <= 60.0:
+            raise SpaceError(f"period is {period!r}: give seconds from 0.1 to 60")
+        method, trouble = make_method(rospy.get_param("~mode", "applr"), rospy.get_param("~policy", ""),
+                                      rospy.get_param("~parameters", ""), rospy.get_param("~seed", 0))
+    except (SpaceError, ValueError) as e:
+        print(f"applr: {e}", file=sys.stderr)
+        return 1
+    inputs = Inputs(rospy.get_param("~scan_topic", "/front/scan"),
+                    rospy.get_param("~odom_topic", "/odometry/filtered"),
+                    rospy.get_param("~plan_topic", namespace + "/NavfnROS/plan"), namespace)
+    node = ApplrNode(method, inputs, Topics(), float(period), namespace)
+    if trouble:
+        rospy.logerr(f"applr: {trouble}; driving on theta_0")
+        node.degraded = trouble
+    rospy.loginfo("applr: ready, mode %s, a decision every %g s", type(method).__name__.lower(), period)
+    node.spin()
+    return 0

@@ -1,0 +1,79 @@
+"""What the applr node publishes: heartbeat, decisions and observations (for bags), parameters, markers, diagnostics.
+
+Called by nodes/applr_node.py. Standard message types only, so that bags need none of ours to be read.
+"""
+import json
+from math import atan2, cos, sin
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from std_msgs.msg import Float32MultiArray, Float64MultiArray, MultiArrayDimension, String, Time
+from visualization_msgs.msg import Marker
+
+from applr_ros1.policy.parameter_space import SPACE
+
+
+class Topics:
+    """Publishers below /applr, and /diagnostics."""
+
+    def __init__(self, prefix="/applr", base_frame="base_link"):
+        self.base_frame = base_frame
+        self._heartbeat = rospy.Publisher(prefix + "/heartbeat", Time, queue_size=1)
+        self._observation = rospy.Publisher(prefix + "/observation", Float32MultiArray, queue_size=5)
+        self._decision = rospy.Publisher(prefix + "/decision", String, queue_size=5)
+        self._local_goal = rospy.Publisher(prefix + "/local_goal", PoseStamped, queue_size=1)
+        self._parameters = rospy.Publisher(prefix + "/parameters", Float64MultiArray, queue_size=1, latch=True)
+        self._text = rospy.Publisher(prefix + "/parameters_text", Marker, queue_size=1, latch=True)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
+
+    def heartbeat(self, now):
+        """Once a period while the node lives; our move_base goes back to its start-up parameters without it."""
+        self._heartbeat.publish(Time(now))
+
+    def decision(self, number, now, goal, seen, target, obs, theta_prev, theta, refused):
+        """One decision: the observation as the actor got it, and JSON that says which messages it came from."""
+        message = Float32MultiArray(data=obs)
+        message.layout.dim = [MultiArrayDimension(f"observation {number}", len(obs), len(obs))]
+        self._observation.publish(message)
+        self._decision.publish(json.dumps({
+            "number": number, "stamp": str(now), "goal": goal, "scan": str(seen.scan_stamp),
+            "odometry": str(seen.odom_stamp), "plan": str(seen.plan_stamp), "frame": seen.frame,
+            "pose": seen.pose, "local_goal": target, "theta_prev": SPACE.as_dict(theta_prev),
+            "theta": None if theta is None else SPACE.as_dict(theta), "refused": refused}))
+        self._local_goal.publish(_local_goal(seen, target))
+
+    def parameters(self, theta):
+        """theta (8,): what the planner has, as numbers and as text above the robot."""
+        message = Float64MultiArray(data=theta)
+        message.layout.dim = [MultiArrayDimension(",".join(SPACE.names), len(theta), len(theta))]
+        self._parameters.publish(message)
+        lines = (f"{name} {value:.3g}" for name, value in SPACE.as_dict(theta).items())
+        marker = Marker(ns="applr", type=Marker.TEXT_VIEW_FACING, text="\n".join(lines), frame_locked=True)
+        marker.header.frame_id = self.base_frame
+        marker.pose.position.y, marker.pose.position.z, marker.pose.orientation.w = 1.2, 0.8, 1.0
+        marker.scale.z = 0.18
+        marker.color.r = marker.color.g = marker.color.b = marker.color.a = 1.0
+        self._text.publish(marker)
+
+    def diagnostics(self, now, trouble, lost, values):
+        """values: {key: value}; trouble: one line or ""; lost: the method does not drive, theta_0 does."""
+        level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK
+        status = DiagnosticStatus(level=level, name="applr: parameter policy", hardware_id="none",
+                                  message=trouble or "deciding",
+                                  values=[KeyValue(key, str(value)) for key, value in values.items()])
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = now
+        self._diagnostics.publish(message)
+
+
+def _local_goal(seen, target):
+    """The local goal (robot frame) as a pose in the plan's frame, heading from the robot towards it."""
+    x, y, yaw = seen.pose
+    heading = yaw + atan2(target[1], target[0])
+    message = PoseStamped()
+    message.header.frame_id, message.header.stamp = seen.frame, seen.odom_stamp
+    message.pose.position.x = x + cos(yaw) * target[0] - sin(yaw) * target[1]
+    message.pose.position.y = y + sin(yaw) * target[0] + cos(yaw) * target[1]
+    message.pose.orientation.z, message.pose.orientation.w = sin(heading / 2), cos(heading / 2)
+    return message

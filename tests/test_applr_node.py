@@ -1,0 +1,409 @@
+"""The applr node beside a stand-in move_base: what it sends, and every fault of reliability.md that is its own."""
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rospy")
+from ros_harness import session, wait_for  # noqa: E402
+from test_policy import make_weights  # noqa: E402
+
+from applr_ros1.policy.actor import save  # noqa: E402
+from applr_ros1.policy.observation import goal_angle, local_goal, observe  # noqa: E402
+from applr_ros1.policy.parameter_space import SPACE, THETA_0  # noqa: E402
+
+PERIOD = 0.2
+PLANNER = "/move_base/TrajectoryPlannerROS"
+LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+
+
+class Robot:
+    """Publishes what a Jackal and move_base would: scan, odometry, plan, goal status; and hears the node."""
+
+    def __init__(self):
+        import rospy
+        from actionlib_msgs.msg import GoalStatusArray
+        from diagnostic_msgs.msg import DiagnosticArray
+        from nav_msgs.msg import Odometry, Path
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import LaserScan
+        from std_msgs.msg import Float32MultiArray, Float64MultiArray, String, Time
+        self.scan = rospy.Publisher("/front/scan", LaserScan, queue_size=1)
+        self.odom = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
+        self.plan = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
+        self.status = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
+        for topic, kind, callback in (("/applr/decision", String, self._on_decision),
+                                      ("/applr/observation", Float32MultiArray, self._on_observation),
+                                      ("/applr/heartbeat", Time, self._on_heartbeat),
+                                      ("/applr/parameters", Float64MultiArray, self._on_parameters),
+                                      ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
+            rospy.Subscriber(topic, kind, callback, queue_size=50)
+        self.simulated = False
+        self.reset()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def reset(self):
+        rng = np.random.default_rng(0)
+        self.ranges = rng.uniform(0.3, 4.0, 720).astype(np.float32)
+        self.pose = (0.5, -0.25, 0.4)
+        self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
+        self.goal = None
+        self.now = 100.0
+        self.simulated = False
+        self.decisions, self.observations, self.beats, self.parameters, self.values = [], [], [], [], {}
+
+    def _on_decision(self, msg):
+        self.decisions.append(json.loads(msg.data))
+
+    def _on_observation(self, msg):
+        self.observations.append(np.array(msg.data, dtype=np.float32))
+
+    def _on_heartbeat(self, msg):
+        self.beats.append(msg.data.to_sec())
+
+    def _on_parameters(self, msg):
+        self.parameters.append(list(msg.data))
+
+    def _on_diagnostics(self, msg):
+        self.values = {v.key: v.value for v in msg.status[0].values}
+        self.values["level"], self.values["message"] = msg.status[0].level, msg.status[0].message
+
+    def count(self, key):
+        return int(self.values.get(key, 0))
+
+    def _run(self):
+        import rospy
+        while not rospy.is_shutdown():
+            time.sleep(0.02)
+            if self.simulated:
+                self.now += 0.02
+                message = self._messages()["clock"]
+                self.clock.publish(message)
+            messages = self._messages()
+            for name in ("status", "odom", "scan", "plan"):
+                if messages[name] is not None:
+                    getattr(self, name).publish(messages[name])
+
+    def _messages(self):
+        import rospy
+        from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import Odometry, Path
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import LaserScan
+        now = rospy.Time.from_sec(self.now) if self.simulated else rospy.Time.now()
+        ranges, status = self.ranges, GoalStatusArray()
+        scan = LaserScan(angle_min=-2.35619, angle_max=2.35619, angle_increment=4.71238 / 719, range_min=0.1,
+                         range_max=30.0, ranges=ranges)
+        odom, plan = Odometry(child_frame_id="base_link"), Path()
+        odom.pose.pose.position.x, odom.pose.pose.position.y = self.pose[:2]
+        odom.pose.pose.orientation.z = np.sin(self.pose[2] / 2)
+        odom.pose.pose.orientation.w = np.cos(self.pose[2] / 2)
+        for x, y in self.path:
+            pose = PoseStamped()
+            pose.pose.position.x, pose.pose.position.y = x, y
+            plan.poses.append(pose)
+        if self.goal is not None:
+            entry = GoalStatus(status=GoalStatus.ACTIVE)
+            entry.goal_id.id = self.goal
+            status.status_list.append(entry)
+        for message, frame in ((scan, "front_laser"), (odom, "odom"), (plan, "odom"), (status, "")):
+            message.header.stamp, message.header.frame_id = now, frame
+        return {"scan": scan if ranges is not None else None, "odom": odom, "status": status,
+                "plan": plan if self.goal is not None else None, "clock": Clock(now)}
+
+
+@pytest.fixture(scope="module")
+def ros():
+    return session()
+
+
+@pytest.fixture(scope="module")
+def robot(ros):
+    return Robot()
+
+
+@pytest.fixture
+def stack(ros, robot, tmp_path):
+    """start(mode, fake=[...], **private parameters) → (applr Child, stand-in Child, client on the stand-in)."""
+    import rospy
+
+    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+    robot.reset()
+    started = []
+
+    def start_fake(*args):
+        fake = ros.python("tests/fake_move_base.py", *args)
+        started.append(fake)
+        wait_for(lambda: "up" in fake.text or not fake.alive(), 10.0, "stand-in")
+        assert fake.alive(), fake.text
+        return fake
+
+    def start(mode="applr", fake=(), weights=None, ready=True, **parameters):
+        move_base = start_fake(*fake) if fake is not None else None
+        if mode == "applr" and "policy" not in parameters:
+            parameters["policy"] = str(tmp_path / "actor.safetensors")
+            save(parameters["policy"], make_weights(hidden=(16,)) if weights is None else weights)
+        parameters = dict({"mode": mode, "period": PERIOD}, **parameters)
+        node = ros.python("-m", "applr_ros1.scripts.applr", *[f"_{k}:={v}" for k, v in parameters.items()])
+        started.append(node)
+        if not ready:
+            return node, move_base, None
+        wait_for(lambda: robot.values or not node.alive(), 10.0, "applr node")
+        assert node.alive(), node.text
+        client = ReconfigureClient()
+        clients.append(client)
+        wait_for(lambda: not client.connect(), 5.0, "servers")
+        return node, move_base, client
+
+    clients = []
+    start.fake = start_fake
+    yield start
+    robot.goal = None
+    for client in clients:
+        client.close()
+    for child in reversed(started):
+        child.end()
+    for name in ("/fake", "/use_sim_time"):
+        if rospy.has_param(name):
+            rospy.delete_param(name)
+
+
+def as_set(robot, client):
+    """Whether the planner has what the newest decision said."""
+    return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
+
+
+def test_a_decision_every_period_reaches_all_servers(robot, stack):
+    node, _, client = stack()
+    time.sleep(2 * PERIOD)
+    assert not robot.decisions      # nothing is decided without a goal
+    assert np.array_equal(client.theta(), THETA_0)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 5 and as_set(robot, client), 5.0, "five decisions")
+    first, last = robot.decisions[0], robot.decisions[4]
+    assert first["theta_prev"] == SPACE.as_dict(THETA_0)
+    assert robot.decisions[1]["theta_prev"] == first["theta"]
+    elapsed = float(last["stamp"]) - float(first["stamp"])
+    assert elapsed / 1e9 == pytest.approx(4 * PERIOD, abs=PERIOD)
+    expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
+    np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
+    planner = client._servers["planner"].values()
+    assert planner["min_vel_theta"] == -planner["max_vel_theta"]
+    inflation = {client._servers[role].values()["inflation_radius"] for role in ("local_inflation",
+                                                                               "global_inflation")}
+    assert inflation == {client.theta()[7]} != {0.3}
+    assert len(robot.beats) >= 4
+    wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", 3.0, "diagnostics")
+    assert robot.parameters[-1] == client.theta().tolist() and robot.count("failed") == 0
+    robot.goal = None               # the course is over: the next one starts on theta_0
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0 after the goal")
+    count = len(robot.decisions)
+    time.sleep(2 * PERIOD)
+    assert len(robot.decisions) == count
+
+
+def test_ending_the_node_leaves_theta_0(robot, stack):
+    node, _, client = stack("random")
+    robot.goal = "one"
+    wait_for(lambda: robot.decisions and not np.array_equal(client.theta(), THETA_0), 5.0, "a decision")
+    assert node.end() == 0
+    assert np.array_equal(client.theta(), THETA_0)
+    assert "Traceback" not in node.text
+
+
+@pytest.mark.parametrize("fake", [("--spelling", "kinetic"), ("--layer", "inflation_layer")])
+def test_other_names_of_the_cpp_move_base(robot, stack, fake):
+    _, _, client = stack(fake=fake)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
+    names = dict(n for n in [(i, name) for i, _, name in client._names["planner"]])
+    assert names[5] == ("pdist_scale" if "kinetic" in fake else "path_distance_bias")
+    assert client.servers["local_inflation"].endswith(fake[1] if fake[0] == "--layer" else "inflater_layer")
+
+
+def test_another_local_planner_is_named_in_one_line(robot, stack):
+    node, _, _ = stack(fake=("--without", "vtheta_samples"), ready=False)
+    line = f"{PLANNER} has no parameter vtheta_samples"
+    wait_for(lambda: line in node.text, 8.0, "one line")
+    assert node.alive() and node.text.count(line) == 1
+
+
+def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
+    weights = make_weights(hidden=(4,))
+    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])     # inf - inf
+    node, _, client = stack(weights=weights)
+    client.apply(SPACE.from_dict({"max_vel_x": 0.7}))
+    robot.goal = "one"
+    wait_for(lambda: robot.decisions, 5.0, "a decision")
+    assert client.theta()[0] == 0.7 and "not finite" in robot.decisions[0]["refused"]
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0 once the policy is lost")
+    wait_for(lambda: robot.count("refused") >= 3, 3.0, "diagnostics")
+    assert robot.values["level"] == 2 and "not finite" in node.text
+
+
+def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(robot, stack):
+    _, _, client = stack("dwa")
+    report = client.apply(np.full(8, 1e9))
+    assert report.ok and np.array_equal(client.theta(), SPACE.high)
+    report = client.apply(np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3]))
+    assert report.ok and client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
+
+
+def test_fault_3_frozen_servers_are_abandoned_and_recovered(robot, stack):
+    _, fake, client = stack("random")
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    fake.freeze()
+    began = time.monotonic()
+    assert not client.apply(THETA_0).ok and time.monotonic() - began < 1.2
+    before = len(robot.beats), len(robot.decisions)
+    time.sleep(1.0)
+    assert len(robot.beats) >= before[0] + 3 and len(robot.decisions) >= before[1] + 3     # the node goes on
+    fake.thaw()
+    wait_for(lambda: as_set(robot, client), 3.0, "recovery")
+
+
+def test_fault_3_an_abandoned_call_that_comes_through_late_does_not_last(stack, robot):
+    _, fake, client = stack("dwa")
+    from applr_ros1.nodes.applier import Applier
+    reports = []
+    applier = Applier(client, reports.append, reports.append)
+    applier.start()
+    applier.want(SPACE.low)
+    assert applier.idle(3.0)
+    # As if a call for SPACE.high had been sent to a server that froze, and came through after the next one.
+    applier._abandoned = SPACE.high
+    applier.want(SPACE.low)
+    wait_for(lambda: applier._check_at is not None, 2.0, "success")
+    client.apply(SPACE.high)
+    assert applier.idle(4.0)
+    wait_for(lambda: np.array_equal(client.theta(), SPACE.low), 3.0, "the newer set")
+    applier.stop()
+
+
+def test_fault_4_a_restarted_server_gets_its_parameters_again(robot, stack, tmp_path):
+    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "inflation_radius": 0.2}')
+    node, fake, client = stack("fixed", parameters=str(tmp_path / "set.json"))
+    wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
+    fake.kill()
+    stack.fake()
+    wait_for(lambda: "came back" in node.text, 8.0, "the new server noticed")
+    anew = ReconfigureClient()
+    wait_for(lambda: not anew.connect(), 5.0, "servers")
+    wait_for(lambda: anew.theta()[0] == 1.5 and anew.theta()[7] == 0.2, 5.0, "the set again")
+    anew.close()
+
+
+@pytest.mark.parametrize("server", [PLANNER, LAYERS[1]])
+@pytest.mark.parametrize("fault", ["refuse", "hold"])
+def test_fault_5_one_refusal_puts_the_others_back(robot, stack, server, fault):
+    import rospy
+    _, _, client = stack("dwa")
+    rospy.set_param("/fake/" + fault, [server])
+    report = client.apply(SPACE.high)
+    assert not report.ok and server in report.error and "\n" not in report.error
+    assert len(report.put_back) >= 2
+    for role, values in ((role, s.values()) for role, s in client._servers.items()):
+        for i, sign, name in client._names[role]:
+            assert values[name] == sign * THETA_0[i], (role, name)
+    rospy.delete_param("/fake/" + fault)
+    assert client.apply(SPACE.high).ok
+
+
+def test_fault_6_a_persons_change_is_in_the_next_observation(robot, stack):
+    from dynamic_reconfigure.client import Client
+    _, _, client = stack()
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    person = Client(PLANNER, timeout=3.0)
+    person.update_configuration({"max_vel_x": 0.77})
+    wait_for(lambda: any(d["theta_prev"]["max_vel_x"] == 0.77 for d in robot.decisions), 3.0, "theta(t-1)")
+    person.close()
+
+
+def test_fault_7_50_hz_of_reconfigures(robot, stack):
+    _, _, client = stack("dwa")
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        began = time.monotonic()
+        assert client.apply(SPACE.to_theta(rng.uniform(-1, 1, 8))).ok
+        time.sleep(max(0.0, 0.02 - (time.monotonic() - began)))
+
+
+@pytest.mark.parametrize("damage", ["missing", "truncated", "pickle", "shapes"])
+def test_fault_9_unusable_policies_leave_theta_0(robot, stack, tmp_path, damage):
+    import pickle
+    path = tmp_path / "bad.safetensors"
+    save(path, make_weights())
+    if damage == "missing":
+        path = tmp_path / "none.safetensors"
+    elif damage == "truncated":
+        path.write_bytes(path.read_bytes()[:1000])
+    elif damage == "pickle":
+        path.write_bytes(pickle.dumps({"a": 1}))
+    else:
+        import safetensors.numpy
+        path.write_bytes(safetensors.numpy.save({"x": np.zeros(3, np.float32)}))
+    node, _, client = stack(policy=str(path))
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
+    assert np.array_equal(client.theta(), THETA_0)
+    errors = [line for line in node.text.splitlines() if "ERROR" in line]
+    assert len(errors) == 1 and str(path) in errors[0] and "theta_0" in errors[0]
+    wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], 3.0, "diagnostics")
+
+
+def test_fault_11_odd_scans(robot, stack):
+    node, _, client = stack()
+    good = robot.ranges
+    robot.goal = "one"
+    for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
+        robot.ranges, count = odd, len(robot.decisions)
+        wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")
+        assert np.all(np.isfinite(robot.observations[-1]))
+    for odd, line in ((np.full(720, np.nan, np.float32), "all 720 beams"), (good[:360], "360 beams"),
+                      (good[:0], "0 beams")):
+        robot.ranges = odd
+        wait_for(lambda: line in node.text, 5.0, line)
+        assert node.text.count(line) <= 2
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0")
+    assert robot.count("unusable") >= 1 or wait_for(lambda: robot.count("unusable") >= 1, 3.0)
+    robot.ranges, count = good, len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "recovery")
+    assert "Traceback" not in node.text
+
+
+def test_fault_13_a_clock_that_jumps_back_starts_afresh(robot, stack):
+    import rospy
+    rospy.set_param("/use_sim_time", True)
+    robot.simulated = True
+    node, _, client = stack("random", period=0.5)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 3, 8.0, "decisions")
+    robot.now, count = 20.0, len(robot.decisions)
+    wait_for(lambda: "jumped back" in node.text, 5.0, "the jump")
+    wait_for(lambda: len(robot.decisions) >= count + 3, 8.0, "decisions after the jump")
+    after = [d for d in robot.decisions if int(d["stamp"]) < 90e9]
+    assert after[0]["theta_prev"] == SPACE.as_dict(THETA_0)
+
+
+def test_dwa_leaves_the_planner_alone(robot, stack):
+    _, _, client = stack("dwa")
+    client.apply(SPACE.from_dict({"max_vel_x": 0.9}))      # a person tries something
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 3, 5.0, "decisions")
+    assert client.theta()[0] == 0.9
+
+
+@pytest.mark.parametrize("parameters, line", [({"mode": "fast"}, "mode 'fast' is unknown"),
+                                              ({"mode": "dwa", "period": -1}, "period is -1")])
+def test_wrong_parameters_end_the_node_in_one_line(robot, stack, parameters, line):
+    node, _, _ = stack(fake=None, ready=False, **parameters)
+    wait_for(lambda: not node.alive(), 10.0, "end")
+    assert node.process.returncode == 1 and line in node.text and len(node.text.splitlines()) == 1
