@@ -46,7 +46,8 @@ def pack(worlds) -> bytes:
     """Bytes of the data file for 300 pairs (filled, path), in order."""
     filled = np.array([f for f, _ in worlds], dtype=bool)
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, filled=np.packbits(filled), path_cells=np.concatenate([p for _, p in worlds]).astype(np.uint8),
+    np.savez_compressed(buffer, filled=np.packbits(filled),
+                        path_cells=np.concatenate([p for _, p in worlds]).astype(np.uint8),
                         path_ends=np.cumsum([len(p) for _, p in worlds]).astype(np.int32))
     return buffer.getvalue()
 

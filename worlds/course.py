@@ -1,5 +1,5 @@
-"""A course for a world that was read from a file: stated in the file, taken from BARN's path file beside it, or
-searched for. `sdf_reader` calls it."""
+"""A course for a world that was read from a file: stated in the file, taken from BARN's path file beside it,
+or searched for. `sdf_reader` calls it."""
 from __future__ import annotations
 
 import io
@@ -29,7 +29,8 @@ MAX_SIDE = 50.0                 # [m] of the area searched
 def from_element(element: Element, path: str) -> Course:
     """The course that our writer put into a world file."""
     def get(tag, count):
-        return tuple(numbers(element.findtext("{%s}%s" % (NAMESPACE, tag)), count, "%s of the course in %s" % (tag, path)))
+        text = element.findtext("{%s}%s" % (NAMESPACE, tag))
+        return tuple(numbers(text, count, "%s of the course in %s" % (tag, path)))
 
     words = (element.findtext("{%s}path" % NAMESPACE) or "").split()
     if not 4 <= len(words) <= 2 * MAX_PATH:
@@ -49,7 +50,8 @@ def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -
         folder = os.path.dirname(os.path.abspath(path))
         file = os.path.join(folder, PATH_FOLDER, "path_%s.npy" % number.group(1))
         if os.path.lexists(file):
-            if os.path.commonpath([os.path.realpath(folder), os.path.realpath(file)]) != os.path.realpath(folder):
+            home = os.path.realpath(folder)
+            if os.path.commonpath([home, os.path.realpath(file)]) != home:
                 raise WorldError("%s leads out of the world's folder; put the file itself there" % file)
             return _on_barns_grid(file, cylinders)
     if movers:
@@ -92,8 +94,8 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     clear = search.free_space(field.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
-        raise WorldError("%s runs into an obstacle at cell %s: no passage there; put the world's own path file there or "
-                         "clear the way" % (file, tuple(int(v) for v in cells[shut][0])))
+        raise WorldError("%s runs into an obstacle at cell %s: no passage there; put the world's own path file "
+                         "there or clear the way" % (file, tuple(int(v) for v in cells[shut][0])))
     return field.paper_course(field.to_xy(cells))
 
 
@@ -120,11 +122,12 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     """From below the obstacles (least y) to above them, wherever a robot gets through."""
     low, high = _extent(cylinders, boxes)
     if low is None:
-        raise WorldError("%s holds no obstacle that a ground robot could meet; give a world with boxes or cylinders" % path)
+        raise WorldError("%s holds no obstacle that a ground robot could meet; give a world with boxes or cylinders"
+                         % path)
     low, high = low - MARGIN - 0.5 * SEARCH_CELL, high + MARGIN
     if max(high - low) > MAX_SIDE:
-        raise WorldError("%s is %.0f x %.0f m, too large to search for a course (at most %.0f m); write one into it with "
-                         "worlds.sdf_writer" % (path, high[0] - low[0], high[1] - low[1], MAX_SIDE))
+        raise WorldError("%s is %.0f x %.0f m, too large to search for a course (at most %.0f m); write one into it "
+                         "with worlds.sdf_writer" % (path, high[0] - low[0], high[1] - low[1], MAX_SIDE))
     free = free_grid(low, high, cylinders, boxes)
     sides = int(round(MARGIN / SEARCH_CELL))
     if high[0] - low[0] > NARROW:               # through the world, not around it
@@ -150,7 +153,7 @@ def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Tuple[Optional[np.ndarr
 
 
 def free_grid(low: np.ndarray, high: np.ndarray, cylinders: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """(nx, ny) bool: cells whose centre is at least ROBOT_RADIUS from every obstacle. Each obstacle marks its window only."""
+    """(nx, ny) bool: cells whose centre is at least ROBOT_RADIUS from every obstacle. Each marks its window only."""
     shape = np.ceil((high - low) / SEARCH_CELL).astype(int)
     free = np.ones(shape, dtype=bool)
 

@@ -16,7 +16,7 @@ ORIGIN = (-4.425, 5.175)    # centre of cell (0, 0) [m]
 CLEARANCE = 2               # cells around a filled cell that are not free: a 5 x 5 window
 
 START_Y, FINISH_Y = 4.075, 10.0      # of the paper's course [m]: 5.925 m
-GOAL_BEYOND = 5.0                    # the goal lies this far past the path's end, so that the planner does not slow down
+GOAL_BEYOND = 5.0                    # the goal lies this far past the path's end: no slowing down before it
 GOAL_TOLERANCE = 0.4
 
 

@@ -68,7 +68,7 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
 
 
 def generate_field(number: int, seed: int = SEED) -> Tuple[np.ndarray, np.ndarray]:
-    """(filled (30, 30) bool, hollowed; path (k, 2) int64 cells) of world `number`; drawn again until there is a path."""
+    """(filled (30, 30) bool, hollowed; path (k, 2) int64 cells) of world `number`. Drawn until there is a path."""
     fill, rounds = kind(number)
     rng = np.random.default_rng([seed, number])
     while True:

@@ -73,7 +73,7 @@ def _dispersion(free: np.ndarray, cell: Tuple[int, int]) -> int:
 
 
 def _meets_wall(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) -> bool:
-    """Whether a ray of 3 cells meets a cell that is not free. A step of +2 counts as two, one of -2 (so BARN) as one."""
+    """Whether a ray of 3 cells meets a cell that is not free. A step of +2 counts 2, one of -2, as in BARN, 1."""
     (r, c), gone = cell, 0
     while gone < _DISPERSION_RADIUS:
         r, c = r + move[0], c + move[1]

@@ -53,7 +53,7 @@ def sphere(pose: np.ndarray, radius: float) -> Optional[Circle]:
 
 
 def box(pose: np.ndarray, size: Sequence[float]) -> Optional[Rectangle]:
-    """The rectangle that a box covers, exact for one that stands on a face; None where a Jackal passes under or over."""
+    """The rectangle that a box covers, exact if it stands on a face; None where a Jackal passes under or over."""
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     corners = (signs * np.asarray(size)) @ pose[:3, :3].T
     if not in_the_way(pose[2, 3] + corners[:, 2].min(), pose[2, 3] + corners[:, 2].max()):

@@ -80,7 +80,8 @@ def _bounded_tree(path: str, data: bytes) -> Element:
         raise WorldError("%s uses XML that is not read, %s; remove its DOCTYPE and entities"
                          % (path, type(error).__name__)) from None
     except (LookupError, UnicodeError) as error:        # an encoding that does not exist or does not fit
-        raise WorldError("%s has an encoding that cannot be read (%s); save it as UTF-8" % (path, _line(error))) from None
+        raise WorldError("%s has an encoding that cannot be read (%s); save it as UTF-8"
+                         % (path, _line(error))) from None
     if root is None:
         raise WorldError("%s is empty; save the world from Gazebo again" % path)
     return root

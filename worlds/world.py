@@ -32,15 +32,15 @@ class Course:
 
     @property
     def length_m(self) -> float:
-        """Straight distance to be driven [m]: start to finish line (5.925 in BARN's worlds), else to the goal's circle."""
+        """Straight distance to drive [m]: start to finish line (5.925 in BARN's worlds), else to the goal's circle."""
         if self.finish_y is not None:
             return self.finish_y - self.start[1]
         return max(0.0, math.hypot(self.goal[0] - self.start[0], self.goal[1] - self.start[1]) - self.goal_tolerance)
 
     @property
     def route_m(self) -> float:
-        """Length of the reference route [m]: start, reference path, then the finish line or the goal. BARN's metric takes
-        its optimal time, at 2 m/s, from it."""
+        """Length of the reference route [m]: start, reference path, then the finish line or the goal.
+        BARN's metric takes its optimal time, at 2 m/s, from it."""
         end = (self.path[-1, 0], self.finish_y) if self.finish_y is not None else self.goal[:2]
         points = np.vstack([self.start[:2], self.path, end])
         return float(np.hypot(*np.diff(points, axis=0).T).sum())
