@@ -69,7 +69,7 @@ def read_path_file(file: str) -> np.ndarray:
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = reader(stream)
-    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as error:
+    except Exception as error:      # numpy's header parser lets several kinds through: tokenize's, ast's, its own
         raise WorldError("%s is not an .npy file (%s); remove it or put BARN's there"
                          % (file, str(error).split("\n")[0][:80])) from None
     if dtype.kind not in "iu" or len(shape) != 2 or shape[1] != 2 or not 2 <= shape[0] <= MAX_PATH:
