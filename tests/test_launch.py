@@ -1,0 +1,145 @@
+"""The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
+import json
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+import yaml
+
+from applr_ros1.nodes import processes
+from applr_ros1.planner import parameters
+from applr_ros1.planner.parameter_check import complete
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+APPLR = os.path.join(ROOT, "applr")
+LAUNCH = ("applr_ros1", "jackal_applr.launch")
+pytestmark = pytest.mark.ros
+
+
+def inside(*command, timeout=60, **options):
+    """The finished process of a command in the workspace's environment."""
+    return subprocess.run([APPLR, "exec", *command], capture_output=True, text=True, timeout=timeout, check=False,
+                          **options)
+
+
+def test_parameter_files_are_the_jackals():
+    dumped = inside("roslaunch", "--dump-params", *LAUNCH)
+    assert dumped.returncode == 0, dumped.stderr
+    tree = {}
+    for name, value in yaml.safe_load(dumped.stdout).items():
+        if name.startswith("/move_base/"):
+            here, keys = tree, name[len("/move_base/"):].split("/")
+            for key in keys[:-1]:
+                here = here.setdefault(key, {})
+            here[keys[-1]] = value
+    assert parameters.check(tree) == []
+    assert complete(tree) == complete(parameters.JACKAL)
+
+
+@pytest.mark.parametrize("arguments, nodes", [
+    ((), {"/sim_bridge", "/move_base", "/applr", "/send_goal"}),
+    (("sim:=false",), {"/move_base", "/applr"}),
+    (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/applr", "/send_goal"}),
+    (("record:=/tmp/a.bag", "rviz:=true", "goal:=none"), {"/sim_bridge", "/move_base", "/applr", "/record", "/rviz"}),
+])
+def test_which_nodes_start(arguments, nodes):
+    listed = inside("roslaunch", "--nodes", *LAUNCH, *arguments)
+    assert listed.returncode == 0, listed.stderr
+    assert set(listed.stdout.split()) == nodes
+
+
+@pytest.mark.parametrize("argument", ["world:=generated:300", "mode:=faster", "seed:=-1", "real_time_factor:=-1",
+                                      "real_time_factor:=nan", "simulator:=gazebo", "move_base:=fortran", "goal:=1 2",
+                                      "record:=/no/such/folder/a.bag", "policy:=/no/such.safetensors mode:=applr",
+                                      "sim:=perhaps", "speed:=3", "world"])
+def test_a_wrong_argument_is_one_line(argument):
+    words = argument.split(" ") if "mode" in argument else [argument]
+    refused = inside("rosrun", "applr_ros1", "check_arguments.py", *words)
+    lines = refused.stderr.strip().splitlines()
+    assert refused.returncode == 1 and len(lines) == 1 and lines[0].startswith("applr: "), refused.stderr
+    demo = subprocess.run([APPLR, "demo", *words], capture_output=True, text=True, timeout=30, check=False)
+    assert demo.returncode == 2 and demo.stderr.startswith(lines[0][:-1])
+
+
+def test_roslaunch_refuses_a_wrong_argument():
+    refused = inside("roslaunch", "--skip-log-check", "-p", str(processes.free_port()), *LAUNCH, "real_time_factor:=-1")
+    assert refused.returncode != 0
+    assert "applr: real_time_factor is -1: give 0 (as fast as it goes) or more" in refused.stderr
+    assert "auto-starting new master" not in refused.stdout
+
+
+def test_install_space(tmp_path):
+    """Executables, Python packages, generated configurations and data, from a folder that knows nothing of devel."""
+    build = """
+        set -e
+        mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
+        unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH
+        catkin_make -C {ws} -DPYTHON_EXECUTABLE=$(command -v python) -DCATKIN_ENABLE_TESTING=OFF install
+        rm -rf {ws}/src {ws}/devel {ws}/build
+        . {ws}/install/setup.sh
+        cd /
+        rosrun applr_ros1 check_arguments.py world:=generated:5
+        roslaunch --files applr_ros1 jackal_applr.launch
+        roslaunch --nodes applr_ros1 jackal_applr.launch
+        python -c "from applr_ros1.cfg import TrajectoryPlannerConfig; import worlds, training; print(worlds.__file__)"
+    """.format(ws=tmp_path, root=ROOT)
+    done = inside("bash", "-c", build, timeout=120)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    tail = done.stdout.splitlines()[-7:]
+    assert tail[0] == "checked" and tail[1].startswith(str(tmp_path / "install")), tail
+    assert {"/sim_bridge", "/move_base", "/applr", "/send_goal"} <= set(tail)
+    assert tail[-1].startswith(str(tmp_path / "install"))
+
+
+def demo(tmp_path, *arguments):
+    return subprocess.Popen([APPLR, "demo", *arguments, "picture:=%s" % (tmp_path / "drive.png")], text=True,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+
+
+def test_demo_reaches_the_goal(tmp_path):
+    running = demo(tmp_path, "world:=generated:0", "real_time_factor:=0")
+    out, err = running.communicate(timeout=240)
+    lines = out.splitlines()
+    result = json.loads(lines[-1])
+    assert running.returncode == 0, out + err
+    assert result["world"] == "generated:0" and result["mode"] == "dwa" and result["success"] is True
+    assert isinstance(result["collided"], bool) and 5.0 < result["time_s"] < 100.0
+    for part in ("simulator", "move_base", "applr"):
+        assert any(part in line and "up after" in line for line in lines), out
+    assert any("m to go" in line for line in lines), out
+    assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_demo_that_runs_out_of_time(tmp_path):
+    running = demo(tmp_path, "world:=generated:0", "limit:=2", "simulator:=kinematic")
+    out, err = running.communicate(timeout=240)
+    result = json.loads(out.splitlines()[-1])
+    assert running.returncode == 1 and result["success"] is False and result["timeout"] is True, out + err
+
+
+def test_interrupted_demo_leaves_nobody(tmp_path):
+    running = demo(tmp_path, "world:=generated:1")
+    for line in running.stdout:
+        if "goal sent" in line:
+            break
+    below = processes.descendants(running.pid)
+    assert len(below) >= 5
+    running.send_signal(signal.SIGINT)
+    began = time.monotonic()
+    assert running.wait(timeout=10) == 130
+    assert time.monotonic() - began < 5.0
+    assert not [pid for pid in below if os.path.exists("/proc/%d" % pid)]
+    assert not (tmp_path / "drive.png").exists()
+
+
+def test_a_busy_port_is_named():
+    import socket
+    with socket.socket() as taken:
+        taken.bind(("localhost", 0))
+        taken.listen(1)
+        port = taken.getsockname()[1]
+        refused = subprocess.run([APPLR, "demo", "port:=%d" % port], capture_output=True, text=True, timeout=30,
+                                 check=False)
+    assert refused.returncode == 2 and str(port) in refused.stderr and len(refused.stderr.strip().splitlines()) == 1
