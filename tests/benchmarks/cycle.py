@@ -1,0 +1,76 @@
+"""The whole planner on courses like BARN's: time of one control cycle, and how much faster than time the simulators with
+the planner run on one core. Called by run.py."""
+import time
+
+import numpy as np
+
+import sim_bridge
+import worlds
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.warm_up import warm_up
+from applr_ros1.policy.parameter_space import SPACE
+from training.episode import Episode
+
+COURSES = (3, 60, 140, 250)         # of the built-in worlds, from sparse to dense
+DECISIONS = 10                      # of each course, 20 simulated seconds
+
+
+def control_cycle():
+    """Mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
+    warm_up()
+    move_base = MoveBase()
+    step, took = move_base.step, []
+
+    def timed(*arguments):
+        began = time.perf_counter()
+        cycle = step(*arguments)
+        if cycle.controlled:
+            took.append(time.perf_counter() - began)
+        return cycle
+
+    move_base.step = timed
+    means = []
+    for _ in range(3):
+        took.clear()
+        _drive("kinematic", move_base, lambda random: SPACE.theta0)
+        means.append(np.mean(took))
+    return 1e3 * min(means), "ms (mean over %d cycles)" % len(took)
+
+
+def sim_speed_kinematic():
+    return _speed("kinematic")
+
+
+def sim_speed_pybullet():
+    return _speed("pybullet")
+
+
+def _speed(simulator):
+    """Simulated seconds per wall second on one core, with new random parameters every two seconds, resets included."""
+    warm_up()
+    move_base = MoveBase()
+    _drive(simulator, move_base, _random, decisions=1)
+    best = 0.0
+    for _ in range(3):
+        began = time.perf_counter()
+        simulated = _drive(simulator, move_base, _random)
+        best = max(best, simulated / (time.perf_counter() - began))
+    return best, "simulated s per wall s and core"
+
+
+def _random(generator):
+    return SPACE.to_theta(generator.uniform(-1.0, 1.0, len(SPACE)))
+
+
+def _drive(simulator, move_base, theta, decisions=DECISIONS):
+    """Drive the courses; returns simulated seconds."""
+    episode = Episode(sim_bridge.make(simulator), move_base)
+    generator, simulated = np.random.default_rng(0), 0.0
+    for number in COURSES:
+        episode.reset(worlds.load("generated:%d" % number), seed=number)
+        for _ in range(decisions):
+            outcome = episode.decide(theta(generator))
+            simulated += outcome.seconds
+            if outcome.over:
+                break
+    return simulated
