@@ -1,0 +1,106 @@
+"""A stand-in for what the applr node hears and is heard by: a robot that stands, with a plan and perhaps a goal.
+
+Used by tests of the applr node and of bags; it lives in the test's own process.
+"""
+import json
+import threading
+import time
+
+import numpy as np
+
+
+class Robot:
+    """Publishes what a Jackal and move_base would: scan, odometry, plan, goal status; and hears the node."""
+
+    def __init__(self):
+        import rospy
+        from actionlib_msgs.msg import GoalStatusArray
+        from diagnostic_msgs.msg import DiagnosticArray
+        from nav_msgs.msg import Odometry, Path
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import LaserScan
+        from std_msgs.msg import Float32MultiArray, Float64MultiArray, String, Time
+        self.scan = rospy.Publisher("/front/scan", LaserScan, queue_size=1)
+        self.odom = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
+        self.plan = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
+        self.status = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
+        for topic, kind, callback in (("/applr/decision", String, self._on_decision),
+                                      ("/applr/observation", Float32MultiArray, self._on_observation),
+                                      ("/applr/heartbeat", Time, self._on_heartbeat),
+                                      ("/applr/parameters", Float64MultiArray, self._on_parameters),
+                                      ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
+            rospy.Subscriber(topic, kind, callback, queue_size=50)
+        self.simulated = False
+        self.reset()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def reset(self):
+        rng = np.random.default_rng(0)
+        self.ranges = rng.uniform(0.3, 4.0, 720).astype(np.float32)
+        self.pose = (0.5, -0.25, 0.4)
+        self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
+        self.goal = None
+        self.now = 100.0
+        self.simulated = False
+        self.decisions, self.observations, self.beats, self.parameters, self.values = [], [], [], [], {}
+
+    def _on_decision(self, msg):
+        self.decisions.append(json.loads(msg.data))
+
+    def _on_observation(self, msg):
+        self.observations.append(np.array(msg.data, dtype=np.float32))
+
+    def _on_heartbeat(self, msg):
+        self.beats.append(msg.data.to_sec())
+
+    def _on_parameters(self, msg):
+        self.parameters.append(list(msg.data))
+
+    def _on_diagnostics(self, msg):
+        self.values = {v.key: v.value for v in msg.status[0].values}
+        self.values["level"], self.values["message"] = msg.status[0].level, msg.status[0].message
+
+    def count(self, key):
+        return int(self.values.get(key, 0))
+
+    def _run(self):
+        import rospy
+        while not rospy.is_shutdown():
+            time.sleep(0.02)
+            if self.simulated:
+                self.now += 0.02
+                message = self._messages()["clock"]
+                self.clock.publish(message)
+            messages = self._messages()
+            for name in ("status", "odom", "scan", "plan"):
+                if messages[name] is not None:
+                    getattr(self, name).publish(messages[name])
+
+    def _messages(self):
+        import rospy
+        from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+        from geometry_msgs.msg import PoseStamped
+        from nav_msgs.msg import Odometry, Path
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import LaserScan
+        now = rospy.Time.from_sec(self.now) if self.simulated else rospy.Time.now()
+        ranges, status = self.ranges, GoalStatusArray()
+        scan = LaserScan(angle_min=-2.35619, angle_max=2.35619, angle_increment=4.71238 / 719, range_min=0.1,
+                         range_max=30.0, ranges=ranges)
+        odom, plan = Odometry(child_frame_id="base_link"), Path()
+        odom.pose.pose.position.x, odom.pose.pose.position.y = self.pose[:2]
+        odom.pose.pose.orientation.z = np.sin(self.pose[2] / 2)
+        odom.pose.pose.orientation.w = np.cos(self.pose[2] / 2)
+        for x, y in self.path:
+            pose = PoseStamped()
+            pose.pose.position.x, pose.pose.position.y = x, y
+            plan.poses.append(pose)
+        if self.goal is not None:
+            entry = GoalStatus(status=GoalStatus.ACTIVE)
+            entry.goal_id.id = self.goal
+            status.status_list.append(entry)
+        for message, frame in ((scan, "front_laser"), (odom, "odom"), (plan, "odom"), (status, "")):
+            message.header.stamp, message.header.frame_id = now, frame
+        return {"scan": scan if ranges is not None else None, "odom": odom, "status": status,
+                "plan": plan if self.goal is not None else None, "clock": Clock(now)}
