@@ -27,7 +27,8 @@ def launch_file():
 def declared(path=None):
     """{name: (default, doc)} of the launch file's arguments, in its order."""
     root = xml.parse(path or launch_file()).getroot()
-    return {arg.get("name"): (arg.get("default"), arg.get("doc", "")) for arg in root.findall("arg")}
+    return {arg.get("name"): (arg.get("default"), arg.get("doc", "")) for arg in root.findall("arg")
+            if arg.get("value") is None}
 
 
 def parse(words, known):

@@ -4,6 +4,7 @@ line of JSON. Called by scripts/demo.py."""
 import dataclasses
 import json
 import os
+import re
 import signal
 import sys
 import tempfile
@@ -16,6 +17,8 @@ PICTURE = "applr_demo.png"
 LIMIT = 100.0           # simulated seconds: the fifty decisions of the paper's episodes
 UP_WITHIN = 300.0       # wall seconds for one part to come up; the first time its kernels are compiled
 STALLED_AFTER = 20.0    # wall seconds without a new pose
+COLOUR = re.compile("\x1b\\[[0-9;]*m")
+NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|shutting down|done|=====|log file: ")
 EXTRA = {"port": ("", "of the ROS master; a free one if empty"),
          "picture": (PICTURE, "file for the picture"),
          "limit": (str(LIMIT), "simulated seconds until the drive counts as timed out")}
@@ -131,11 +134,13 @@ class Stack:
             raise DemoError("the stack ended by itself: %s" % self.last_words())
 
     def last_words(self):
-        """The last line of the log that reports an error."""
+        """The first line of the log that reports an error, else its last line."""
         with open(self.log.name, encoding="utf-8", errors="replace") as file:
-            lines = [line.strip() for line in file if line.strip()]
-        telling = [line for line in lines if "rror" in line or "FATAL" in line or line.startswith("applr")]
-        return (telling or lines or ["it said nothing"])[-1][:300]
+            lines = [COLOUR.sub("", line).strip() for line in file if line.strip()]
+        lines = [line for line in lines if not NOISE.match(line)]
+        telling = [line for line in lines if line.startswith(("applr: ", "sim_bridge: ", "move_base: "))] or [
+            line for line in lines if "rror" in line or "xception" in line or "FATAL" in line]
+        return (telling[:1] or lines[-1:] or ["it said nothing"])[0][:300]
 
     def stop(self):
         processes.stop(self.process)
