@@ -19,9 +19,9 @@ STEP = kernel.STEP
 @dataclass(frozen=True)
 class KinematicParameters:
     """In the kernel's order; sim_bridge/fit.py prints the fitted values that stand here."""
-    wheel_rub: float = 0.5         # friction of a wheel along an obstacle
-    chassis_rub: float = 0.5       # and of the chassis
-    undo: float = 0.2              # share of an overlap that is undone in a step
+    wheel_rub: float = 0.66        # friction of a wheel along an obstacle
+    chassis_rub: float = 0.94      # and of the chassis
+    undo: float = 0.51             # share of an overlap that is undone in a step
 
 
 class KinematicSimulator(Simulator):

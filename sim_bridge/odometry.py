@@ -16,6 +16,7 @@ class Odometry:
         self.imu = (0.0, 0.0)
         self._gain = 1.0 + scale * jackal.ODOM_SCALE_ERROR * float(rng.standard_normal())
         self._error = 0.0                                    # of the heading [rad]; none at the start
+        self._turned = 0.0                                   # frame odom against the world
         self._noise, self._next = rng.standard_normal(256).tolist(), 0
 
     def _normal(self):
@@ -24,13 +25,18 @@ class Odometry:
         self._next += 1
         return self._noise[self._next - 1]
 
+    def set(self, pose, true_yaw):
+        """From now on the pose is this one."""
+        self.pose = tuple(map(float, pose))
+        self._turned = self.pose[2] - true_yaw
+
     def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
         """Wheels turned at `wheel_speed` [m/s] (mean of the four) for `duration`; the true yaw and yaw rate now."""
         keep = exp(-duration / jackal.ODOM_HEADING_TIME)
         self._error = keep * self._error + (self.scale * jackal.ODOM_HEADING_DRIFT
                                             * sqrt(1.0 - keep * keep) * self._normal())
         x, y, old = self.pose
-        yaw += self._error
+        yaw += self._error + self._turned
         turn = (yaw - old + pi) % (2 * pi) - pi
         ahead = wheel_speed * self._gain * duration
         middle = old + 0.5 * turn

@@ -3,6 +3,7 @@
 Bullet carries the robot on its wheels, and stops, turns, tilts and pushes it at obstacles; the tyres' pull on the ground is
 skid_steer.py's. In-process and without a window; any number may live in one process. Repeats exactly under a seed.
 """
+import os
 from math import atan2
 
 import numpy as np
@@ -11,7 +12,7 @@ from numba import njit
 from . import bullet_scene as scene
 from . import jackal, skid_steer
 from .odometry import Odometry
-from .simulator import RobotState, Simulator
+from .simulator import RobotState, Simulator, SimulatorError
 
 STEP = skid_steer.STEP
 _MOTOR_TORQUE = 10.0                          # [N m] a wheel, against obstacles
@@ -20,12 +21,15 @@ _OFF_X, _OFF_Y, _OFF_Z = jackal.CHASSIS_COM
 
 
 class PybulletSimulator(Simulator):
-    """See Simulator."""
+    """See Simulator. gui=True opens pybullet's window."""
 
-    def __init__(self, **randomisation):
+    def __init__(self, gui=False, **randomisation):
+        self._client = None
         super().__init__(**randomisation)
         self._p = scene.load_pybullet()
-        self._client = self._p.connect(self._p.DIRECT)
+        if gui and not os.environ.get("DISPLAY"):
+            raise SimulatorError("gui is true but there is no display (DISPLAY is not set): leave gui away, or use RViz")
+        self._client = self._p.connect(self._p.GUI if gui else self._p.DIRECT)
         self._table = skid_steer.rim_table()
         self._lift = np.ones(4)
 
@@ -35,8 +39,7 @@ class PybulletSimulator(Simulator):
             self._client = None
 
     def __del__(self):
-        if getattr(self, "_client", None) is not None:
-            self.close()
+        self.close()
 
     def _place(self, pose, new_world, seed):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.

@@ -141,6 +141,11 @@ class Simulator(ABC):
         """A pose (x, y, yaw) of frame odom in the world frame."""
         return pose[0] + self.odom_origin[0], pose[1] + self.odom_origin[1], pose[2]
 
+    def set_odometry(self, pose):
+        """Make the odometry believe in `pose` (x, y, yaw) of frame odom; the robot stays where it is."""
+        self._odometry.set(pose, self.state.pose[2])
+        self.state = replace(self.state, odom_pose=self._odometry.pose)
+
     def mover_circles(self):
         """(k, 3) x, y, radius of the world's moving cylinders at the present time."""
         movers = self.world.movers

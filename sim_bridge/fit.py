@@ -1,0 +1,153 @@
+"""How far KinematicSimulator drives like PybulletSimulator, and the numbers that bring it nearest:
+`python -m sim_bridge.fit [--scenes 60]`. Prints step responses side by side, then contacts before and after the fit.
+
+Contacts are compared on scenes: obstacles strewn about the robot, two commands of 1.5 s each, most of which run into
+something. Both robots get the same seed, so ground and wheels are equally uneven. Takes about a minute.
+"""
+import argparse
+import sys
+from dataclasses import astuple
+from math import hypot, pi
+
+import numpy as np
+
+from .calibration import OpenPlane, run
+from .kinematic_simulator import KinematicParameters, KinematicSimulator
+from .pybullet_simulator import PybulletSimulator
+from .simulator import SimulatorError
+
+RESPONSES = [("start and stop, straight", (1.0, 0.0)), ("start and stop, turning", (0.0, 1.57)),
+             ("curve", (0.5, 1.0)), ("reverse", (-0.5, 0.0))]
+
+
+class Scene:
+    """Obstacles about the origin, and what to drive there."""
+    name = "scene"
+    movers = ()
+
+    class course:
+        start = goal = (0.0, 0.0, 0.0)
+
+    def __init__(self, seed):
+        rng = np.random.default_rng(seed)
+        spots = rng.uniform(-1.1, 1.1, (16, 2))
+        self.cylinders = np.array([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
+        self.boxes = np.empty((0, 5))
+        if seed % 3 == 0:                            # a wall askew ahead instead of cylinders
+            yaw = rng.uniform(-0.7, 0.7)
+            self.cylinders = np.empty((0, 3))
+            self.boxes = np.array([(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
+        self.commands = [(rng.uniform(0.1, 1.2), rng.uniform(-1.5, 1.5)) if rng.random() < 0.75
+                         else ((-0.5, 0.0) if rng.random() < 0.3 else (0.0, rng.uniform(-2.0, 2.0))) for _ in range(2)]
+
+    def drive(self, simulator, seed):
+        """Poses (60, 3) every 50 ms, whether there was contact (60,)."""
+        simulator.reset(self, seed)
+        poses, touched = [], []
+        for v, w in self.commands:
+            for _ in range(30):
+                simulator.command(v, w)
+                state = simulator.advance(0.05)
+                poses.append(state.pose)
+                touched.append(state.contact)
+        return np.array(poses), np.array(touched)
+
+
+def compare(scenes, recorded, parameters):
+    """Per scene: distance [m] and turn [rad] between the two robots at the end, after the longer of the two drives' ways."""
+    simulator = KinematicSimulator(parameters)
+    rows = []
+    for seed, (scene, (poses, touched)) in enumerate(zip(scenes, recorded)):
+        mine, mine_touched = scene.drive(simulator, seed)
+        apart = np.hypot(*(mine[:, :2] - poses[:, :2]).T)
+        turn = np.abs((mine[:, 2] - poses[:, 2] + pi) % (2 * pi) - pi)
+        rows.append((apart[-1], turn[-1], apart.mean(), turn.mean(), touched.any(), mine_touched.any()))
+    return np.array(rows, dtype=float)
+
+
+def loss(scenes, recorded, parameters):
+    rows = compare(scenes, recorded, parameters)
+    return float(np.mean(np.minimum(rows[:, 2], 0.3) + 0.2 * np.minimum(rows[:, 3], 1.5)))
+
+
+def fit(scenes, recorded, start, sweeps=3):
+    """Coordinate search from `start`; returns the best KinematicParameters."""
+    best = np.array(astuple(start))
+    low, high = np.array([0.0, 0.0, 0.02]), np.array([1.0, 1.0, 1.0])
+    error = loss(scenes, recorded, KinematicParameters(*best))
+    width = (high - low) / 4
+    for _ in range(sweeps):
+        for i in range(len(best)):
+            for shift in (-2, -1, 1, 2):
+                trial = best.copy()
+                trial[i] = min(max(best[i] + shift * width[i] / 2, low[i]), high[i])
+                now = loss(scenes, recorded, KinematicParameters(*trial))
+                if now < error:
+                    error, best = now, trial
+        width = width / 2
+    return KinematicParameters(*best.round(3).tolist())
+
+
+def responses(simulators):
+    """Print true speeds at 50, 100, 200, 500 ms after a start and after a stop, for each simulator."""
+    print("%-26s %-10s %s" % ("response (v or w)", "", "50 ms   100     200     500  | stop: 50     100     250 ms after"))
+    for name, (v, w) in RESPONSES:
+        for label, simulator in simulators:
+            simulator.reset(OpenPlane, 0)
+            pick = 0 if v else 1
+            rise = [simulator_step(simulator, v, w).twist[pick] for _ in range(20)]
+            fall = [simulator_step(simulator, 0.0, 0.0).twist[pick] for _ in range(5)]
+            print("%-26s %-10s %s  | %s" % (name, label, "  ".join("%6.3f" % rise[i] for i in (0, 1, 3, 9)),
+                                            "  ".join("%6.3f" % fall[i] for i in (0, 1, 4))))
+
+
+def simulator_step(simulator, v, w):
+    simulator.command(v, w)
+    return simulator.advance(0.05)
+
+
+def drifts(simulators):
+    """Print where base_link is after whole turns in place and a straight line, for each simulator."""
+    print("%-40s %-10s x       y       yaw" % ("pose after", ""))
+    for name, v, w, seconds in (("two turns in place, 1.57 rad/s", 0.0, 1.57, 8.0), ("the other way", 0.0, -1.57, 8.0),
+                                ("10 s straight, 1 m/s", 1.0, 0.0, 10.0), ("10 s curve, 1 m/s, .5 rad/s", 1.0, 0.5, 10.0)):
+        for label, simulator in simulators:
+            simulator.reset(OpenPlane, 1)
+            pose = run(simulator, v, w, seconds).pose
+            print("%-40s %-10s %7.3f %7.3f %7.3f" % ((name, label) + pose))
+
+
+def report(title, rows):
+    hit = rows[:, 4] > 0
+    print("%s: %d scenes with contact: end apart median %.3f m, mean %.3f m, 90 %% %.3f m; turned apart median %.3f rad; "
+          "contact seen by both or neither in %.0f %%" % (
+              title, hit.sum(), np.median(rows[hit, 0]), rows[hit, 0].mean(), np.quantile(rows[hit, 0], 0.9),
+              np.median(rows[hit, 1]), 100 * np.mean(rows[:, 4] == rows[:, 5])))
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--scenes", type=int, default=60, help="as many again are kept aside for the check")
+    arguments = parser.parse_args(argv)
+    try:
+        bullet, kinematic = PybulletSimulator(), KinematicSimulator()
+    except SimulatorError as error:
+        sys.exit("fit: %s" % error)
+    pair = (("pybullet", bullet), ("kinematic", kinematic))
+    responses(pair)
+    drifts(pair)
+    scenes = [Scene(seed) for seed in range(2 * arguments.scenes)]
+    recorded = [scene.drive(bullet, seed) for seed, scene in enumerate(scenes)]
+    half = arguments.scenes
+    start = KinematicParameters()
+    way = np.mean([np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() for poses, _ in recorded])
+    print("a scene's drive is %.2f m long on average" % way)
+    report("before", compare(scenes[half:], recorded[half:], start))
+    best = fit(scenes[:half], recorded[:half], start)
+    report("after ", compare(scenes[half:], recorded[half:], best))
+    print("fitted on the first %d, reported on the others: %s" % (half, best))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

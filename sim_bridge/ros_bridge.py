@@ -1,0 +1,240 @@
+"""The node /sim_bridge: a simulated Jackal as ROS sees the real one. Started by applr_ros1/scripts/sim_bridge.py.
+
+Topics out: /clock (100 Hz) /front/scan /odometry/filtered /tf /tf_static /imu/data /joint_states /collision ~collision
+~ground_truth (frame world, 50 Hz) ~obstacles ~current_world (latched) ~movers. In: /cmd_vel and
+/jackal_velocity_controller/cmd_vel (the newest counts), /set_pose (what the odometry believes, as on the Jackal), ~world.
+Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world named by parameter ~world).
+Parameters: ~world ~simulator ~seed ~real_time_factor ~gui ~randomisation.
+
+One thread simulates; callbacks only leave what they heard. ROS time never goes back, not even at a reset.
+"""
+import sys
+import threading
+import time
+from math import atan2, isfinite
+
+import rospy
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from std_msgs.msg import String
+from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
+
+import worlds
+
+from . import jackal, make
+from .ros_topics import Topics
+from .simulator import SimulatorError
+
+TICK = 0.01                     # simulated seconds between clocks; data every second one
+CONTROL_PERIOD = 0.05           # the planner's, for the lock-step of real_time_factor 0
+PATIENCE = 0.25                 # wall seconds the lock-step waits for a command
+IDLE_FACTOR = 5.0               # real_time_factor 0 while nobody commands
+
+
+class Bridge:
+    """The node's state: simulator, the newest command heard, ROS time."""
+
+    def __init__(self):
+        self.factor = _number("real_time_factor", 1.0)
+        if self.factor < 0.0:
+            raise SimulatorError("real_time_factor is %g: give 0 (as fast as it goes) or more" % self.factor)
+        self.seed = int(_number("seed", 0))
+        if not 0 <= self.seed < 2 ** 31:
+            raise SimulatorError("seed is %d: give 0 to 2147483647" % self.seed)
+        name = rospy.get_param("~simulator", "pybullet")
+        options = dict(rospy.get_param("~randomisation", {}))
+        if rospy.get_param("~gui", False):
+            options["gui"] = True
+        self.simulator = make(name, **options)
+        world = worlds.load(str(rospy.get_param("~world", "generated:0")))
+        self._warm_up(world)
+        self.lock = threading.Lock()            # of the simulator
+        self.arrived = threading.Condition()    # of the next four
+        self.heard = None                       # newest command (v, w) not yet given to the simulator
+        self.driven = False                     # somebody commands
+        self.commanded_at = 0.0                 # simulated time of the newest command
+        self.refused = 0
+        self.base_time = 1.0                    # ROS time of the simulator's 0; ROS takes time 0 for "no time"
+        self.touched = False
+        self.topics = Topics()
+        self.simulator.reset(world, self.seed)
+        self.topics.publish_world(self.simulator, self.stamp())
+        self._connect()
+        rospy.loginfo("sim_bridge: ready: world %s (%d cylinders, %d boxes%s), %s simulator, seed %d, real time factor %g",
+                      world.name, len(world.cylinders), len(world.boxes),
+                      ", %d moving" % len(world.movers) if world.movers else "", name, self.seed, self.factor)
+
+    def _warm_up(self, world):
+        """Compile everything before anybody can count on the clock."""
+        self.simulator.reset(world, self.seed)
+        self.simulator.command(0.5, 0.5)
+        for _ in range(10):
+            self.simulator.advance(TICK)
+        self.simulator.scan()
+
+    def _connect(self):
+        for topic in ("/cmd_vel", "/jackal_velocity_controller/cmd_vel"):
+            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2 ** 16, tcp_nodelay=True)
+        rospy.Subscriber("/set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
+        rospy.Subscriber("~world", String, self.on_world, queue_size=1)
+        rospy.Service("~reset", Empty, self.on_reset)
+        rospy.Service("~load_world", Trigger, self.on_load_world)
+
+    def stamp(self):
+        return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
+
+    # -- the simulating thread ---------------------------------------------------------------------
+    def spin(self):
+        pace, ticks = Pace(self.factor), 0
+        while not rospy.is_shutdown():
+            ticks += 1
+            with self.lock:
+                self._take_command()
+                state = self.simulator.advance(TICK)
+                self.touched |= state.contact
+                stamp = self.stamp()
+                if ticks % 2 == 0:
+                    self.topics.publish_state(state, self.simulator.scan(), stamp, self.touched)
+                    self.touched = False
+                    if ticks % 10 == 0:
+                        self.topics.publish_movers(self.simulator, stamp)
+                self.topics.publish_clock(stamp)
+            if self.factor == 0.0:
+                self._lock_step()
+                if not self.driven:
+                    pace.wait(TICK, IDLE_FACTOR)
+            else:
+                pace.wait(TICK, self.factor)
+
+    def _take_command(self):
+        with self.arrived:
+            command, self.heard = self.heard, None
+        if command is not None:
+            self.simulator.command(*command)
+            self.commanded_at = self.simulator.state.time
+
+    def _lock_step(self):
+        """As fast as it goes, but never further than a control period beyond the planner's last command: wait for the next
+        one, at most PATIENCE. Who falls silent for longer is not waited for again until a command comes."""
+        if self.driven and self.simulator.state.time - self.commanded_at > CONTROL_PERIOD - 1e-6:
+            with self.arrived:
+                self.driven = self.arrived.wait_for(lambda: self.heard is not None, PATIENCE)
+
+    # -- callbacks ---------------------------------------------------------------------------------
+    def on_command(self, message):
+        v, w = message.linear.x, message.angular.z
+        if not (isfinite(v) and isfinite(w)):
+            self.refused += 1
+            rospy.logwarn_throttle(5.0, "sim_bridge: velocity command (%g, %g) refused: not finite (%d so far)"
+                                   % (v, w, self.refused))
+            return
+        with self.arrived:
+            self.heard, self.driven = (v, w), True
+            self.arrived.notify()
+
+    def on_set_pose(self, message):
+        """Sets what the odometry believes; the robot stays where it is."""
+        p, q = message.pose.pose.position, message.pose.pose.orientation
+        values = (p.x, p.y, q.x, q.y, q.z, q.w)
+        if not all(map(isfinite, values)) or abs(sum(value * value for value in values[2:]) - 1.0) > 0.1:
+            rospy.logwarn("sim_bridge: /set_pose refused: position and orientation must be finite, the quaternion of length 1")
+            return
+        with self.lock:
+            self.simulator.set_odometry((p.x, p.y, atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))))
+
+    def on_reset(self, _):
+        self.seed += 1
+        self._restart(self.simulator.world)
+        return EmptyResponse()
+
+    def on_world(self, message):
+        self._change_world(message.data)
+
+    def on_load_world(self, _):
+        problem = self._change_world(str(rospy.get_param("~world", "")))
+        return TriggerResponse(not problem, problem or "world %s" % self.simulator.world.name)
+
+    def _change_world(self, spec):
+        """Load and restart; the line that says why not, if not. The old world stays then."""
+        try:
+            world = worlds.load(spec)
+        except (ValueError, OSError) as error:
+            rospy.logerr("sim_bridge: world stays %s: %s", self.simulator.world.name, error)
+            return str(error)
+        self._restart(world)
+        rospy.loginfo("sim_bridge: world %s", world.name)
+        return ""
+
+    def _restart(self, world):
+        with self.lock:
+            self.base_time += self.simulator.state.time + TICK
+            with self.arrived:
+                self.heard, self.driven, self.commanded_at = None, False, 0.0
+            state = self.simulator.reset(world, self.seed)
+            self.touched = False
+            self.topics.publish_world(self.simulator, self.stamp())
+            self.topics.publish_state(state, self.simulator.scan(), self.stamp(), False)
+            self.topics.publish_clock(self.stamp())
+        time.sleep(0.05)                        # lets scans from the old place pass before the maps are cleared
+        _clear_costmaps()
+
+
+class Pace:
+    """Keeps simulated and wall time in step."""
+
+    def __init__(self, factor):
+        self.next = time.monotonic()
+        self.late, self.told = 0.0, 0.0
+
+    def wait(self, simulated, factor):
+        """Sleep until it is time. What is more than .2 s late is not caught up with, and said."""
+        now = time.monotonic()
+        self.next += simulated / factor
+        if self.next > now:
+            time.sleep(self.next - now)
+        elif now - self.next > 0.2:
+            self.late += now - self.next
+            self.next = now
+            if now - self.told > 10.0:
+                self.told = now
+                rospy.logwarn("sim_bridge: simulated time is %.1f s behind real_time_factor %g: the machine is busy",
+                              self.late, factor)
+
+
+def _clear_costmaps(patience=2.0):
+    """Ask move_base, if there is one, to clear its costmaps; wait no longer than `patience` wall seconds."""
+    def call():
+        try:
+            rospy.wait_for_service("/move_base/clear_costmaps", 0.1)
+            rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
+        except rospy.ROSException:
+            pass                                # no move_base: nothing to clear
+        except rospy.ServiceException as error:
+            rospy.logwarn("sim_bridge: costmaps not cleared: %s", str(error).split("\n")[0])
+
+    worker = threading.Thread(target=call, daemon=True)
+    worker.start()
+    worker.join(patience)
+    if worker.is_alive():
+        rospy.logwarn("sim_bridge: costmaps not cleared: /move_base/clear_costmaps has not answered for %g s", patience)
+
+
+def _number(name, default):
+    value = rospy.get_param("~" + name, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+        raise SimulatorError("%s is %r: give a number" % (name, value))
+    return value
+
+
+def main():
+    """Runs until shutdown. Exit status 1 and one line if it cannot start."""
+    rospy.init_node("sim_bridge")
+    try:
+        bridge = Bridge()
+    except (ValueError, OSError) as error:
+        print("sim_bridge: %s" % error, file=sys.stderr, flush=True)
+        return 1
+    try:
+        bridge.spin()
+    except rospy.ROSInterruptException:
+        pass
+    return 0

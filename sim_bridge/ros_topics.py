@@ -1,0 +1,151 @@
+"""What the simulated Jackal says over ROS: a RobotState and a scan as the messages of Clearpath's Jackal. ros_bridge.py
+publishes through it. Positions are planar; z is base_link's plane."""
+from math import cos, pi, sin
+
+import rospy
+from geometry_msgs.msg import Quaternion, TransformStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState, LaserScan
+from std_msgs.msg import Bool, ColorRGBA, String
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
+
+from . import jackal
+
+WORLD, ODOM, BASE = "world", "odom", "base_link"
+OBSTACLE_HEIGHT = 0.5
+WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
+_COVARIANCE = [0.0] * 36
+for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
+    _COVARIANCE[7 * _i] = _value
+
+
+class Topics:
+    """The publishers. Queued, so that no frozen listener holds the simulation up."""
+
+    def __init__(self):
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
+        self.tf = rospy.Publisher("/tf", TFMessage, queue_size=50, tcp_nodelay=True)
+        self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
+        self.odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=10, tcp_nodelay=True)
+        self.scan = rospy.Publisher("/front/scan", LaserScan, queue_size=10, tcp_nodelay=True)
+        self.imu = rospy.Publisher("/imu/data", Imu, queue_size=10)
+        self.joints = rospy.Publisher("/joint_states", JointState, queue_size=10)
+        self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
+        self.collisions = [rospy.Publisher(name, Bool, queue_size=10) for name in ("~collision", "/collision")]
+        self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
+        self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
+        self.world = rospy.Publisher("~current_world", String, queue_size=1, latch=True)
+        self._turned = [0.0, 0.0]                  # of the left and right wheels [rad]
+        self._last = None
+
+    def publish_clock(self, stamp):
+        self.clock.publish(stamp)
+
+    def publish_state(self, state, ranges, stamp, touched):
+        """Everything of one instant. ranges (720,) float32; touched: since the last call."""
+        self.tf.publish([_transform(ODOM, BASE, state.odom_pose, stamp)])
+        self.odometry.publish(_odometry(ODOM, state.odom_pose, state.odom_twist, stamp))
+        self.scan.publish(_scan(ranges, stamp))
+        self.truth.publish(_odometry(WORLD, state.pose, state.twist, stamp))
+        for publisher in self.collisions:
+            publisher.publish(touched)
+        if self.imu.get_num_connections():
+            self.imu.publish(_imu(state, stamp))
+        self._publish_joints(state, stamp)
+
+    def publish_world(self, simulator, stamp):
+        """Static frames, obstacles and the world's name: after every reset and change of world."""
+        x, y = simulator.odom_origin
+        laser = _transform(BASE, jackal.LASER_FRAME, jackal.LASER_OFFSET + (0.0,), stamp, jackal.LASER_HEIGHT)
+        self.tf_static.publish([laser, _transform(BASE, "chassis_link", (0.0, 0.0, 0.0), stamp),
+                                _transform(BASE, "imu_link", (0.0, 0.0, 0.0), stamp),
+                                _transform(WORLD, ODOM, (x, y, 0.0), stamp)])
+        markers = [Marker(action=Marker.DELETEALL)]
+        markers += [_cylinder(*row, i + 1, stamp) for i, row in enumerate(simulator.world.cylinders.tolist())]
+        markers += [_box(*row, len(markers) + i, stamp) for i, row in enumerate(simulator.world.boxes.tolist())]
+        markers[0].header.frame_id = WORLD
+        self.obstacles.publish(markers)
+        self.world.publish(simulator.world.name)
+        self._last = None
+
+    def publish_movers(self, simulator, stamp):
+        circles = simulator.mover_circles().tolist()
+        if circles and self.movers.get_num_connections():
+            self.movers.publish([_cylinder(x, y, r, i, stamp, "movers") for i, (x, y, r) in enumerate(circles)])
+
+    def _publish_joints(self, state, stamp):
+        now = state.time
+        if self._last is not None and now > self._last:
+            v, w = state.odom_twist
+            for i, sign in enumerate((-1.0, 1.0)):
+                rate = (v + sign * 0.75 * jackal.TRACK * w) / jackal.WHEEL_RADIUS
+                self._turned[i] = (self._turned[i] + rate * (now - self._last)) % (2 * pi)
+        self._last = now
+        if self.joints.get_num_connections():
+            message = JointState(name=WHEELS, position=self._turned * 2)
+            message.header.stamp = stamp
+            self.joints.publish(message)
+
+
+def quaternion(yaw):
+    return Quaternion(0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
+
+
+def _transform(parent, child, pose, stamp, z=0.0):
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id, message.header.stamp = parent, stamp
+    translation = message.transform.translation
+    translation.x, translation.y, translation.z = pose[0], pose[1], z
+    message.transform.rotation = quaternion(pose[2])
+    return message
+
+
+def _odometry(frame, pose, twist, stamp):
+    message = Odometry(child_frame_id=BASE)
+    message.header.frame_id, message.header.stamp = frame, stamp
+    message.pose.pose.position.x, message.pose.pose.position.y = pose[0], pose[1]
+    message.pose.pose.orientation = quaternion(pose[2])
+    message.twist.twist.linear.x, message.twist.twist.angular.z = twist
+    message.pose.covariance = message.twist.covariance = _COVARIANCE
+    return message
+
+
+def _scan(ranges, stamp):
+    message = LaserScan(angle_min=jackal.ANGLE_MIN, angle_max=jackal.ANGLE_MAX, angle_increment=jackal.ANGLE_INCREMENT,
+                        scan_time=1.0 / jackal.SCAN_RATE, range_min=jackal.RANGE_MIN, range_max=jackal.RANGE_MAX,
+                        ranges=ranges.tolist())
+    message.header.frame_id, message.header.stamp = jackal.LASER_FRAME, stamp
+    return message
+
+
+def _imu(state, stamp):
+    message = Imu()
+    message.header.frame_id, message.header.stamp = "imu_link", stamp
+    message.orientation = quaternion(state.odom_pose[2])
+    message.linear_acceleration.x, message.angular_velocity.z = state.imu
+    message.linear_acceleration.z = jackal.GRAVITY
+    message.orientation_covariance[0] = message.orientation_covariance[4] = message.orientation_covariance[8] = 1e-4
+    message.angular_velocity_covariance[8] = jackal.GYRO_NOISE ** 2
+    message.linear_acceleration_covariance[0] = jackal.ACCELEROMETER_NOISE ** 2
+    return message
+
+
+def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
+    marker = Marker(ns=name, id=number, type=kind, action=Marker.ADD, color=ColorRGBA(*colour))
+    marker.header.frame_id, marker.header.stamp = WORLD, stamp
+    marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT / 2
+    marker.pose.orientation = quaternion(yaw)
+    marker.scale.x, marker.scale.y, marker.scale.z = size
+    return marker
+
+
+def _cylinder(x, y, radius, number, stamp, name="obstacles"):
+    colour = (0.8, 0.4, 0.2, 1.0) if name == "movers" else (0.45, 0.47, 0.5, 1.0)
+    return _marker(Marker.CYLINDER, x, y, 0.0, (2 * radius, 2 * radius, OBSTACLE_HEIGHT), number, stamp, name, colour)
+
+
+def _box(x, y, yaw, size_x, size_y, number, stamp):
+    return _marker(Marker.CUBE, x, y, yaw, (size_x, size_y, OBSTACLE_HEIGHT), number, stamp, "obstacles",
+                   (0.62, 0.5, 0.35, 1.0))
