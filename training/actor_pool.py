@@ -39,12 +39,18 @@ class Pool:
         self.settings, self.next_task = settings, next_task
         self.replaced = 0           # actors that died or hung
         self.version, self._weights = -1, b""
+        self._kept = (-1, b"")
         self._lock = threading.Lock()
 
     def publish(self, version: int, weights: bytes) -> None:
         """The newest policy; actors get it with their next task."""
         with self._lock:
             self.version, self._weights = version, weights
+
+    def keep(self, version: int, weights: bytes) -> None:
+        """A policy for evaluation tasks that name its version; replaces the one kept before."""
+        with self._lock:
+            self._kept = (version, weights)
 
     def poll(self, timeout: float) -> List[bytes]:
         """Answers that came in; waits for the first at most so long."""
@@ -59,10 +65,12 @@ class Pool:
 
     def _task(self, slot: int, known: int) -> Tuple[Dict[str, Any], int, bytes]:
         """(task, policy version, weights if the actor knows another version)."""
+        task = self.next_task(slot)
         with self._lock:
-            version, weights = self.version, self._weights
-        task = dict(self.next_task(slot), version=version)
-        return task, version, weights if version != known else b""
+            version, weights = (self._kept if task["kind"] == "evaluate" else (self.version, self._weights))
+        if task.get("theta0"):
+            return task, known, b""
+        return dict(task, version=version), version, weights if version != known else b""
 
 
 class InProcess(Pool):

@@ -102,10 +102,10 @@ class Journal:
             if since is not None and segment < since[0]:
                 continue
             begin = since[1] if since is not None and segment == since[0] else 0
-            for end, blob in self._records(segment, begin):
+            for i, (end, blob) in enumerate(self._records(segment, begin)):
                 if until is not None and (segment, end) > tuple(until):
                     return
-                if blob[:1] != b"{":
+                if begin or i:                  # the first record of a segment is its header
                     yield blob
 
     # -- segments ----------------------------------------------------------------------------------

@@ -131,21 +131,23 @@ class Learner:
             raise StorageError("%s: not a checkpoint of this program" % path)
         return checkpoint
 
-    def resume(self, on_trajectory=lambda trajectory: None) -> Dict[str, Any]:
+    def resume(self, on_trajectory=lambda learner, trajectory: None) -> Dict[str, Any]:
         """Back to the last checkpoint, and on through what the journal holds behind it. Returns the checkpoint's extra.
 
         A folder without a checkpoint but with a journal is gone through from its beginning. on_trajectory is called
-        for every episode behind the checkpoint, after its gradient steps.
+        for every episode behind the checkpoint: on_trajectory(learner, trajectory).
         """
         checkpoint = self.saved(self.folder)
         place, extra = None, {}
         if checkpoint is not None:
             place, extra = checkpoint["journal"], checkpoint["extra"]
             self._restore(checkpoint)
-        for blob in self.journal.read(since=place):
-            self._add(Trajectory.unpack(blob))
             self.work()
-            on_trajectory(self)
+        for blob in self.journal.read(since=place):
+            trajectory = Trajectory.unpack(blob)
+            self._add(trajectory)
+            on_trajectory(self, trajectory)
+            self.work()
         return extra
 
     def _restore(self, checkpoint):

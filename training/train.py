@@ -1,0 +1,417 @@
+"""Training with one command: python -m training.train, rosrun applr_ros1 train.py. --help lists every option.
+
+Online: actors drive episodes, the one learner takes them in and learns (the paper's Gorila). Offline: from a dataset.
+The run's folder holds config.json, checkpoint.json with learner-*.safetensors, journal/ (all trajectories), actor and
+best .safetensors, episodes.csv, evaluations.jsonl, curves.png, tensorboard/.
+"""
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+import safetensors.numpy
+
+from training.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
+from training.config import ConfigError, TrainConfig, parse
+from training.dataset import Dataset, DatasetError
+from training.learner import Learner
+from training.rounds import THETA0, Episodes, Rounds, draw_curves
+from training.storage import Lock, StorageError, make_folder, write_bytes, write_json
+from training.tasks import Tasks, easiest_first
+from training.td3 import LearnerError
+from training.worker import RESULT, TRAJECTORY, layout_of
+
+OURS = TrainConfig.env
+MANY_ERRORS = 20        # failed episodes in a row: something is wrong with all of them
+
+
+class Training:
+    """A run from its options to its end. run() returns the exit status."""
+
+    def __init__(self, config: TrainConfig):
+        self.began = time.monotonic()
+        self.config = config = config.resolved()
+        settings, train_worlds, test_worlds, layout = prepare(config)
+        self.layout = layout
+        dataset = Dataset(config.dataset, layout) if config.dataset else None
+        self.folder = make_folder(config.out)
+        self.lock = Lock(self.folder)
+        if not config.resume and (self.folder / "config.json").exists():
+            raise ConfigError("%s holds a run already: --resume goes on with it, another --out begins a new one"
+                              % self.folder)
+        if config.threads:
+            import torch
+            torch.set_num_threads(config.threads)
+        self.learner = Learner(layout, _with_rows(config, dataset), self.folder)
+        self.dataset = dataset
+        write_json(self.folder / "config.json", dict(asdict(config), resume=False))
+        self.extra = self._resume() if config.resume else {}
+        self.episodes = self.episodes if config.resume else Episodes(self.folder, 0)
+        self.rounds = Rounds(self.folder, _spread(test_worlds, config.eval_count), config.eval_trials, config.eval_every,
+                             config.seed, config.contact_seconds)
+        order = easiest_first(train_worlds) if config.curriculum and train_worlds else None
+        self.tasks = Tasks(config, len(train_worlds) if train_worlds else None, order, self.learner.replay.episodes_of)
+        self.tasks.transitions = self.learner.transitions
+        self.board = Board(self.folder, self.steps) if config.tensorboard else None
+        self.line = ProgressLine()
+        self.stopping: Optional[str] = None
+        self.errors = 0
+        self._published = -1
+        self._saved = time.monotonic()
+        self._episode_errors: Dict[str, int] = {}
+        self.pool = self._make_pool(settings)
+
+    def _resume(self):
+        """Back to where the run was: the checkpoint, and every trajectory taken since."""
+        checkpoint = Learner.saved(self.folder)
+        self.episodes = Episodes(self.folder, checkpoint["episodes"] if checkpoint else 0)
+        return self.learner.resume(lambda learner, t: self.episodes.add(learner.transitions, t.info))
+
+    def _make_pool(self, settings) -> Pool:
+        c = self.config
+        if c.actors == 0 or self.offline:
+            return InProcess(settings, self.tasks.next)
+        if c.pool == "processes":
+            return Processes(settings, self.tasks.next, c.actors)
+        return RayPool(settings, self.tasks.next, c.actors, c.ray_address or None)
+
+    # -- the run -------------------------------------------------------------------------------------
+    @property
+    def offline(self) -> bool:
+        return self.dataset is not None and not self.config.mix
+
+    @property
+    def steps(self) -> int:
+        """What evaluations, curves and TensorBoard are counted in."""
+        return self.learner.td3.updates if self.offline else self.learner.transitions
+
+    @property
+    def finished(self) -> bool:
+        c, learner = self.config, self.learner
+        return learner.td3.updates >= c.updates if self.offline else learner.transitions >= c.steps
+
+    def run(self) -> int:
+        previous = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)} \
+            if _main_thread() else {}
+        try:
+            self._take_dataset()
+            self.learner.work()
+            self._publish()
+            while not self.finished and not self.stopping:
+                self._one_turn()
+            while self.finished and not self.stopping and (self.rounds.number is not None or self._begin_round()):
+                self._collect(0.2)
+            self.save()
+            draw_curves(self.folder / "curves.png", self.episodes, self.rounds)
+        finally:
+            self.pool.close()
+            self.line.close()
+            if self.board:
+                self.board.close()
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+        self._say_the_end()
+        return 130 if self.stopping else 0
+
+    def _one_turn(self) -> None:
+        """Take what came in, learn what that owes, and see to everything that is due."""
+        self._begin_round()
+        if self.offline:
+            for _ in range(min(10, self.config.updates - self.learner.td3.updates)):
+                self.learner.update()
+            if self.rounds.number is not None:
+                self._collect(0.0)
+        else:
+            self._collect(0.2)
+        self._publish()
+        if time.monotonic() - self._saved > self.config.checkpoint_every:
+            self.save()
+        self._say()
+
+    def _collect(self, timeout: float) -> None:
+        for answer in self.pool.poll(timeout):
+            if self.stopping:
+                return
+            if answer[:1] == TRAJECTORY and not self.offline:
+                if self.finished:
+                    continue
+                trajectory = self.learner.take(answer[1:])
+                if trajectory is not None:
+                    self._taken(trajectory)
+            elif answer[:1] == RESULT:
+                result = json.loads(answer[1:])
+                if self.tasks.done(result["task"]):
+                    self._round_goes_on(result)
+            elif answer[:1] not in (TRAJECTORY, RESULT):
+                self._failed(json.loads(answer[1:]))
+
+    def _taken(self, trajectory) -> None:
+        self.errors = 0
+        self.episodes.add(self.learner.transitions, trajectory.info)
+        self.tasks.transitions = self.learner.transitions
+        while self.learner.owed and not self.stopping:
+            self.learner.work(10)
+            self._publish()
+
+    def _failed(self, answer) -> None:
+        """An episode ended by an error: counted, said once, and too many in a row end the run."""
+        text = str(answer.get("error"))
+        if text not in self._episode_errors:
+            self.line.say("an episode failed: %s" % text)
+        self._episode_errors[text] = self._episode_errors.get(text, 0) + 1
+        self.errors += 1
+        if self.errors >= MANY_ERRORS:
+            raise PoolError("%d episodes in a row failed, the last with %s" % (self.errors, text))
+        task = answer.get("task", {})
+        if task.get("kind") == "evaluate" and self.tasks.done(task):
+            self._round_goes_on(None)
+
+    def _publish(self) -> None:
+        updates = self.learner.td3.updates
+        if self._published < 0 or updates >= self._published + self.config.publish_every \
+                or self.config.actors == 0 and updates != self._published:
+            self.pool.publish(updates, safetensors.numpy.save(self.learner.td3.actor_weights()))
+            self._published = updates
+
+    def _take_dataset(self) -> None:
+        if self.dataset is None:
+            return
+        known = self.learner.replay.episodes_of("dataset")      # a resumed run has them already
+        for i, trajectory in enumerate(self.dataset):
+            if i < known:
+                continue
+            trajectory.info = dict(trajectory.info, actor="dataset", episode=i, version=self.learner.td3.updates)
+            self.learner.take(trajectory.pack())
+        if not self.learner.transitions:
+            raise DatasetError("%s: holds no transitions" % self.config.dataset)
+
+    # -- evaluation ------------------------------------------------------------------------------------
+    def _begin_round(self) -> bool:
+        number = self.rounds.due(self.steps)
+        if number is None:
+            return False
+        self._weights = self.learner.td3.actor_weights()
+        self.pool.keep(self.learner.td3.updates, safetensors.numpy.save(self._weights))
+        self.tasks.evaluate(self.rounds.begin(number, self.steps, self.learner.td3.updates))
+        return True
+
+    def _round_goes_on(self, result) -> None:
+        summary = self.rounds.add(result)
+        if summary is None:
+            return
+        self.line.say(describe(summary))
+        if summary["best"]:
+            self.export(self.folder / "best.safetensors", self._weights, summary)
+        if self.board:
+            self.board.round(summary)
+        draw_curves(self.folder / "curves.png", self.episodes, self.rounds)
+
+    # -- keeping -----------------------------------------------------------------------------------------
+    def save(self) -> None:
+        self.learner.save({"elapsed": self.extra.get("elapsed", 0.0) + time.monotonic() - self.began})
+        self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
+        self._saved = time.monotonic()
+
+    def export(self, path, weights, result) -> None:
+        """The policy as policy/actor.py reads it, with what trained it."""
+        metadata = {"training": {"steps": self.steps, "updates": self.learner.td3.updates,
+                                 "transitions": self.learner.transitions, "options": asdict(self.config)},
+                    "result": result, "default": self.rounds.default if result else None}
+        if self.config.env == OURS:
+            from applr_ros1.policy import actor
+            actor.save(path, weights, metadata)
+        else:
+            write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
+
+    # -- saying --------------------------------------------------------------------------------------------
+    def _say(self) -> None:
+        if not self.line.due():
+            return
+        learner, now = self.learner, time.monotonic()
+        counts = {"transitions": learner.transitions, "updates": learner.td3.updates}
+        rates = self.line.rates(now, counts)
+        goal, done = (self.config.updates, "updates") if self.offline else (self.config.steps, "transitions")
+        left = (goal - counts[done]) / rates[done] if rates[done] > 0 else float("inf")
+        losses = learner.td3.report()
+        values = {"return": self.episodes.recent("return"), "length": self.episodes.recent("length"),
+                  "success": self.episodes.recent("success"), "collided": self.episodes.recent("collided"),
+                  "sigma": self.config.noise(learner.transitions), "transitions_per_second": rates["transitions"],
+                  "updates_per_second": rates["updates"], "staleness_mean": learner.staleness.mean,
+                  "staleness_max": learner.staleness.most, "actors": self.pool.alive, "replaced": self.pool.replaced,
+                  "refused": sum(learner.refused.values()), **losses}
+        self.line.show(
+            "{:,} of {:,} {}  {:.1f} transitions/s  {:.1f} updates/s  sigma {:.2f}  return {:.2f}  length {:.1f}  "
+            "success {:.2f}  contact {:.2f}  Q {:.2f}  policy age {:.0f} (max {}) updates  actors {}{}{}  {} left".format(
+                counts[done], goal, done, rates["transitions"], rates["updates"], values["sigma"], values["return"],
+                values["length"], values["success"], values["collided"], losses.get("actor_q", float("nan")),
+                learner.staleness.mean, learner.staleness.most, self.pool.alive,
+                "  replaced %d" % self.pool.replaced if self.pool.replaced else "",
+                "  refused %d" % values["refused"] if values["refused"] else "", _clock(left)))
+        if self.board:
+            self.board.scalars("training", values, self.steps)
+
+    def _say_the_end(self) -> None:
+        best = self.rounds.best
+        print("%s after %s transitions and %s updates, %s; %s" % (
+            "Stopped by %s and saved" % self.stopping if self.stopping else "Done",
+            format(self.learner.transitions, ","), format(self.learner.td3.updates, ","),
+            _clock(time.monotonic() - self.began), self.folder))
+        if best:
+            print("best actor: %s" % describe(best))
+        for reason, count in sorted(self.learner.refused.items()):
+            print("refused %d trajectories: %s" % (count, reason))
+
+    def _signal(self, number, frame) -> None:
+        if self.stopping:
+            raise KeyboardInterrupt
+        self.stopping = signal.Signals(number).name
+
+
+class Board:
+    """TensorBoard events, where the package is there."""
+
+    def __init__(self, folder, step: int):
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+            self.writer = SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=step)
+        except ImportError:
+            print("no TensorBoard here: its events are not written", file=sys.stderr)
+            self.writer = None
+
+    def scalars(self, prefix: str, values: Dict[str, Any], step: int) -> None:
+        for name, value in values.items():
+            if self.writer and isinstance(value, (int, float)) and np.isfinite(value):
+                self.writer.add_scalar("%s/%s" % (prefix, name), value, step)
+
+    def round(self, summary) -> None:
+        prefix = "default_dwa" if summary["round"] == THETA0 else "held_out"
+        names = ("return", "length", "success", "collided", "time_s", "score")
+        self.scalars(prefix, {name: summary.get(name) for name in names}, summary["step"])
+
+    def close(self) -> None:
+        if self.writer:
+            self.writer.close()
+
+
+class ProgressLine:
+    """One line that is written over on a terminal, and every half minute a new one elsewhere."""
+
+    def __init__(self):
+        self.terminal = sys.stdout.isatty()
+        self.every = 1.0 if self.terminal else 30.0
+        self._next = time.monotonic() + 1.0
+        self._last: Optional[Any] = None
+        self._shown = False
+
+    def due(self) -> bool:
+        return time.monotonic() >= self._next
+
+    def rates(self, now: float, counts: Dict[str, int]) -> Dict[str, float]:
+        before, self._last = self._last or (now, counts), (now, counts)
+        seconds = now - before[0]
+        return {name: (counts[name] - before[1][name]) / seconds if seconds > 0 else 0.0 for name in counts}
+
+    def show(self, text: str) -> None:
+        self._next = time.monotonic() + self.every
+        if self.terminal:
+            width = os.get_terminal_size().columns - 1 if sys.stdout.isatty() else 200
+            print("\r\x1b[K" + text[:width], end="", flush=True)
+            self._shown = True
+        else:
+            print(text, flush=True)
+
+    def say(self, text: str) -> None:
+        self.close()
+        print(text, flush=True)
+
+    def close(self) -> None:
+        if self._shown:
+            print()
+            self._shown = False
+
+
+def prepare(config: TrainConfig):
+    """(settings of the workers, worlds to train in, number of held-out worlds, layout). Raises one-line errors."""
+    if config.env != OURS:
+        from training.worker import Worker
+        settings = {"env": config.env, "train": {}, "evaluate": {}}
+        try:
+            layout = layout_of(Worker(settings).environment("train"))
+        except (ImportError, AttributeError) as error:
+            raise ConfigError("--env %s cannot be had: %s" % (config.env, error)) from None
+        return settings, None, [] if config.eval_worlds == "none" else [0], layout
+    from training.env import ApplrEnv, load_worlds
+    import sim_bridge
+    train = load_worlds(config.worlds)
+    test = [] if config.eval_worlds == "none" else load_worlds(config.eval_worlds)
+    sim_bridge.Randomisation(**config.randomisation())
+    shared = {"reward": config.reward()}
+    settings = {"env": config.env,
+                "train": dict(shared, worlds=config.worlds, simulator=config.simulator,
+                              randomisation=config.randomisation()),
+                "evaluate": dict(shared, worlds=config.eval_worlds,
+                                 simulator=config.eval_simulator or config.simulator)}
+    return settings, train, list(range(len(test))), ApplrEnv.layout
+
+
+def describe(summary) -> str:
+    who = "default DWA" if summary["round"] == THETA0 else "evaluation at %s" % format(summary["step"], ",")
+    text = "%s: return %.2f, length %.2f" % (who, summary["return"], summary["length"])
+    if "success" in summary:
+        text += ", success %.3f, contact %.3f, time %s s, score %.2f s" % (
+            summary["success"], summary["collided"],
+            "-" if summary["time_s"] is None else "%.2f" % summary["time_s"], summary["score"])
+    return text + " (%d trials)%s" % (summary["trials"], ", the best so far" if summary["best"] else "")
+
+
+def _with_rows(config: TrainConfig, dataset: Optional[Dataset]):
+    from dataclasses import replace
+    learner = config.learner()
+    if dataset is not None and dataset.rows + 1000 > learner.capacity - (0 if not config.mix else config.steps):
+        learner = replace(learner, capacity=learner.capacity + dataset.rows + 1000)
+    return learner
+
+
+def _spread(indices: List[int], count: int) -> List[int]:
+    """`count` of them, evenly spread; all for 0."""
+    if not count or count >= len(indices):
+        return indices
+    return [indices[i] for i in np.linspace(0, len(indices) - 1, count).round().astype(int)]
+
+
+def _clock(seconds: float) -> str:
+    if not np.isfinite(seconds):
+        return "?"
+    return "%d:%02d:%02d" % (seconds // 3600, seconds // 60 % 60, seconds % 60)
+
+
+def _main_thread() -> bool:
+    import threading
+    return threading.current_thread() is threading.main_thread()
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """The command. 0: done; 1: a run could not go on; 2: options that cannot be; 130: stopped and saved."""
+    try:
+        return Training(parse(arguments)).run()
+    except ConfigError as error:
+        print("train.py: %s" % error, file=sys.stderr)
+        return 2
+    except (StorageError, LearnerError, PoolError, DatasetError, ValueError) as error:
+        if type(error) is ValueError:
+            raise
+        print("train.py: %s" % error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
