@@ -12,7 +12,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 import numpy as np
 
 from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SPACE, SpaceError
+from applr_ros1.policy.parameter_space import SPACE
 from training.bags import SECOND, Recording
 from training.episode import LIMIT, NEAREST, PERIOD, Outcome
 from training.reward import Reward, failed
@@ -38,6 +38,11 @@ class Goal:
     frame: str
     xy: Tuple[float, float]
 
+    @property
+    def ended(self) -> bool:
+        """Reached or given up: a terminal state. A goal that was cancelled or replaced is merely cut off."""
+        return self.status == SUCCEEDED or self.status in ABORTED
+
 
 @dataclass
 class Report:
@@ -53,23 +58,36 @@ class Report:
 
 @dataclass
 class Moment:
-    """One observation to be rebuilt: ROS time [ns], and the indices of the messages that it is made of."""
+    """One observation to be rebuilt at a ROS time [ns]: the indices of the messages that it is made of, and what came
+    of it. trouble: why it cannot be rebuilt, or why the transition that ends here cannot be used."""
     at: int
-    scan: int
-    pose: tuple
-    plan: int
     number: Optional[int] = None
+    scan: int = -1
+    pose: int = -1
+    plan: int = -1
+    trouble: str = ""
+    outcome: Optional[Outcome] = None
+    observation: Optional[np.ndarray] = None
 
 
 def trajectories(recording: Recording, reward: Reward = Reward(), layout: Layout = Layout(),
                  report: Optional[Report] = None) -> Iterator[Trajectory]:
     """Yields a Trajectory per usable stretch of each goal; what is unusable is counted in `report`."""
     report = report if report is not None else Report()
-    for number, goal in enumerate(goals(recording, report)):
+    courses = []
+    for goal in goals(recording, report):
         try:
-            yield from _rebuild(recording, goal, number, reward, layout, report)
+            _check_motion(recording, goal)
+            courses.append((goal, _moments(recording, goal)))
         except Skipped as reason:
             report.skip(str(reason))
+    usable = [m for _, moments in courses for m in moments if not m.trouble]
+    nearest, scans = recording.scans(m.scan for m in usable)
+    plans = recording.plans(m.plan for m in usable)
+    for number, (goal, moments) in enumerate(courses):
+        for i in range(len(moments)):
+            _see(recording, goal, moments, i, scans, plans, nearest, report)
+        yield from _cut(recording, goal, number, moments, reward, layout, report)
 
 
 def goals(recording: Recording, report: Report) -> List[Goal]:
@@ -97,31 +115,14 @@ def goals(recording: Recording, report: Report) -> List[Goal]:
         if not targets:
             report.skip("the goal's position was not recorded")
             continue
-        found.append(Goal(goal, start, min(end, at) if status is not None else end, status, *targets[-1][1:2],
-                          targets[-1][2:]))
+        found.append(Goal(goal, start, end if status is None else min(end, at), status, targets[-1][1], targets[-1][2:]))
     if not found and not report.skipped:
         report.skip("no goal was pursued")
     return found
 
 
-def _rebuild(recording, goal, number, reward, layout, report) -> Iterator[Trajectory]:
-    _check_motion(recording, goal)
-    moments = _moments(recording, goal)
-    nearest, scans = recording.scans({m.scan for m in moments})
-    plans = recording.plans({m.plan for m in moments})
-    outcomes, observations, reasons = [], [], []
-    for i, moment in enumerate(moments):
-        outcome = _outcome(recording, goal, moments, i, scans, plans, nearest)
-        outcomes.append(outcome)
-        obs = observe(scans[moment.scan].ranges, outcome.phi, outcome.theta)
-        _compare(recording, moment, obs, report)
-        observations.append(obs)
-        reasons.append(_unusable(recording, moments, i))
-    yield from _cut(goal, number, moments, outcomes, observations, reasons, recording, reward, layout, report)
-
-
 def _moments(recording, goal) -> List[Moment]:
-    """When decisions fell, with the messages of each; the last one is the episode's end."""
+    """When decisions fell; where the goal was reached or given up, the last moment is its end."""
     made = [d for d in recording.decisions if d["goal"] == goal.id]
     if made:
         moments = [_moment(recording, goal, d["stamp"], d) for d in made]
@@ -129,9 +130,8 @@ def _moments(recording, goal) -> List[Moment]:
         plans = recording.plan_at[(recording.plan_at >= goal.start) & (recording.plan_at <= goal.end)]
         if not len(plans):
             raise Skipped("no global plan was recorded for the goal")
-        times = range(int(plans[0]), goal.end, int(PERIOD * SECOND))
-        moments = [_moment(recording, goal, at) for at in times]
-    if goal.end - moments[-1].at > 0.1 * SECOND and goal.end - moments[-1].at < 1.5 * PERIOD * SECOND:
+        moments = [_moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, int(PERIOD * SECOND))]
+    if goal.ended and goal.end > moments[-1].at:
         moments.append(_moment(recording, goal, goal.end))
     if len(moments) < 2:
         raise Skipped("shorter than one decision")
@@ -139,41 +139,55 @@ def _moments(recording, goal) -> List[Moment]:
 
 
 def _moment(recording, goal, at, decision=None) -> Moment:
+    moment = Moment(at, decision["number"] if decision else None)
     if decision:
-        scan = _exactly(recording.scan_stamp, decision["scan"])
-        pose = _exactly(recording.odometry.stamp, decision["odometry"])
-        plan = _exactly(recording.plan_stamp, decision["plan"])
+        moment.scan = _exactly(recording.scan_stamp, decision["scan"])
+        moment.pose = _exactly(recording.odometry.stamp, decision["odometry"])
+        moment.plan = _exactly(recording.plan_stamp, decision["plan"])
     else:
-        scan = _before(recording.scan_stamp, at)
-        pose = _nearest(recording.odometry.stamp, recording.scan_stamp[scan]) if scan is not None else None
-        plan = _before(recording.plan_at, at)
-    for what, index, stamps in (("scan", scan, recording.scan_stamp), ("odometry", pose, recording.odometry.stamp)):
-        if index is None or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
-            raise Skipped("no %s for a decision" % what)
-    if plan is None or recording.plan_at[plan] < goal.start - SECOND // 2:
-        raise Skipped("no global plan for a decision")
-    return Moment(at, scan, pose, plan, decision["number"] if decision else None)
+        moment.scan = _before(recording.scan_stamp, at)
+        moment.pose = _nearest(recording.odometry.stamp, recording.scan_stamp[moment.scan])
+        moment.plan = _before(recording.plan_at, at)
+    for what, index, stamps in (("scan", moment.scan, recording.scan_stamp),
+                                ("odometry", moment.pose, recording.odometry.stamp)):
+        if index < 0 or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
+            moment.trouble = "no %s for a decision" % what
+    if moment.plan < 0 or recording.plan_at[moment.plan] < goal.start - SECOND // 2:
+        moment.trouble = "no global plan for a decision"
+    return moment
 
 
-def _outcome(recording, goal, moments, i, scans, plans, nearest) -> Outcome:
-    """The Outcome (as of training/episode.py) at moment i, with what happened since moment i - 1."""
+def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
+    """Fills moment i with what was seen at it and what happened since moment i - 1, or says what is wrong."""
     moment = moments[i]
-    frame, points = plans[moment.plan]
-    pose = _pose(recording, moment.pose, frame, moment.at)
-    scan = scans[moment.scan]
+    if moment.trouble:
+        return
     try:
+        scan, (frame, points) = scans[moment.scan], plans[moment.plan]
         check_scan(len(scan.ranges), scan.angle_min, scan.angle_increment)
-        phi = goal_angle(local_goal(points, pose))
-        observe(scan.ranges, phi, SPACE.theta0)
+        phi = goal_angle(local_goal(points, _pose(recording, moment.pose, frame, moment.at)))
+        theta = _theta(recording, moment.at)
+        moment.observation = observe(scan.ranges, phi, theta)
+        near = max(NEAREST, float(nearest[moment.scan]))
+        moment.outcome = Outcome(np.asarray(scan.ranges, np.float32), phi, theta, min_range=near, lowest_range=near,
+                                 decisions=i, time_s=(moment.at - moments[0].at) / SECOND)
+        _compare(recording, moment, report)
+        if i and moments[i - 1].outcome is not None:
+            _happened(recording, goal, moments[i - 1], moment, nearest)
+            moment.trouble = _unusable(recording, moments, i)
     except ObservationError as error:
-        raise Skipped(_without_numbers(error)) from None
-    near = max(NEAREST, float(nearest[moment.scan]))
-    outcome = Outcome(np.asarray(scan.ranges, np.float32), phi, _theta(recording, moment.at), min_range=near,
-                      lowest_range=near, decisions=i, time_s=(moment.at - moments[0].at) / SECOND)
-    if i == 0:
-        return outcome
-    before = moments[i - 1]
-    here, there = _pose(recording, moment.pose, goal.frame, moment.at), _pose(recording, before.pose, goal.frame, before.at)
+        moment.trouble = "a scan or plan is unusable (%s)" % str(error).split(":")[0]
+    except Skipped as reason:
+        moment.trouble = str(reason)
+    if moment.trouble and i and moments[i - 1].outcome is None:
+        moment.outcome = None
+
+
+def _happened(recording, goal, before, moment, nearest) -> None:
+    """The parts of an Outcome that a transition has: progress, clearance, contact, jerk, the end."""
+    outcome = moment.outcome
+    here = _pose(recording, moment.pose, goal.frame, moment.at)
+    there = _pose(recording, before.pose, goal.frame, before.at)
     gx, gy = goal.xy[0] - there[0], goal.xy[1] - there[1]
     moved, distance = (here[0] - there[0], here[1] - there[1]), math.hypot(gx, gy)
     outcome.progress = (moved[0] * gx + moved[1] * gy) / distance if distance else 0.0
@@ -184,61 +198,57 @@ def _outcome(recording, goal, moments, i, scans, plans, nearest) -> Outcome:
         outcome.lowest_range = max(NEAREST, float(np.fmin.reduce(nearest[during])))
     outcome.contact = any(before.at < at <= moment.at for at in recording.collisions)
     outcome.jerk = _jerk(recording, before.at, moment.at)
-    if i == len(moments) - 1 and goal.status is not None and goal.end - moment.at < 0.1 * SECOND:
-        outcome.success = goal.status == SUCCEEDED
-        outcome.aborted = goal.status in ABORTED
-    return outcome
+    if goal.ended and moment.at == goal.end:
+        outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
 
 
-def _cut(goal, number, moments, outcomes, observations, reasons, recording, reward, layout, report):
+def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[Trajectory]:
     """Trajectories of consecutive usable transitions."""
-    first = 0
-    for i in range(1, len(moments) + 1):
-        broken = i == len(moments) or reasons[i]
-        if i < len(moments) and reasons[i]:
-            report.skip(reasons[i])
-        if not broken:
-            continue
-        if i - first >= 2:
-            actions, rewards = [], []
-            for j in range(first + 1, i):
-                action = SPACE.to_action(_theta(recording, _applied(moments, j)))
-                change = float(np.abs(action - SPACE.to_action(outcomes[j - 1].theta)).mean())
-                rewards.append(reward(outcomes[j], change, max(LIMIT, len(moments)))[0])
-                actions.append(action)
-            last = outcomes[i - 1]
-            report.episodes += 1
-            report.transitions += len(rewards)
-            yield Trajectory.of(layout, observations[first:i], actions, rewards, last.success or failed(last),
-                                {"actor": "bag:" + recording.path.name[:180], "episode": number, "goal": goal.id[:180],
-                                 "from": first, "success": bool(last.success)})
-        first = i
+    run: List[Moment] = []
+    for moment in moments + [None]:
+        if moment is not None and moment.trouble:
+            report.skip(moment.trouble)
+        if run and (moment is None or moment.trouble):
+            if len(run) > 1:
+                yield _trajectory(recording, goal, number, run, reward, layout, report)
+            run = []
+        if moment is not None and moment.outcome is not None:
+            run.append(moment)
+
+
+def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
+    actions, rewards = [], []
+    for before, after in zip(run, run[1:]):
+        action = SPACE.to_action(_theta(recording, _applied(before, after)))
+        change = float(np.abs(action - SPACE.to_action(before.outcome.theta)).mean())
+        rewards.append(reward(after.outcome, change, max(LIMIT, after.outcome.decisions))[0])
+        actions.append(action)
+    last = run[-1].outcome
+    report.episodes += 1
+    report.transitions += len(rewards)
+    return Trajectory.of(layout, [m.observation for m in run], actions, rewards, last.success or failed(last),
+                         {"actor": "bag:" + recording.path.name[:180], "episode": number, "goal": goal.id[:180],
+                          "from": run[0].outcome.decisions, "success": bool(last.success)})
 
 
 def _unusable(recording, moments, i) -> str:
     """Why the transition that ends at moment i cannot be used; "" when it can."""
-    if i == 0:
-        return ""
-    before, after = moments[i - 1].at, moments[i].at
-    seconds = (after - before) / SECOND
-    last = i == len(moments) - 1
-    if seconds > 1.5 * PERIOD or (seconds < 0.5 * PERIOD and not last) or seconds <= 0:
+    before, after = moments[i - 1], moments[i]
+    seconds, last = (after.at - before.at) / SECOND, i == len(moments) - 1
+    if seconds > 1.5 * PERIOD or (seconds < 0.5 * PERIOD and not last):
         return "a decision's period is not 2 s"
-    stamps = recording.scan_stamp[(recording.scan_stamp >= before) & (recording.scan_stamp <= after)]
+    stamps = recording.scan_stamp[(recording.scan_stamp >= before.at - MAX_AGE * SECOND)
+                                  & (recording.scan_stamp <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE * SECOND:
         return "scans are missing"
-    try:
-        settled = _theta(recording, _applied(moments, i))
-        if not np.array_equal(settled, _theta(recording, after)):
-            return "parameters were changed between decisions"
-    except Skipped as reason:
-        return str(reason)
+    if not np.array_equal(_theta(recording, _applied(before, after)), after.outcome.theta):
+        return "parameters were changed between decisions"
     return ""
 
 
-def _applied(moments, i) -> int:
-    """A time at which the parameters chosen at moment i - 1 are in force: they arrive within a second or not at all."""
-    return min(moments[i - 1].at + int(0.5 * PERIOD * SECOND), moments[i].at)
+def _applied(before, after) -> int:
+    """A time at which the parameters chosen at `before` are in force: they arrive within a second or not at all."""
+    return min(before.at + int(0.5 * PERIOD * SECOND), after.at)
 
 
 def _theta(recording, at) -> np.ndarray:
@@ -247,33 +257,26 @@ def _theta(recording, at) -> np.ndarray:
     for i, name in enumerate(SPACE.names):
         target = SPACE.targets[name][0]
         updates = recording.parameters.get(target.server, ())
-        known = [values for time, values in updates if time <= at] if updates else []
-        value = next((known[-1][n] for n in target.names if n in known[-1]), None) if known else \
-            _said(recording, name, at)
-        theta[i] = value
-    try:
-        SPACE.to_action(theta)
-    except SpaceError:
-        raise Skipped("parameters are not finite") from None
+        known = [values for time, values in updates if time <= at]
+        theta[i] = next(known[-1][n] for n in target.names if n in known[-1]) if known else _said(recording, name, at)
+    if not np.isfinite(theta).all():
+        raise Skipped("parameters are not finite")
     return theta
 
 
 def _said(recording, name, at) -> float:
     """A parameter that no server announced before `at` (a split bag lacks the latched messages): the node's word."""
-    for decision in recording.decisions:
-        if decision["stamp"] >= at or decision is recording.decisions[-1]:
-            value = decision["theta_prev"].get(name) if isinstance(decision["theta_prev"], dict) else None
-            if isinstance(value, (int, float)):
-                return float(value)
-            break
+    said = next((d["theta_prev"] for d in recording.decisions if d["stamp"] >= at), None)
+    if isinstance(said, dict) and isinstance(said.get(name), (int, float)):
+        return float(said[name])
     raise Skipped("the planner's parameters are not known")
 
 
-def _compare(recording, moment, obs, report) -> None:
-    seen = recording.observations.get(moment.number) if moment.number is not None else None
+def _compare(recording, moment, report) -> None:
+    seen = recording.observations.get(moment.number)
     if seen is None:
         return
-    if seen.shape != obs.shape or not np.allclose(seen, obs, rtol=0.0, atol=CLOSE):
+    if seen.shape != moment.observation.shape or not np.allclose(seen, moment.observation, rtol=0.0, atol=CLOSE):
         raise Skipped("a rebuilt observation differs from the node's")
     report.verified += 1
 
@@ -316,19 +319,15 @@ def _jerk(recording, start, end) -> float:
     return float(np.abs(np.diff(speed, 2)).mean() * 400.0) if len(times) > 2 else 0.0
 
 
-def _exactly(stamps, stamp) -> Optional[int]:
+def _exactly(stamps, stamp) -> int:
     found = np.flatnonzero(stamps == stamp)
-    return int(found[-1]) if len(found) else None
+    return int(found[-1]) if len(found) else -1
 
 
-def _before(stamps, at) -> Optional[int]:
+def _before(stamps, at) -> int:
     found = np.flatnonzero(stamps <= at)
-    return int(found[-1]) if len(found) else None
+    return int(found[-1]) if len(found) else -1
 
 
 def _nearest(stamps, stamp) -> int:
     return int(np.argmin(np.abs(stamps - stamp)))
-
-
-def _without_numbers(error) -> str:
-    return "a scan or plan is unusable (%s)" % str(error).split(":")[0]

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from applr_ros1.policy.parameter_space import SPACE
 
 SECOND = 1_000_000_000
-HEADER_PATH = 100       # a packed nav_msgs/Path of fewer bytes has no poses
+PATH_HEADER = 80        # a packed nav_msgs/Path of fewer bytes has no poses
 RUNNING = (1, 6)        # actionlib: active, preempting
 
 
@@ -74,7 +74,7 @@ class Recording:
     def plans(self, wanted: Iterable[int]) -> Dict[int, Tuple[str, np.ndarray]]:
         """{index: (frame, (k, 2) points)} of the plans wanted. Reads the bag once more."""
         wanted, kept = set(wanted), {}
-        for i, message in enumerate(self._messages(self.topics.plan, at_least=HEADER_PATH, wanted=wanted)):
+        for i, message in enumerate(self._messages(self.topics.plan, at_least=PATH_HEADER, wanted=wanted)):
             if message is not None:
                 kept[i] = (message.header.frame_id.lstrip("/"),
                            np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses]))
@@ -112,6 +112,8 @@ def read(path, topics: Topics = Topics()) -> Recording:
         raise BagError("%s: no scans on %s" % (path, topics.scan))
     if not len(recording.odometry.stamp):
         raise BagError("%s: no odometry on %s" % (path, topics.odometry))
+    if abs(np.median(recording.scan_at - recording.scan_stamp)) > SECOND:
+        raise BagError("%s: recorded on another clock than that of its messages; set use_sim_time where you record" % path)
     for role in ("planner", "local_inflation"):
         if role not in recording.parameters and not recording.decisions:
             raise BagError("%s: no parameter_updates of the %s below %s" % (path, role, topics.move_base))
@@ -146,7 +148,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         recording.end = at
         if connection.topic in heavy:
             seconds, nanoseconds = np.frombuffer(raw, "<i4", 2, stamp_offset).tolist()
-            if connection.topic == topics.scan or len(raw) >= HEADER_PATH:
+            if connection.topic == topics.scan or len(raw) >= PATH_HEADER:
                 heavy[connection.topic].append((at, seconds * SECOND + nanoseconds))
             continue
         message = reader.deserialize(raw, connection.msgtype)
