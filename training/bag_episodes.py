@@ -1,7 +1,8 @@
 """Rebuilds the transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from a Recording, goal by goal.
 
-bags_to_dataset.py calls it. Where the bag holds the applr node's decisions, its observation is rebuilt from the very
-messages that the node saw, and compared; otherwise a decision is taken to fall every two seconds from a goal's first plan.
+bags_to_dataset.py calls it. Where the bag holds the applr node's decisions, each observation is rebuilt from the very
+messages that the node saw, and compared; otherwise decisions are taken to fall every two seconds from a goal's first
+plan on.
 """
 from __future__ import annotations
 
@@ -71,13 +72,18 @@ class Moment:
 
 
 def trajectories(recording: Recording, reward: Reward = Reward(), layout: Layout = Layout(),
-                 report: Optional[Report] = None) -> Iterator[Trajectory]:
-    """Yields a Trajectory per usable stretch of each goal; what is unusable is counted in `report`."""
+                 report: Optional[Report] = None, finish: Optional[float] = None) -> Iterator[Trajectory]:
+    """Yields a Trajectory per usable stretch of each goal; what is unusable is counted in `report`.
+
+    finish: metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
+    goal lies beyond the finish line); None: only move_base's own result counts.
+    """
     report = report if report is not None else Report()
     courses = []
     for goal in goals(recording, report):
         try:
             _check_motion(recording, goal)
+            _finish(recording, goal, finish)
             courses.append((goal, _moments(recording, goal)))
         except Skipped as reason:
             report.skip(str(reason))
@@ -115,15 +121,29 @@ def goals(recording: Recording, report: Report) -> List[Goal]:
         if not targets:
             report.skip("the goal's position was not recorded")
             continue
-        found.append(Goal(goal, start, end if status is None else min(end, at), status, targets[-1][1], targets[-1][2:]))
+        end = end if status is None else min(end, at)
+        found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:]))
     if not found and not report.skipped:
         report.skip("no goal was pursued")
     return found
 
 
+def _finish(recording, goal, finish: Optional[float]) -> None:
+    """Ends the course where the robot has got `finish` metres towards the goal."""
+    if finish is None:
+        return
+    during = np.flatnonzero((recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end))
+    poses = np.array([_pose(recording, i, goal.frame, goal.end)[:2] for i in during])
+    towards = np.array(goal.xy) - poses[0]
+    past = (poses - poses[0]) @ towards >= finish * np.hypot(*towards)
+    if past.any():
+        goal.end, goal.status = int(recording.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
+
+
 def _moments(recording, goal) -> List[Moment]:
-    """When decisions fell; where the goal was reached or given up, the last moment is its end."""
-    made = [d for d in recording.decisions if d["goal"] == goal.id]
+    """When decisions fell. The last moment is the course's end: where the goal was reached or given up, and where it
+    was cut off a whole period after the last decision (a time limit)."""
+    made = [d for d in recording.decisions if d["goal"] == goal.id and d["stamp"] <= goal.end]
     if made:
         moments = [_moment(recording, goal, d["stamp"], d) for d in made]
     else:
@@ -131,7 +151,7 @@ def _moments(recording, goal) -> List[Moment]:
         if not len(plans):
             raise Skipped("no global plan was recorded for the goal")
         moments = [_moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, int(PERIOD * SECOND))]
-    if goal.ended and goal.end > moments[-1].at:
+    if goal.end - moments[-1].at > (0 if goal.ended else 0.9 * PERIOD * SECOND):
         moments.append(_moment(recording, goal, goal.end))
     if len(moments) < 2:
         raise Skipped("shorter than one decision")

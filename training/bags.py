@@ -1,7 +1,7 @@
 """Reads what a bag recorded of a drive: ROS 1 bags and ROS 2 / mcap folders alike, through rosbags.
 
-bag_episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds (/applr/decision,
-/applr/observation) says exactly which messages a decision saw, and is compared where it is there.
+bag_episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds
+(/applr/decision, /applr/observation) says exactly which messages a decision saw, and is compared where it is there.
 """
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class BagError(ValueError):
 
 @dataclass(frozen=True)
 class Topics:
-    """Where a drive was recorded. parameter_updates topics are found below move_base, whatever the layers are called."""
+    """Where a drive was recorded. parameter_updates are found below move_base, whatever the layers are called."""
     scan: str = "/front/scan"
     odometry: str = "/odometry/filtered"
     plan: str = "/move_base/NavfnROS/plan"
@@ -98,7 +98,8 @@ class Poses:
 
 
 def read(path, topics: Topics = Topics()) -> Recording:
-    """Everything but scans and plans, of which only the times. Raises BagError: absent, damaged, without what is needed."""
+    """Everything but scans and plans, of which only the times. Raises BagError for a bag that is absent, damaged or
+    without what is needed."""
     path = Path(path)
     recording = Recording(path, topics)
     try:
@@ -113,7 +114,7 @@ def read(path, topics: Topics = Topics()) -> Recording:
     if not len(recording.odometry.stamp):
         raise BagError("%s: no odometry on %s" % (path, topics.odometry))
     if abs(np.median(recording.scan_at - recording.scan_stamp)) > SECOND:
-        raise BagError("%s: recorded on another clock than that of its messages; set use_sim_time where you record" % path)
+        raise BagError("%s: recorded on another clock than its messages'; set use_sim_time where you record" % path)
     for role in ("planner", "local_inflation"):
         if role not in recording.parameters and not recording.decisions:
             raise BagError("%s: no parameter_updates of the %s below %s" % (path, role, topics.move_base))

@@ -166,7 +166,7 @@ FORMS = "%s, an actor (.safetensors), appld:FILE, a set (.json), frozen:PARAMETE
 
 
 def make(spec: str) -> Method:
-    """A method by its specification (FORMS). Raises MethodError, ActorError, AppldError or SpaceError: one line each."""
+    """A method by its specification (FORMS). Raises MethodError, ActorError, AppldError or SpaceError, of one line."""
     if spec in METHODS:
         return METHODS[spec][0]()
     if spec.startswith("frozen:"):
@@ -204,7 +204,7 @@ def parse(text: str) -> List[Tuple[str, str]]:
 
 
 def read_set(path: str) -> np.ndarray:
-    """theta (8,) from a JSON file: {name: value}, or {"parameters": {name: value}, ...}; names left out keep theta_0."""
+    """theta (8,) from a JSON file: {name: value}, or {"parameters": {name: value}, ...}. Others keep theta_0."""
     try:
         with open(path, encoding="utf-8") as file:
             values = json.load(file)
