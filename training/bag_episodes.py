@@ -60,9 +60,10 @@ class Report:
 @dataclass
 class Moment:
     """One observation to be rebuilt at a ROS time [ns]: the indices of the messages that it is made of, and what came
-    of it. trouble: why it cannot be rebuilt, or why the transition that ends here cannot be used."""
+    of it. trouble: why it cannot be rebuilt (outcome None), or why the transition that ends here cannot be used.
+    seen: the node's own observation (729,)."""
     at: int
-    number: Optional[int] = None
+    seen: Optional[np.ndarray] = None
     scan: int = -1
     pose: int = -1
     plan: int = -1
@@ -159,8 +160,10 @@ def _moments(recording, goal) -> List[Moment]:
 
 
 def _moment(recording, goal, at, decision=None) -> Moment:
-    moment = Moment(at, decision["number"] if decision else None)
+    moment = Moment(at)
     if decision:
+        published = recording.observations.get(decision["number"], ())     # numbers begin anew with each node
+        moment.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
         moment.scan = _exactly(recording.scan_stamp, decision["scan"])
         moment.pose = _exactly(recording.odometry.stamp, decision["odometry"])
         moment.plan = _exactly(recording.plan_stamp, decision["plan"])
@@ -191,16 +194,14 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         near = max(NEAREST, float(nearest[moment.scan]))
         moment.outcome = Outcome(np.asarray(scan.ranges, np.float32), phi, theta, min_range=near, lowest_range=near,
                                  decisions=i, time_s=(moment.at - moments[0].at) / SECOND)
-        _compare(recording, moment, report)
+        _compare(moment, report)
         if i and moments[i - 1].outcome is not None:
             _happened(recording, goal, moments[i - 1], moment, nearest)
             moment.trouble = _unusable(recording, moments, i)
     except ObservationError as error:
-        moment.trouble = "a scan or plan is unusable (%s)" % str(error).split(":")[0]
+        moment.outcome, moment.trouble = None, "a scan or plan is unusable (%s)" % str(error).split(":")[0]
     except Skipped as reason:
-        moment.trouble = str(reason)
-    if moment.trouble and i and moments[i - 1].outcome is None:
-        moment.outcome = None
+        moment.outcome, moment.trouble = None, str(reason)
 
 
 def _happened(recording, goal, before, moment, nearest) -> None:
@@ -292,8 +293,8 @@ def _said(recording, name, at) -> float:
     raise Skipped("the planner's parameters are not known")
 
 
-def _compare(recording, moment, report) -> None:
-    seen = recording.observations.get(moment.number)
+def _compare(moment, report) -> None:
+    seen = moment.seen
     if seen is None:
         return
     if seen.shape != moment.observation.shape or not np.allclose(seen, moment.observation, rtol=0.0, atol=CLOSE):

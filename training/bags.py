@@ -57,7 +57,7 @@ class Recording:
     collisions: List[int] = field(default_factory=list)                 # when a contact was reported
     transforms: Dict[Tuple[str, str], List[Tuple[int, tuple]]] = field(default_factory=dict)
     decisions: List[dict] = field(default_factory=list)                 # /applr/decision, with "at"
-    observations: Dict[int, np.ndarray] = field(default_factory=dict)   # decision number → (729,)
+    observations: Dict[int, List[tuple]] = field(default_factory=dict)  # decision number → [(at, (729,))]
     end: int = 0
 
     def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, object]]:
@@ -217,7 +217,8 @@ def _decision(recording, at, message, rows):
 def _observation(recording, at, message, rows):
     label = message.layout.dim[0].label if message.layout.dim else ""
     if re.fullmatch(r"observation \d{1,12}", label):
-        recording.observations[int(label.split()[1])] = np.array(message.data, dtype=np.float32)
+        number = int(label.split()[1])
+        recording.observations.setdefault(number, []).append((at, np.array(message.data, dtype=np.float32)))
 
 
 def _parameters(recording, at, message, topic):

@@ -1,0 +1,332 @@
+"""Bags to transitions: rebuilt as the node saw them, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+from applr_ros1.policy.observation import goal_angle, local_goal, observe  # noqa: E402
+from applr_ros1.policy.parameter_space import SPACE, THETA_0  # noqa: E402
+from training import bags_to_dataset  # noqa: E402
+from training.bag_episodes import Report, trajectories  # noqa: E402
+from training.bag_writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds  # noqa: E402
+from training.bags import BagError, find, read  # noqa: E402
+from training.dataset import Dataset  # noqa: E402
+from training.storage import StorageError  # noqa: E402
+from training.trajectory import Layout  # noqa: E402
+
+SERVERS = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
+           "global_inflation": "global_costmap/inflater_layer"}
+
+
+class Drive:
+    """A synthetic drive of 50 Hz along x: what was written, and what a node would have seen."""
+
+    def __init__(self, writer, begin=10.0, seconds=9.0, node=True, status=SUCCEEDED, seed=0, without=(), goal="g"):
+        self.writer, self.node, self.goal, self.without = writer, node, goal, without
+        self.rng = np.random.default_rng(seed)
+        self.observations, self.thetas, self.number = [], [], 0
+        self.theta = THETA_0
+        self.announce(begin)
+        self.plan = np.column_stack([np.linspace(0, 10, 200), np.sin(np.linspace(0, 3, 200)), np.zeros(200)])
+        steps = int(round(seconds * 50))
+        if "goal" not in without:
+            writer.goal(begin, (10.0, 0.1, 0.0))
+        for k in range(steps + 1):
+            t = begin + 0.02 * k
+            self.step(t, k)
+        end = begin + 0.02 * steps
+        self.see(end)
+        if status is not None and "result" not in without:
+            writer.result(end, goal, status)
+            writer.status(end, goal, running=False)
+
+    def step(self, t, k):
+        w = self.writer
+        if k % 10 == 0 and "status" not in self.without:
+            w.status(t, self.goal)
+        if k % 5 == 0 and "plan" not in self.without:
+            w.plan(t, self.plan)
+        self.pose = (0.01 * k, 0.1, 0.2 * np.sin(0.01 * k))
+        if "odometry" not in self.without:
+            w.odometry(t, self.pose, (0.5, 0.0))
+        self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
+        if "scan" not in self.without:
+            w.scan(t, self.ranges)
+        if k % 100 == 0:
+            self.decide(t)
+
+    def see(self, t):
+        self.observations.append(observe(self.ranges, goal_angle(local_goal(self.plan, self.pose)), self.theta))
+
+    def decide(self, t):
+        self.see(t)
+        self.number += 1
+        if self.node:
+            stamp = str(nanoseconds(t))
+            self.writer.decision(t, self.number, self.observations[-1], stamp=stamp, scan=stamp, odometry=stamp,
+                                 plan=stamp, goal=self.goal, theta_prev=SPACE.as_dict(self.theta))
+        self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, 8))
+        self.thetas.append(self.theta)
+        self.announce(t + 0.01)
+
+    def announce(self, t):
+        if "parameters" in self.without:
+            return
+        values = {role: {} for role in SERVERS}
+        for name, value in SPACE.as_dict(self.theta).items():
+            for target in SPACE.targets[name]:
+                values[target.server][target.names[0]] = target.sign * value
+        for role, server in SERVERS.items():
+            self.writer.parameters(t, server, values[role])
+
+
+def record(path, **options):
+    with BagWriter(path) as writer:
+        return Drive(writer, **options)
+
+
+def rebuild(path, **options):
+    report = Report()
+    return list(trajectories(read(path), report=report, **options)), report
+
+
+def assert_equal(trajectory, drive, count=None):
+    """The trajectory is what the node saw and did."""
+    count = len(drive.thetas) if count is None else count
+    assert len(trajectory) == count
+    layout = Layout()
+    expected = np.array(drive.observations[:count + 1])
+    np.testing.assert_array_equal(trajectory.scan, layout.quantise(expected))
+    np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
+    actions = [SPACE.to_action(theta) for theta in drive.thetas[:count]]
+    np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
+
+
+@pytest.mark.parametrize("node", [True, False])
+def test_transitions_are_what_the_node_saw(tmp_path, node):
+    drive = record(tmp_path / "a.bag", node=node)
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    assert_equal(trajectory, drive)
+    assert trajectory.terminated and trajectory.info["success"]
+    assert report.skipped == {} and report.verified == (5 if node else 0)
+    # R_f = -1 until the goal; R_p the metres towards it; R_c = -.05 / nearest range
+    nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * Layout().step - 1.0)
+    expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / nearest
+    np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
+
+
+@pytest.mark.parametrize("status, seconds, count, terminated", [
+    (ABORTED, 9.0, 5, True), (PREEMPTED, 9.0, 4, False), (PREEMPTED, 9.98, 5, False), (None, 9.0, 4, False)])
+def test_how_a_course_ends(tmp_path, status, seconds, count, terminated):
+    drive = record(tmp_path / "a.bag", status=status, seconds=seconds)
+    (trajectory,), _ = rebuild(tmp_path / "a.bag")
+    assert trajectory.terminated == terminated and not trajectory.info["success"]
+    assert_equal(trajectory, drive, count)
+
+
+def test_a_finish_line_before_the_goal(tmp_path):
+    drive = record(tmp_path / "a.bag", status=PREEMPTED, seconds=9.0)
+    (trajectory,), _ = rebuild(tmp_path / "a.bag", finish=3.5)      # 0.5 m/s: after 7 s
+    assert trajectory.terminated and trajectory.info["success"]
+    assert len(trajectory) == 4
+    np.testing.assert_allclose(trajectory.action, [SPACE.to_action(t) for t in drive.thetas[:4]], atol=1e-6)
+
+
+def test_several_courses_of_one_bag(tmp_path):
+    with BagWriter(tmp_path / "a.bag") as writer:
+        drives = [Drive(writer, begin=10.0 + 30 * i, goal="g%d" % i, seed=i) for i in range(3)]
+    found, report = rebuild(tmp_path / "a.bag")
+    assert report.episodes == 3 and [t.info["goal"] for t in found] == ["g0", "g1", "g2"]
+    for trajectory, drive in zip(found, drives):
+        assert_equal(trajectory, drive)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_rosbags_convert_round_trip(tmp_path, storage):
+    drive = record(tmp_path / "a.bag")
+    convert = [sys.executable, "-c", "from rosbags.convert.cli import main; main()"]
+    for source, destination, extra in (("a.bag", "ros2", ["--dst-storage", storage]), ("ros2", "back.bag", [])):
+        subprocess.run(convert + ["--src", tmp_path / source, "--dst", tmp_path / destination] + extra, check=True)
+    expected = rebuild(tmp_path / "a.bag")[0][0]
+    assert_equal(expected, drive)
+    for name in ("ros2", "back.bag"):
+        (trajectory,), report = rebuild(tmp_path / name)
+        assert report.verified == 5
+        for array in ("scan", "rest", "action", "reward"):
+            np.testing.assert_array_equal(getattr(trajectory, array), getattr(expected, array))
+    folders = []
+    for name in ("a.bag", "ros2"):
+        folders.append(tmp_path / ("from_" + name))
+        assert bags_to_dataset.main([str(tmp_path / name), "--out", str(folders[-1])]) == 0
+    first, second = (list(Dataset(folder)) for folder in folders)
+    np.testing.assert_array_equal(first[0].scan, second[0].scan)
+    np.testing.assert_array_equal(first[0].reward, second[0].reward)
+
+
+def damaged(tmp_path):
+    """{file name: its reason for being left out, as counted}"""
+    record(tmp_path / "whole.bag")
+    whole = (tmp_path / "whole.bag").read_bytes()
+    (tmp_path / "truncated.bag").write_bytes(whole[:len(whole) // 2])
+    (tmp_path / "cut_end.bag").write_bytes(whole[:-200])
+    (tmp_path / "empty.bag").write_bytes(b"")
+    (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
+    (tmp_path / "run.bag.active").write_bytes(whole[:5000])
+    noise = bytearray(whole)
+    noise[20000:20400] = bytes(400)
+    (tmp_path / "noise.bag").write_bytes(bytes(noise))
+    reasons = {"truncated.bag": "damaged", "cut_end.bag": "damaged", "empty.bag": "empty file", "text.bag": "damaged",
+               "run.bag.active": "damaged", "noise.bag": "damaged"}
+    for missing, reason in (("scan", "no scans"), ("odometry", "no odometry"), ("status", "no goal was pursued"),
+                            ("plan", "no global plan"), ("goal", "the goal's position"),
+                            ("parameters", "no parameter_updates")):
+        name = "no_%s.bag" % missing
+        record(tmp_path / name, without=(missing,), node=False)
+        reasons[name] = reason
+    with BagWriter(tmp_path / "nothing.bag"):
+        pass
+    reasons["nothing.bag"] = "no messages"
+    return reasons
+
+
+def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
+    reasons = damaged(tmp_path)
+    assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    said = {bag["name"]: bag for bag in manifest["source"]["bags"]}
+    assert set(said) == set(reasons) | {"whole.bag"}
+    assert said["whole.bag"]["transitions"] == 5 and said["whole.bag"]["skipped"] == {}
+    for name, reason in reasons.items():
+        if name == "noise.bag" and said[name]["transitions"]:
+            continue        # the damage may lie where nothing needed is
+        assert said[name]["transitions"] == 0 and said[name]["skipped"], name
+        assert any(reason in text for text in said[name]["skipped"]), (name, said[name]["skipped"])
+    assert sum(manifest["skipped"].values()) >= len(reasons) - 1
+    assert sum(len(t) for t in Dataset(tmp_path / "out")) == manifest["transitions"]
+    assert "Traceback" not in "".join(capsys.readouterr())
+
+
+def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
+    with BagWriter(tmp_path / "a.bag") as writer:
+        first = Drive(writer, begin=10.0, goal="before", seed=1)
+        Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
+        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)     # the clock fell back to 43 s
+    found, report = rebuild(tmp_path / "a.bag")
+    assert [t.info["goal"] for t in found] == ["before"]
+    assert_equal(found[0], first)
+    assert report.skipped
+
+
+def test_gaps_jumps_and_changes_cut_an_episode(tmp_path):
+    class Gap(Drive):
+        def step(self, t, k):
+            self.without = ("scan",) if 230 < k < 290 else ()      # 1.2 s within the third decision
+            super().step(t, k)
+
+    class Moved(Drive):
+        def step(self, t, k):
+            super().step(t, k)
+            if k == 250:
+                self.writer.odometry(t + 0.001, (5.0, 5.0, 0.0), (0.0, 0.0))
+
+    class Person(Drive):
+        def step(self, t, k):
+            super().step(t, k)
+            if k == 275:        # turns a knob in the middle of the third decision
+                self.theta = SPACE.from_dict({"max_vel_x": 1.23})
+                self.announce(t)
+
+    for name, kind, expected, reason in (("gap", Gap, [2, 2], "scans are missing"),
+                                         ("moved", Moved, [], "the odometry jumped"),
+                                         ("person", Person, [2, 2], "parameters were changed")):
+        with BagWriter(tmp_path / (name + ".bag")) as writer:
+            kind(writer)
+        found, report = rebuild(tmp_path / (name + ".bag"))
+        assert [len(t) for t in found] == expected, (name, report)
+        assert any(reason in text for text in report.skipped), (name, report)
+        if expected:
+            assert not found[0].terminated and found[1].terminated
+
+
+def test_a_node_that_saw_something_else_is_noticed(tmp_path):
+    class Other(Drive):
+        def see(self, t):
+            super().see(t)
+            self.observations[-1] = self.observations[-1] + np.float32(0.01 * (self.number == 2))
+
+    with BagWriter(tmp_path / "a.bag") as writer:
+        Other(writer)
+    found, report = rebuild(tmp_path / "a.bag")
+    assert report.skipped == {"a rebuilt observation differs from the node's": 1}
+    assert [len(t) for t in found] == [1, 2]
+
+
+def test_unusable_scans_are_counted_in_words(tmp_path):
+    class Coarse(Drive):
+        def step(self, t, k):
+            self.without = ("scan",)
+            super().step(t, k)
+            self.writer.scan(t, self.ranges[::2])
+
+    class Blind(Drive):
+        def step(self, t, k):
+            self.without = ("scan",)
+            super().step(t, k)
+            self.writer.scan(t, np.full(720, np.nan))
+
+    for name, kind, reason in (("coarse", Coarse, "scan has 360 beams"), ("blind", Blind, "beams of the scan are NaN")):
+        with BagWriter(tmp_path / (name + ".bag")) as writer:
+            kind(writer, node=False, seconds=4.5)
+        found, report = rebuild(tmp_path / (name + ".bag"))
+        assert not found and any(reason in text for text in report.skipped), report
+
+
+def test_recorded_simulation_equals_the_environment(tmp_path):
+    sim_bridge, worlds = pytest.importorskip("sim_bridge"), pytest.importorskip("worlds")
+    from applr_ros1.planner.move_base import MoveBase
+    from training.bag_writer import RecordingEpisode
+    rng, observations, actions = np.random.default_rng(0), [], []
+    with BagWriter(tmp_path / "a.bag") as writer:
+        episode = RecordingEpisode(sim_bridge.make("kinematic"), MoveBase(), writer, limit=3)
+        for course in range(2):
+            outcome = episode.reset(worlds.load("generated:%d" % course), course)
+            while not outcome.over:
+                observations.append(episode.observation(outcome))
+                outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, 8)))
+                actions.append(SPACE.to_action(outcome.theta))
+            observations.append(episode.observation(outcome))
+    found, report = rebuild(tmp_path / "a.bag")
+    assert report.verified == len(actions) == report.transitions and not report.skipped
+    np.testing.assert_array_equal(np.concatenate([t.scan for t in found]), Layout().quantise(np.array(observations)))
+    np.testing.assert_allclose(np.concatenate([t.rest for t in found]), np.array(observations)[:, 720:], atol=1e-6)
+    np.testing.assert_allclose(np.concatenate([t.action for t in found]), actions, atol=1e-6)
+
+
+def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
+    record(tmp_path / "a.bag")
+    (tmp_path / "none").mkdir()
+    bag, out = str(tmp_path / "a.bag"), str(tmp_path / "out")
+    for arguments in ([str(tmp_path / "missing.bag"), "--out", out], [str(tmp_path / "none"), "--out", out],
+                      [bag, "--out", out, "--reward", "speed=1"], [bag, "--out", out, "--reward", "c_p=fast"],
+                      [bag, "--out", out, "--reward", "c_p=nan"], [bag, "--out", bag],
+                      [bag, "--out", out, "--scan", "/other"]):
+        assert bags_to_dataset.main(arguments) == 1
+        error = capsys.readouterr().err
+        assert error.startswith("bags_to_dataset: ") and error.count("\n") == 1, error
+    assert bags_to_dataset.main([bag, "--out", out, "__name:=x"]) == 0
+    assert bags_to_dataset.main([bag, "--out", out]) == 1       # holds a dataset already
+    assert "already" in capsys.readouterr().err
+
+
+def test_writing_where_nothing_can_be_written(tmp_path):
+    record(tmp_path / "a.bag")
+    for path in (tmp_path / "a.bag", tmp_path / "nowhere" / "b.bag"):
+        with pytest.raises(StorageError):
+            BagWriter(path)
+    with pytest.raises(BagError):
+        read(tmp_path / "nowhere.bag")
+    assert find([tmp_path]) == [Path(tmp_path / "a.bag")]
