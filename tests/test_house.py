@@ -151,6 +151,16 @@ def test_no_large_files():
         assert size <= limit, "%s has %d bytes" % (name, size)
 
 
+def test_readme_holds_the_launch_arguments_and_the_parameters():
+    readme = text_of("README.md")
+    from applr_ros1.planner.parameter_table import tables
+    assert tables() in readme, "run: python -m applr_ros1.planner.parameter_table README.md"
+    for argument in xml.parse(os.path.join(ROOT, "applr_ros1/launch/jackal_applr.launch")).getroot().findall("arg"):
+        if argument.get("value") is None:
+            row = "| `%s` | `%s` | %s |" % (argument.get("name"), argument.get("default"), argument.get("doc"))
+            assert row in readme, "README.md lacks the row " + row
+
+
 def test_ruff():
     ruff = [sys.executable, "-m", "ruff"]
     if subprocess.run(ruff + ["--version"], capture_output=True, check=False).returncode:

@@ -1,5 +1,6 @@
 """Sends a goal to move_base, ours or the C++ one, through its action. Used by scripts/send_goal.py and the demo."""
 import math
+import time
 
 import actionlib
 import rospy
@@ -41,6 +42,10 @@ def main():
         raise SystemExit("send_goal: %s" % problem) from None
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     client.wait_for_server()
+    while rospy.get_time() == 0.0 and not rospy.is_shutdown():
+        time.sleep(0.1)         # simulated time has not begun
+    if rospy.is_shutdown():
+        return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in odom", *pose)
     client.send_goal(message(pose))
     client.wait_for_result()

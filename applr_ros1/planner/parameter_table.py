@@ -22,10 +22,11 @@ STATIC_TITLES = dict(TITLES, NavfnROS="`/move_base/NavfnROS`", **{
 
 def tables() -> str:
     """Markdown: a table for every dynamic_reconfigure server, then one for what is read only at start-up."""
-    parts = [BEGIN, "", "Live, through dynamic_reconfigure (the global costmap is 40 x 40 m about (-20, -20), the local one "
-             "10 x 10 m about the robot):", ""]
+    parts = [BEGIN, "", "Live, through dynamic_reconfigure. The costmaps' rows show the local one; the Jackal's",
+             "global one is 40 x 40 m, from (-20, -20) on.", ""]
     for server, title in TITLES.items():
-        parts += ["**%s**" % title, "", HEAD] + [_row(p) for p in SERVERS[server] if p.name != "restore_defaults"] + [""]
+        rows = [_row(p) for p in SERVERS[server] if p.name != "restore_defaults"]
+        parts += ["**%s**" % title, "", HEAD] + rows + [""]
     parts += ["Read once, when the node starts:", ""]
     for server, title in STATIC_TITLES.items():
         if server not in STATIC:

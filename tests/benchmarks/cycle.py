@@ -1,5 +1,5 @@
-"""The whole planner on courses like BARN's: time of one control cycle, and how much faster than time the simulators with
-the planner run on one core. Called by run.py."""
+"""The whole planner on courses like BARN's: time of one control cycle, and how much faster than time the simulators
+with the planner run on one core. Called by run.py."""
 import time
 
 import numpy as np

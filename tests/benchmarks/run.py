@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Measures everything that the README gives a figure for: `python tests/benchmarks/run.py [--json] [--only NAME ...]`.
 
-Each figure is a function of its own name in one of the modules beside this file, returning (value, unit). Times are best
-looked at on a machine that does nothing else.
+Each figure is a function of its own name in one of the modules beside this file, returning (value, unit). Measure on a
+machine that does nothing else.
 """
 import argparse
 import importlib
