@@ -76,12 +76,13 @@ def make_folder(path) -> Path:
 class Lock:
     """One process per run folder. The system lets go of it when the process ends, however it ends."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, who: str = "train.py"):
         try:
             self._file = open(Path(folder) / "lock", "w")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StorageError("%s: another train.py works in this folder; wait, or give another --out" % folder) from None
+            raise StorageError("%s: another %s works in this folder; wait, or give another --out"
+                               % (folder, who)) from None
         except OSError as error:
             raise StorageError("%s: cannot be locked (%s)" % (folder, reason(error))) from None
 

@@ -1,5 +1,5 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
-from .loading import load, load_all
+from .loading import load, load_all, specs
 from .world import Course, Mover, World, WorldError
 
-__all__ = ["Course", "Mover", "World", "WorldError", "load", "load_all"]
+__all__ = ["Course", "Mover", "World", "WorldError", "load", "load_all", "specs"]

@@ -11,8 +11,8 @@ from typing import Dict, List
 
 import numpy as np
 
-from . import builtin, field, metrics, sdf_reader
-from .loading import folder_files
+from . import builtin, field, metrics
+from .loading import folder_files, load
 from .world import World, WorldError
 
 QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
@@ -82,7 +82,7 @@ def main() -> int:
     try:
         if arguments.csv and not arguments.folder:
             raise WorldError("--csv %s needs the folder of the same worlds; give it too" % arguments.csv)
-        barn = [sdf_reader.read(f) for f in folder_files(arguments.folder)] if arguments.folder else None
+        barn = [load(f) for f in folder_files(arguments.folder)] if arguments.folder else None
         built_in = [builtin.world(n) for n in sorted(builtin.fields())]
         print("\n".join(table(measure(built_in), measure(barn) if barn else None)))
         if arguments.csv:

@@ -34,12 +34,15 @@ def load(spec: str) -> World:
 
 def load_all(spec: str) -> List[World]:
     """All worlds that `spec` names, in a fixed order: numbers rise, a folder's files in the order of their numbers."""
+    return [load(one) for one in specs(spec)]
+
+
+def specs(spec: str) -> List[str]:
+    """The specifications of the single worlds that `spec` names, in load_all's order."""
     text = str(spec)
     if text.startswith(GENERATED):
-        return [builtin.world(n) for n in _numbers(text)]
-    if os.path.isdir(text):
-        return [sdf_reader.read(path) for path in folder_files(text)]
-    return [load(text)]
+        return ["%s%d" % (GENERATED, n) for n in _numbers(text)]
+    return folder_files(text) if os.path.isdir(text) else [text]
 
 
 def folder_files(folder: str) -> List[str]:

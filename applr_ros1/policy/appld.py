@@ -1,0 +1,139 @@
+"""APPLD's runtime half: a parameter set for each navigation context and a small network that tells the context from
+the current scan. Called by training/methods.py and by launch mode appld; whatever learns from demonstrations writes
+the file.
+"""
+import json
+import os
+
+import numpy as np
+import safetensors.numpy
+
+from applr_ros1.policy.observation import BEAMS
+from applr_ros1.policy.parameter_space import SPACE, SpaceError
+
+FORMAT = "applr-appld-1"
+MAX_BYTES = 64 * 2 ** 20
+MAX_CONTEXTS = 64
+
+# The authors' published sets for the Jackal, in the order of the space's names
+PUBLISHED = {"curve": (.80, .73, 6, 42, .04, .98, .94, .19), "obstacle": (.71, .91, 16, 53, .55, .54, .91, .39),
+             "gap": (.25, 1.34, 8, 59, .43, .65, .98, .40), "open": (1.59, .89, 18, 18, .40, .46, .27, .42)}
+
+
+class AppldError(ValueError):
+    """An APPLD file that cannot be used: one line with what, why and the remedy."""
+
+
+class Appld:
+    """Contexts with their parameter sets, and a classifier.
+
+    contexts  {name: theta (8,)}; values outside the space are clipped to it
+    weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the
+              observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
+    """
+
+    def __init__(self, contexts, weights, space=SPACE, metadata=None):
+        self.names = list(contexts)
+        self.sets = np.array([space.clip(theta) for theta in contexts.values()])
+        self.layers = _layers(weights, len(self.names))
+        self.metadata = metadata or {}
+
+    @classmethod
+    def load(cls, path, space=SPACE):
+        """Reads a file that `save` wrote. Raises AppldError."""
+        path = os.fspath(path)
+        try:
+            if not os.path.isfile(path) or os.path.getsize(path) > MAX_BYTES:
+                raise AppldError(f"{path}: no APPLD file (absent, a folder, or too big); give a .safetensors file")
+            with open(path, "rb") as file:
+                data = file.read(MAX_BYTES)
+            header = json.loads(data[8:8 + int.from_bytes(data[:8], "little")]).get("__metadata__") or {}
+            weights = safetensors.numpy.load(data)
+        except OSError as error:
+            raise AppldError(f"{path}: cannot be read ({error.strerror or error})") from None
+        except AppldError:
+            raise
+        except Exception as error:      # safetensors and json let several kinds through
+            raise AppldError(f"{path}: damaged, or no safetensors file ({str(error).splitlines()[0]})") from None
+        if header.get("format") != FORMAT:
+            raise AppldError(f"{path}: no APPLD file (format {header.get('format')!r}, expected {FORMAT!r})")
+        try:
+            contexts = {str(c["name"]): space.clip(c["theta"]) for c in json.loads(header["contexts"])}
+            return cls(contexts, weights, space, {k: v for k, v in header.items() if k != "contexts"})
+        except (KeyError, TypeError, ValueError) as error:
+            raise AppldError(f"{path}: its contexts or layers do not fit ({error})") from None
+
+    def context(self, obs):
+        """obs (729,) or its first 720 entries → index of the context."""
+        x = np.asarray(obs, dtype=np.float32)[:BEAMS]
+        for weight, bias in self.layers[:-1]:
+            x = np.maximum(weight @ x + bias, np.float32(0.0))
+        weight, bias = self.layers[-1]
+        return int(np.argmax(weight @ x + bias))
+
+    def theta(self, obs):
+        """obs (729,) float32 → theta (8,) float64."""
+        return self.sets[self.context(obs)].copy()
+
+
+class Published:
+    """The published parameter sets. Their classifier was never published: this rule of ours stands in for it, on the
+    free space ahead and to the sides. `open` ahead, else `gap` where both sides are near, `curve` where one is, else
+    `obstacle`."""
+
+    names = list(PUBLISHED)
+    SIDE = 0.6      # [m]; nearer counts as a wall beside the robot
+    AHEAD = 1.6     # [m]; freer counts as open
+
+    def __init__(self, space=SPACE):
+        self.sets = np.array([space.clip(theta) for theta in PUBLISHED.values()])
+
+    def context(self, obs):
+        """obs (729,) → index into `names`."""
+        ranges = np.asarray(obs, dtype=np.float64)[:BEAMS] + 1.0
+        ahead, right, left = ranges[300:420].min(), ranges[80:200].min(), ranges[520:640].min()
+        if ahead > self.AHEAD:
+            return self.names.index("open")
+        sides = int(right < self.SIDE) + int(left < self.SIDE)
+        return self.names.index(("obstacle", "curve", "gap")[sides])
+
+    def theta(self, obs):
+        """obs (729,) float32 → theta (8,) float64."""
+        return self.sets[self.context(obs)].copy()
+
+
+def save(path, contexts, weights, metadata=None):
+    """Writes an APPLD file, whole or not at all. contexts: {name: theta}; metadata: {str: str}, where it comes from."""
+    _layers(weights, len(contexts))
+    entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
+    header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries))
+    part = f"{os.fspath(path)}.{os.getpid()}.partial"
+    with open(part, "wb") as file:
+        file.write(safetensors.numpy.save({k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()},
+                                          metadata=header))
+    os.replace(part, path)
+
+
+def _layers(weights, outputs):
+    """[(weight, bias), ...]; AppldError when names, shapes or values do not fit."""
+    layers, width, count = [], BEAMS, len(weights) // 2
+    if not 1 <= outputs <= MAX_CONTEXTS:
+        raise AppldError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
+    for i in range(count):
+        try:
+            weight, bias = weights[f"{i}.weight"], weights[f"{i}.bias"]
+        except KeyError as error:
+            raise AppldError(f"the tensor {error} is missing") from None
+        rows = outputs if i == count - 1 else len(bias)
+        if weight.shape != (rows, width) or bias.shape != (rows,):
+            raise AppldError(f"layer {i} has shapes {weight.shape} and {bias.shape}: ({rows}, {width}) needed")
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise AppldError(f"layer {i} holds NaN or inf")
+        layers.append((np.asarray(weight, dtype=np.float32), np.asarray(bias, dtype=np.float32)))
+        width = rows
+    if not layers:
+        raise AppldError("there are no layers")
+    return layers
+
+
+__all__ = ["Appld", "AppldError", "Published", "PUBLISHED", "SpaceError", "save"]

@@ -1,0 +1,8 @@
+#!/usr/bin/env python3
+"""rosrun applr_ros1 evaluate.py: methods x worlds x trials, then the paper's tables and figures. See --help."""
+import sys
+
+from training.evaluate import main
+
+if __name__ == "__main__":
+    sys.exit(main())
