@@ -19,7 +19,7 @@ ROS = {"rospy", "rosgraph", "roslib", "rosbag", "rospkg", "actionlib", "actionli
        "move_base_msgs", "diagnostic_msgs", "visualization_msgs", "rosgraph_msgs", "genpy"}
 NUMBERS = {"numpy", "numba", "torch"}
 LEARNING = NUMBERS | {"scipy", "matplotlib", "gymnasium", "ray", "tensorboard", "cma", "ruptures", "sklearn", "rosbags",
-                      "onnx", "onnxruntime", "onnxscript", "safetensors", "stable_baselines3", "yaml"}
+                      "onnx", "onnxruntime", "onnxscript", "safetensors", "stable_baselines3", "tqdm", "yaml"}
 # first match wins: folder or file -> modules that it may import beside the standard library and itself
 MAY_KNOW = (
     ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib"}),
