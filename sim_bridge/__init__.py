@@ -1,13 +1,13 @@
-"""The robot's stand-in worlds: one interface (simulator.py), a physical and a kinematic Jackal, and their laser.
-No ROS in here but in ros_bridge.py."""
+"""The robot's stand-in worlds: one interface (simulator.py), a physical and a kinematic Jackal, and their
+laser. No ROS in here but in ros_bridge.py."""
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 
 __all__ = ["Randomisation", "RobotState", "Simulator", "SimulatorError", "make"]
 
 
 def make(name: str, **randomisation) -> Simulator:
-    """A simulator by name, "pybullet" or "kinematic". `randomisation`: see Randomisation. Imported on first use, so the
-    kinematic one needs no pybullet."""
+    """A simulator by name, "pybullet" or "kinematic". `randomisation`: see Randomisation. Imported on first
+    use, so the kinematic one needs no pybullet."""
     if name == "kinematic":
         from .kinematic_simulator import KinematicSimulator
         return KinematicSimulator(**randomisation)

@@ -1,7 +1,8 @@
-"""Bullet's side of the pybullet Jackal: loads pybullet quietly, builds ground, obstacles and robot. PybulletSimulator uses it.
+"""Bullet's side of the pybullet Jackal: loads pybullet quietly, builds ground, obstacles and robot.
+PybulletSimulator uses it.
 
-pybullet's traps, all met here: it prints a banner when imported; meshes from files are cached by name (ours come from memory);
-a world of single bodies is three times slower than one concave mesh.
+pybullet's traps, all met here: it prints a banner when imported; meshes from files are cached by name (ours
+come from memory); a world of single bodies is three times slower than one concave mesh.
 """
 import ctypes
 import math
@@ -20,7 +21,7 @@ _PER_MESH = 4000                             # obstacles in one mesh: Bullet's a
 
 def load_pybullet():
     """The pybullet module, without its banner."""
-    if "pybullet" in sys.modules:
+    if sys.modules.get("pybullet") is not None:
         return sys.modules["pybullet"]
     sys.stdout.flush()
     sys.stderr.flush()
@@ -32,8 +33,8 @@ def load_pybullet():
         import pybullet
         ctypes.CDLL(None).fflush(None)       # a banner on stdout would still sit in C's buffer
     except ImportError as error:
-        raise SimulatorError("pybullet cannot be imported (%s): pip install pybullet, or take the kinematic simulator"
-                             % error) from None
+        raise SimulatorError("pybullet cannot be imported (%s): pip install pybullet, or take the kinematic "
+                             "simulator" % error) from None
     finally:
         for fd, copy in kept:
             os.dup2(copy, fd)
@@ -44,29 +45,31 @@ def load_pybullet():
 
 def build_world(p, client, world, step):
     """An empty scene with ground and the world's static obstacles. Returns the obstacles' body ids."""
-    p.resetSimulation(physicsClientId=client)
-    p.setGravity(0, 0, -jackal.GRAVITY, physicsClientId=client)
+    on = {"physicsClientId": client}
+    p.resetSimulation(**on)
+    p.setGravity(0, 0, -jackal.GRAVITY, **on)
     p.setPhysicsEngineParameter(fixedTimeStep=step, numSolverIterations=30, deterministicOverlappingPairs=1,
-                                enableFileCaching=0, physicsClientId=client)
-    ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, physicsClientId=client), physicsClientId=client)
-    p.changeDynamics(ground, -1, lateralFriction=0.0, physicsClientId=client)     # skid_steer.py pulls instead
+                                enableFileCaching=0, **on)
+    ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
+    p.changeDynamics(ground, -1, lateralFriction=0.0, **on)     # skid_steer.py pulls instead
     outlines = [_ring(*cylinder) for cylinder in np.asarray(world.cylinders, dtype=float).reshape(-1, 3)]
     outlines += [_corners(*box) for box in np.asarray(world.boxes, dtype=float).reshape(-1, 5)]
     bodies = []
     for start in range(0, len(outlines), _PER_MESH):
         vertices, indices = _walls(outlines[start:start + _PER_MESH])
         shape = p.createCollisionShape(p.GEOM_MESH, vertices=vertices, indices=indices,
-                                       flags=p.GEOM_FORCE_CONCAVE_TRIMESH, physicsClientId=client)
-        bodies.append(p.createMultiBody(0, shape, physicsClientId=client))
-        p.changeDynamics(bodies[-1], -1, lateralFriction=1.0, physicsClientId=client)
+                                       flags=p.GEOM_FORCE_CONCAVE_TRIMESH, **on)
+        bodies.append(p.createMultiBody(0, shape, **on))
+        p.changeDynamics(bodies[-1], -1, lateralFriction=1.0, **on)
     return bodies
 
 
 def add_mover(p, client, mover):
     """A moving cylinder; the simulator puts it where it is at every step."""
-    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP, physicsClientId=client)
-    body = p.createMultiBody(0, shape, basePosition=_upright(*mover.position(0.0)), physicsClientId=client)
-    p.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=client)
+    on = {"physicsClientId": client}
+    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP, **on)
+    body = p.createMultiBody(0, shape, basePosition=_upright(*mover.position(0.0)), **on)
+    p.changeDynamics(body, -1, lateralFriction=1.0, **on)
     return body
 
 
@@ -75,15 +78,17 @@ def put_mover(p, client, body, x, y):
 
 
 def build_robot(p, client, pose):
-    """The Jackal at pose (x, y, yaw), its four wheels as joints 0 to 3. The body's frame is the chassis's centre of mass."""
+    """The Jackal at pose (x, y, yaw), its four wheels as joints 0 to 3. The body's frame is the chassis's
+    centre of mass."""
+    on = {"physicsClientId": client}
     x, y, yaw = pose
     com_x, com_y, com_z = jackal.CHASSIS_COM
     length, width, height = jackal.CHASSIS_SIZE
     chassis = p.createCollisionShape(p.GEOM_BOX, halfExtents=[length / 2, width / 2, height / 2],
-                                     collisionFramePosition=[-com_x, -com_y, height / 2 - com_z], physicsClientId=client)
+                                     collisionFramePosition=[-com_x, -com_y, height / 2 - com_z], **on)
     wheel = p.createCollisionShape(p.GEOM_CYLINDER, radius=jackal.WHEEL_RADIUS, height=jackal.WHEEL_WIDTH,
                                    collisionFrameOrientation=p.getQuaternionFromEuler([math.pi / 2, 0, 0]),
-                                   physicsClientId=client)
+                                   **on)
     axles = [(i * jackal.WHEELBASE / 2 - com_x, j * jackal.TRACK / 2 - com_y, jackal.AXLE_HEIGHT - com_z)
              for i in (1, -1) for j in (1, -1)]
     c, s = math.cos(yaw), math.sin(yaw)
@@ -92,16 +97,16 @@ def build_robot(p, client, pose):
         jackal.CHASSIS_MASS, chassis, -1,
         [x + c * com_x - s * com_y, y + s * com_x + c * com_y, jackal.BASE_HEIGHT + com_z - sink],
         p.getQuaternionFromEuler([0, 0, yaw]),
-        linkMasses=[jackal.WHEEL_MASS] * 4, linkCollisionShapeIndices=[wheel] * 4, linkVisualShapeIndices=[-1] * 4,
-        linkPositions=axles, linkOrientations=[[0, 0, 0, 1]] * 4, linkInertialFramePositions=[[0, 0, 0]] * 4,
-        linkInertialFrameOrientations=[[0, 0, 0, 1]] * 4, linkParentIndices=[0] * 4,
-        linkJointTypes=[p.JOINT_REVOLUTE] * 4, linkJointAxis=[[0, 1, 0]] * 4, physicsClientId=client)
-    p.changeDynamics(robot, -1, localInertiaDiagonal=jackal.CHASSIS_INERTIA, lateralFriction=jackal.BODY_FRICTION,
-                     linearDamping=0, angularDamping=0, physicsClientId=client)
+        linkMasses=[jackal.WHEEL_MASS] * 4, linkCollisionShapeIndices=[wheel] * 4,
+        linkVisualShapeIndices=[-1] * 4, linkPositions=axles, linkOrientations=[[0, 0, 0, 1]] * 4,
+        linkInertialFramePositions=[[0, 0, 0]] * 4, linkInertialFrameOrientations=[[0, 0, 0, 1]] * 4,
+        linkParentIndices=[0] * 4, linkJointTypes=[p.JOINT_REVOLUTE] * 4, linkJointAxis=[[0, 1, 0]] * 4, **on)
+    p.changeDynamics(robot, -1, localInertiaDiagonal=jackal.CHASSIS_INERTIA,
+                     lateralFriction=jackal.BODY_FRICTION, linearDamping=0, angularDamping=0, **on)
     for wheel in range(4):
-        p.changeDynamics(robot, wheel, localInertiaDiagonal=jackal.WHEEL_INERTIA, lateralFriction=jackal.WHEEL_FRICTION,
-                         linearDamping=0, angularDamping=0, jointDamping=0, contactStiffness=GROUND_CONTACT[0],
-                         contactDamping=GROUND_CONTACT[1], physicsClientId=client)
+        p.changeDynamics(robot, wheel, localInertiaDiagonal=jackal.WHEEL_INERTIA,
+                         lateralFriction=jackal.WHEEL_FRICTION, linearDamping=0, angularDamping=0, jointDamping=0,
+                         contactStiffness=GROUND_CONTACT[0], contactDamping=GROUND_CONTACT[1], **on)
     return robot
 
 
@@ -119,11 +124,13 @@ def _ring(x, y, radius):
 
 def _corners(x, y, yaw, size_x, size_y):
     c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (size_x / 2, size_y / 2) @ np.array([(c, s), (-s, c)]) + (x, y)
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (size_x / 2, size_y / 2)
+    return corners @ np.array([(c, s), (-s, c)]) + (x, y)
 
 
 def _walls(outlines):
-    """Vertices (lists of 3) and triangle indices of upright walls around counter-clockwise outlines, facing outwards."""
+    """Vertices (lists of 3) and triangle indices of upright walls around counter-clockwise outlines, facing
+    outwards."""
     vertices, indices, base = [], [], 0
     for outline in outlines:
         n = len(outline)

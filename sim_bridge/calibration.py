@@ -1,6 +1,8 @@
-"""The table of commanded against driven speeds: `python -m sim_bridge.calibration [--simulator kinematic] [--even]`.
+"""The table of commanded against driven speeds: `python -m sim_bridge.calibration [--simulator kinematic]
+[--even]`.
 
-The tests read `measure` and `CASES`. Driven means: true motion of base_link, averaged over some seconds once it is steady.
+The tests read `measure` and `CASES`. Driven means: true motion of base_link, averaged over some seconds once
+it is steady.
 """
 import argparse
 import sys
@@ -21,7 +23,8 @@ CASES = ([(v, 0.0) for v in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, -0.1, -0.5)]
 
 @dataclass
 class Measurement:
-    """Means over the steady part; drift: how far base_link strays while its heading turns once round, in place [m]."""
+    """Means over the steady part; drift: how far base_link strays while its heading turns once round, in
+    place [m]."""
     v: float
     w: float
     driven_v: float

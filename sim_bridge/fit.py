@@ -1,13 +1,14 @@
-"""How far KinematicSimulator drives like PybulletSimulator, and the numbers that bring it nearest:
-`python -m sim_bridge.fit [--scenes 60]`. Prints step responses side by side, then contacts before and after the fit.
+"""How far KinematicSimulator drives like PybulletSimulator, and the numbers that bring it nearest: `python -m
+sim_bridge.fit [--scenes 60]`. Prints step responses side by side, then contacts before and after the fit.
 
-Contacts are compared on scenes: obstacles strewn about the robot, two commands of 1.5 s each, most of which run into
-something. Both robots get the same seed, so ground and wheels are equally uneven. Takes about a minute.
+Contacts are compared on scenes: obstacles strewn about the robot, two commands of 1.5 s each, most of which
+run into something. Both robots get the same seed, so ground and wheels are equally uneven. Takes about a
+minute.
 """
 import argparse
 import sys
 from dataclasses import astuple
-from math import hypot, pi
+from math import pi
 
 import numpy as np
 
@@ -18,6 +19,14 @@ from .simulator import SimulatorError
 
 RESPONSES = [("start and stop, straight", (1.0, 0.0)), ("start and stop, turning", (0.0, 1.57)),
              ("curve", (0.5, 1.0)), ("reverse", (-0.5, 0.0))]
+DRIFTS = [("two turns in place, 1.57 rad/s", 0.0, 1.57, 8.0), ("the other way", 0.0, -1.57, 8.0),
+          ("10 s straight, 1 m/s", 1.0, 0.0, 10.0), ("10 s curve, 1 m/s, .5 rad/s", 1.0, 0.5, 10.0)]
+
+
+def _some_command(rng):
+    if rng.random() < 0.75:
+        return rng.uniform(0.1, 1.2), rng.uniform(-1.5, 1.5)
+    return (-0.5, 0.0) if rng.random() < 0.3 else (0.0, rng.uniform(-2.0, 2.0))
 
 
 class Scene:
@@ -37,8 +46,7 @@ class Scene:
             yaw = rng.uniform(-0.7, 0.7)
             self.cylinders = np.empty((0, 3))
             self.boxes = np.array([(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
-        self.commands = [(rng.uniform(0.1, 1.2), rng.uniform(-1.5, 1.5)) if rng.random() < 0.75
-                         else ((-0.5, 0.0) if rng.random() < 0.3 else (0.0, rng.uniform(-2.0, 2.0))) for _ in range(2)]
+        self.commands = [_some_command(rng), _some_command(rng)]
 
     def drive(self, simulator, seed):
         """Poses (60, 3) every 50 ms, whether there was contact (60,)."""
@@ -54,7 +62,7 @@ class Scene:
 
 
 def compare(scenes, recorded, parameters):
-    """Per scene: distance [m] and turn [rad] between the two robots at the end, after the longer of the two drives' ways."""
+    """A row per scene: how far [m, rad] the robots are apart at the end and on average, and which of them touched."""
     simulator = KinematicSimulator(parameters)
     rows = []
     for seed, (scene, (poses, touched)) in enumerate(zip(scenes, recorded)):
@@ -90,7 +98,7 @@ def fit(scenes, recorded, start, sweeps=3):
 
 def responses(simulators):
     """Print true speeds at 50, 100, 200, 500 ms after a start and after a stop, for each simulator."""
-    print("%-26s %-10s %s" % ("response (v or w)", "", "50 ms   100     200     500  | stop: 50     100     250 ms after"))
+    print("%-37s 50 ms   100     200     500  | stop: 50     100     250 ms after" % "response (v or w)")
     for name, (v, w) in RESPONSES:
         for label, simulator in simulators:
             simulator.reset(OpenPlane, 0)
@@ -109,8 +117,7 @@ def simulator_step(simulator, v, w):
 def drifts(simulators):
     """Print where base_link is after whole turns in place and a straight line, for each simulator."""
     print("%-40s %-10s x       y       yaw" % ("pose after", ""))
-    for name, v, w, seconds in (("two turns in place, 1.57 rad/s", 0.0, 1.57, 8.0), ("the other way", 0.0, -1.57, 8.0),
-                                ("10 s straight, 1 m/s", 1.0, 0.0, 10.0), ("10 s curve, 1 m/s, .5 rad/s", 1.0, 0.5, 10.0)):
+    for name, v, w, seconds in DRIFTS:
         for label, simulator in simulators:
             simulator.reset(OpenPlane, 1)
             pose = run(simulator, v, w, seconds).pose
@@ -119,8 +126,8 @@ def drifts(simulators):
 
 def report(title, rows):
     hit = rows[:, 4] > 0
-    print("%s: %d scenes with contact: end apart median %.3f m, mean %.3f m, 90 %% %.3f m; turned apart median %.3f rad; "
-          "contact seen by both or neither in %.0f %%" % (
+    print("%s: %d scenes with contact: end apart median %.3f m, mean %.3f m, 90 %% %.3f m; "
+          "turned apart median %.3f rad; contact seen by both or neither in %.0f %%" % (
               title, hit.sum(), np.median(rows[hit, 0]), rows[hit, 0].mean(), np.quantile(rows[hit, 0], 0.9),
               np.median(rows[hit, 1]), 100 * np.mean(rows[:, 4] == rows[:, 5])))
 

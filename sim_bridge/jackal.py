@@ -1,4 +1,5 @@
-"""The Jackal's facts and figures: geometry, mass, limits, laser, odometry. Every number of the robot stands here once.
+"""The Jackal's facts and figures: geometry, mass, limits, laser, odometry. Every number of the robot stands
+here once.
 
 Read by both simulators, the lidar and the ROS bridge. Lengths [m], masses [kg], angles [rad], times [s].
 Sources: Clearpath's URDF and control.yaml for the Jackal, and Gazebo's sensor settings for it.
@@ -22,7 +23,8 @@ AXLE_HEIGHT = 0.0345                         # of the wheels' axles above base_l
 BASE_HEIGHT = WHEEL_RADIUS - AXLE_HEIGHT     # of base_link above the ground
 MASS = CHASSIS_MASS + 4 * WHEEL_MASS
 COM = tuple(CHASSIS_MASS / MASS * value for value in CHASSIS_COM[:2])      # of the whole robot, in base_link
-COM_HEIGHT = BASE_HEIGHT + (CHASSIS_MASS * CHASSIS_COM[2] + 4 * WHEEL_MASS * AXLE_HEIGHT) / MASS  # above the ground
+# its height above the ground
+COM_HEIGHT = BASE_HEIGHT + (CHASSIS_MASS * CHASSIS_COM[2] + 4 * WHEEL_MASS * AXLE_HEIGHT) / MASS
 YAW_INERTIA = (CHASSIS_INERTIA[2] + 4 * WHEEL_INERTIA[2] + 4 * WHEEL_MASS * (TRACK ** 2 + WHEELBASE ** 2) / 4
                + CHASSIS_MASS * (CHASSIS_COM[0] ** 2 + CHASSIS_COM[1] ** 2)
                - MASS * (COM[0] ** 2 + COM[1] ** 2))                         # about COM
@@ -41,11 +43,11 @@ MAX_YAW_RATE = 4.0
 MAX_YAW_ACCELERATION = 25.0
 COMMAND_TIMEOUT = 0.25
 
-# -- skid steering (skid_steer.py): what Gazebo's per-world figures are matched with ----------------------------
-GRIP_LIMIT = 3.7                             # up to this v w [m/s^2] the tyres hold a curve; the wheels are calibrated so far
-TYRE_CREEP = 0.02                            # slip speed at which a tyre has about .7 of its full friction [m/s]
-GRIP_NOISE, GRIP_TIME = 0.10, 0.5            # uneven ground: each wheel's friction, relative sd, correlation time [s]
-WHEEL_NOISE, WHEEL_TIME = 0.005, 0.5          # each side's speed, relative sd, correlation time [s]
+# -- skid steering (skid_steer.py): what Gazebo's per-world figures are matched with -----
+GRIP_LIMIT = 3.7                             # the tyres hold curves up to this v w [m/s^2]; calibrated so far
+TYRE_CREEP = 0.02                            # slip speed at which a tyre has .7 of its full friction [m/s]
+GRIP_NOISE, GRIP_TIME = 0.10, 0.5            # uneven ground: each wheel's friction, relative sd; time [s]
+WHEEL_NOISE, WHEEL_TIME = 0.005, 0.5          # each side's speed, relative sd; correlation time [s]
 
 # -- laser ----------------------------------------------------------------------------------------
 LASER_FRAME = "front_laser"
@@ -61,7 +63,7 @@ SCAN_NOISE = 0.001                           # standard deviation [m]
 SCAN_RATE = 50.0
 ODOMETRY_RATE = 50.0
 
-# -- odometry: wheel speeds for the distance, IMU for the heading, as robot_localization fuses them ----------------
+# -- odometry: wheel speeds for the distance, IMU for the heading, as robot_localization fuses them --
 ODOM_SCALE_ERROR = 0.005                     # standard deviation of the wheels' scale, drawn at reset
 ODOM_HEADING_DRIFT = 0.002                   # standard deviation of the heading's error [rad] ...
 ODOM_HEADING_TIME = 60.0                     # ... and its correlation time [s]

@@ -1,5 +1,6 @@
-"""The planar Jackal in numba: the tyres of skid_steer.py, and contacts that push and slide by geometry. KinematicSimulator
-calls `drive`. What Bullet does in space (lift of a wheel at an obstacle, its way of rubbing) is in three fitted numbers.
+"""The planar Jackal in numba: the tyres of skid_steer.py, and contacts that push and slide by geometry.
+KinematicSimulator calls `drive`. What Bullet does in space (lift of a wheel at an obstacle, its way of
+rubbing) is in three fitted numbers.
 """
 from math import atan2, cos, hypot, sin
 
@@ -9,9 +10,10 @@ from numba import njit
 from . import jackal, skid_steer
 
 STEP = skid_steer.STEP
-# the state: pose of the centre of mass, its velocity ahead and to the left, yaw rate; and what a drive reports
+# the state: pose of the centre of mass, its velocity ahead and to the left, yaw rate; what a drive reports
 X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
 _MARGIN = 0.02                                     # contacts are watched from this distance on [m]
+_MOST_UNDONE = 1.0                                 # speed at which an overlap is undone, at most [m/s]
 _SWEEPS = 8
 _MOST = 24                                         # contacts at a time
 
@@ -25,8 +27,8 @@ _REACH = hypot(jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH) + hypot(*jackal.
 
 @njit(cache=True)
 def _circle_contact(px, py, r, part):
-    """A circle at (px, py) in the body's frame against one part of the outline: depth (negative: a gap) [m], contact point
-    and the direction in which it pushes the robot."""
+    """A circle at (px, py) in the body's frame against one part of the outline: depth (negative: a gap) [m],
+    contact point and the direction in which it pushes the robot."""
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
     qx, qy = min(max(px, -a), a), min(max(py, -b), b)
@@ -42,7 +44,8 @@ def _circle_contact(px, py, r, part):
 
 @njit(cache=True)
 def _box_contact(px, py, ax, ay, hx, hy, part):
-    """As _circle_contact, for a box at (px, py) with axis (ax, ay) and half sizes hx, hy: least overlap over four axes."""
+    """As _circle_contact, for a box at (px, py) with axis (ax, ay) and half sizes hx, hy: least overlap over
+    four axes."""
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
     depth, nx, ny, own = np.inf, 0.0, 0.0, True
@@ -70,8 +73,14 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
 
 
 @njit(cache=True)
+def _note(row, depth, x, y, nx, ny, part):
+    row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7] = depth, x, y, nx, ny, part, 0.0, 0.0
+
+
+@njit(cache=True)
 def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
-    """Fill found (_MOST, 6): depth, point, direction, part (0 chassis, 1 to 4 wheels). Returns how many."""
+    """Fill found (_MOST, 8): depth, point, direction, part (0 chassis, 1 to 4 wheels), the obstacle's
+    velocity, all in the body's frame. Returns how many."""
     n = 0
     for i in range(n_circles):
         dx, dy = circles[i, 0] - x, circles[i, 1] - y
@@ -82,7 +91,9 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
         for k in range(_PARTS.shape[0]):
             depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], _PARTS[k])
             if depth > -_MARGIN and n < _MOST:
-                found[n, 0], found[n, 1], found[n, 2], found[n, 3], found[n, 4], found[n, 5] = depth, qx, qy, nx, ny, k
+                _note(found[n], depth, qx, qy, nx, ny, k)
+                found[n, 6] = c * circles[i, 3] + s * circles[i, 4]
+                found[n, 7] = c * circles[i, 4] - s * circles[i, 3]
                 n += 1
     for i in range(n_boxes):
         dx, dy = boxes[i, 0] - x, boxes[i, 1] - y
@@ -96,7 +107,7 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
         for k in range(_PARTS.shape[0]):
             depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, _PARTS[k])
             if depth > -_MARGIN and n < _MOST:
-                found[n, 0], found[n, 1], found[n, 2], found[n, 3], found[n, 4], found[n, 5] = depth, qx, qy, nx, ny, k
+                _note(found[n], depth, qx, qy, nx, ny, k)
                 n += 1
     return n
 
@@ -105,16 +116,17 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
 def _press(u, s, w, found, n, rims, p):
     """Impulses of n contacts on the moving body: the velocity (u, s, w) after them, and whether any pressed.
 
-    Normal: no approach beyond the gap, a share p[2] of an overlap is undone. Friction: Coulomb's, p[0] at wheels and p[1] at
-    the chassis; a wheel's front and back run up or down the obstacle, which leaves less friction for sliding across."""
+    Normal: no approach beyond the gap, a share p[2] of an overlap is undone. Friction: Coulomb's, p[0] at
+    wheels and p[1] at the chassis; a wheel's front and back run up or down the obstacle, which leaves less
+    friction for sliding across."""
     push, hold = np.zeros(n), np.zeros(n)
     for _ in range(_SWEEPS):
         for i in range(n):
-            depth, x, y, nx, ny, part = found[i]
+            depth, x, y, nx, ny, part, its_u, its_s = found[i]
             arm = x * ny - y * nx
             soft = 1.0 / jackal.MASS + arm * arm / jackal.YAW_INERTIA
-            speed = (u - w * y) * nx + (s + w * x) * ny
-            want = depth / STEP if depth < 0.0 else p[2] * depth / STEP
+            speed = (u - w * y - its_u) * nx + (s + w * x - its_s) * ny
+            want = depth / STEP if depth < 0.0 else min(p[2] * depth / STEP, _MOST_UNDONE)
             total = max(0.0, push[i] + (want - speed) / soft)
             d, push[i] = total - push[i], total
             u += d * nx / jackal.MASS
@@ -124,7 +136,7 @@ def _press(u, s, w, found, n, rims, p):
                 tx, ty = -ny, nx
                 arm = x * ty - y * tx
                 soft = 1.0 / jackal.MASS + arm * arm / jackal.YAW_INERTIA
-                speed = (u - w * y) * tx + (s + w * x) * ty
+                speed = (u - w * y - its_u) * tx + (s + w * x - its_s) * ty
                 limit = p[1] * total
                 if part > 0.0:
                     up = rims[int(part - 1) % 2] * abs(nx)
@@ -144,15 +156,16 @@ def _press(u, s, w, found, n, rims, p):
 def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise, friction, slip):
     """Advance state (SIZE,) and wheels (skid_steer.SIZE,) by `steps` steps of STEP.
 
-    times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 3), boxes (m, 5): what may
-    be hit. table: skid_steer.rim_table(). p: KinematicParameters. noise (steps, 6) standard normal."""
+    times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 5) x, y,
+    radius, velocity, boxes (m, 5): what may be hit. table: skid_steer.rim_table(). p: KinematicParameters.
+    noise (steps, 6) standard normal."""
     span = _REACH + _MARGIN + steps * STEP * (jackal.MAX_SPEED + 0.5)
-    close = np.empty((circles.shape[0], 3))
+    close = np.empty((circles.shape[0], 5))
     n_close = 0
     for k in range(circles.shape[0]):
         dx, dy, far = circles[k, 0] - state[X], circles[k, 1] - state[Y], circles[k, 2] + span
         if dx * dx + dy * dy < far * far:
-            close[n_close, 0], close[n_close, 1], close[n_close, 2] = circles[k, 0], circles[k, 1], circles[k, 2]
+            close[n_close] = circles[k]
             n_close += 1
     near_boxes = np.empty((boxes.shape[0], 5))
     n_boxes = 0
@@ -162,7 +175,7 @@ def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise,
         if dx * dx + dy * dy < far * far:
             near_boxes[n_boxes] = boxes[k]
             n_boxes += 1
-    found, lift, rims = np.empty((_MOST, 6)), np.ones(4), np.empty(2)
+    found, lift, rims = np.empty((_MOST, 8)), np.ones(4), np.empty(2)
     x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
     contact, rolled, k_target = False, 0.0, 0
     for step in range(steps):
@@ -179,6 +192,9 @@ def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise,
             if n > 0:
                 u, s, w, pressed = _press(u, s, w, found, n, rims, p)
                 contact |= pressed
+        for i in range(n_close):
+            close[i, 0] += STEP * close[i, 3]
+            close[i, 1] += STEP * close[i, 4]
         x += STEP * (c * u - sn * s)
         y += STEP * (sn * u + c * s)
         yaw += STEP * w

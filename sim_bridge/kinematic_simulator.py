@@ -1,7 +1,7 @@
 """KinematicSimulator: the pybullet Jackal without a physics engine, for training volume.
 
-Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry (kinematic_kernel.py). Its few free
-numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit`.
+Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry
+(kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit`.
 """
 from dataclasses import astuple, dataclass
 from math import cos, sin
@@ -36,7 +36,8 @@ class KinematicSimulator(Simulator):
         self._odometry = Odometry(pose[2], np.random.default_rng(seed))
         self._noise = np.random.default_rng([seed, 1])
         if new_world:
-            self._circles = np.ascontiguousarray(self.world.cylinders, dtype=np.float64).reshape(-1, 3)
+            self._circles = np.zeros((len(self.world.cylinders), 5))            # x, y, radius, velocity
+            self._circles[:, :3] = self.world.cylinders
             self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
         self._steps, self._elapsed = 0, 0.0
         self._wheels = np.zeros(skid_steer.SIZE)
@@ -54,9 +55,11 @@ class KinematicSimulator(Simulator):
         times, targets = self._schedule(steps)
         circles = self._circles
         if self.world.movers:
-            circles = np.concatenate([circles, self.mover_circles()])
-        kernel.drive(self._body, self._wheels, steps, times, targets, circles, self._boxes, self._table, self.parameters,
-                     self._noise.standard_normal((steps, skid_steer.NOISES)),
+            now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
+            velocity = (then - now)[:, :2] / (steps * STEP)
+            circles = np.concatenate([circles, np.hstack([now, velocity])])
+        kernel.drive(self._body, self._wheels, steps, times, targets, circles, self._boxes, self._table,
+                     self.parameters, self._noise.standard_normal((steps, skid_steer.NOISES)),
                      jackal.WHEEL_FRICTION * self.drawn.friction, self.drawn.slip)
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
@@ -65,8 +68,9 @@ class KinematicSimulator(Simulator):
         u += w * com_y                                # from the centre of mass to base_link
         odometry, span = self._odometry, steps * STEP
         odometry.update(span, rolled, yaw, w, (u - self.state.twist[0]) / span)
-        self.state = RobotState(self._steps * STEP, (x - c * com_x + sn * com_y, y - sn * com_x - c * com_y, yaw), (u, w),
-                                odometry.pose, odometry.twist, contact > 0.0, False, odometry.imu)
+        pose = x - c * com_x + sn * com_y, y - sn * com_x - c * com_y, yaw
+        self.state = RobotState(self._steps * STEP, pose, (u, w), odometry.pose, odometry.twist,
+                                contact > 0.0, False, odometry.imu)
 
     def _schedule(self, steps):
         """The velocity target of each step, as (from which step, (v, w)), where it changes."""

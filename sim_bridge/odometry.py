@@ -1,5 +1,6 @@
-"""What the robot believes about its own motion: wheels for the distance, IMU for the heading, as robot_localization fuses
-them on the Jackal. Sideways slip and wheels spinning at an obstacle are not seen. Both simulators call it."""
+"""What the robot believes about its own motion: wheels for the distance, IMU for the heading, as
+robot_localization fuses them on the Jackal. Sideways slip and wheels spinning at an obstacle are not seen.
+Both simulators call it."""
 from math import cos, exp, pi, sin, sqrt
 
 from . import jackal
@@ -31,7 +32,8 @@ class Odometry:
         self._turned = self.pose[2] - true_yaw
 
     def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
-        """Wheels turned at `wheel_speed` [m/s] (mean of the four) for `duration`; the true yaw and yaw rate now."""
+        """Wheels turned at `wheel_speed` [m/s] (mean of the four) for `duration`; the true yaw and yaw rate
+        now."""
         keep = exp(-duration / jackal.ODOM_HEADING_TIME)
         self._error = keep * self._error + (self.scale * jackal.ODOM_HEADING_DRIFT
                                             * sqrt(1.0 - keep * keep) * self._normal())

@@ -1,10 +1,11 @@
-"""The node /sim_bridge: a simulated Jackal as ROS sees the real one. Started by applr_ros1/scripts/sim_bridge.py.
+"""The node /sim_bridge: a simulated Jackal as ROS sees the real one. Started by
+applr_ros1/scripts/sim_bridge.py.
 
-Topics out: /clock (100 Hz) /front/scan /odometry/filtered /tf /tf_static /imu/data /joint_states /collision ~collision
-~ground_truth (frame world, 50 Hz) ~obstacles ~current_world (latched) ~movers. In: /cmd_vel and
-/jackal_velocity_controller/cmd_vel (the newest counts), /set_pose (what the odometry believes, as on the Jackal), ~world.
-Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world named by parameter ~world).
-Parameters: ~world ~simulator ~seed ~real_time_factor ~gui ~randomisation.
+Topics out: /clock (100 Hz) /front/scan /odometry/filtered /tf /tf_static /imu/data /joint_states /collision
+~collision ~ground_truth (frame world, 50 Hz) ~obstacles ~current_world (latched) ~movers. In: /cmd_vel and
+/jackal_velocity_controller/cmd_vel (the newest counts), /set_pose (what the odometry believes, as on the
+Jackal), ~world. Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the
+world named by parameter ~world). Parameters: ~world ~simulator ~seed ~real_time_factor ~gui ~randomisation.
 
 One thread simulates; callbacks only leave what they heard. ROS time never goes back, not even at a reset.
 """
@@ -20,7 +21,7 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
 
-from . import jackal, make
+from . import make
 from .ros_topics import Topics
 from .simulator import SimulatorError
 
@@ -44,8 +45,8 @@ class Bridge:
         options = dict(rospy.get_param("~randomisation", {}))
         if rospy.get_param("~gui", False):
             options["gui"] = True
-        self.simulator = make(name, **options)
         world = worlds.load(str(rospy.get_param("~world", "generated:0")))
+        self.simulator = make(name, **options)
         self._warm_up(world)
         self.lock = threading.Lock()            # of the simulator
         self.arrived = threading.Condition()    # of the next four
@@ -53,15 +54,15 @@ class Bridge:
         self.driven = False                     # somebody commands
         self.commanded_at = 0.0                 # simulated time of the newest command
         self.refused = 0
-        self.base_time = 1.0                    # ROS time of the simulator's 0; ROS takes time 0 for "no time"
+        self.base_time = 1.0                    # ROS time of the simulator's 0 (ROS takes 0 for "no time")
         self.touched = False
         self.topics = Topics()
         self.simulator.reset(world, self.seed)
         self.topics.publish_world(self.simulator, self.stamp())
         self._connect()
-        rospy.loginfo("sim_bridge: ready: world %s (%d cylinders, %d boxes%s), %s simulator, seed %d, real time factor %g",
-                      world.name, len(world.cylinders), len(world.boxes),
-                      ", %d moving" % len(world.movers) if world.movers else "", name, self.seed, self.factor)
+        rospy.loginfo("sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
+                      "real time factor %g", world.name, len(world.cylinders), len(world.boxes),
+                      len(world.movers), name, self.seed, self.factor)
 
     def _warm_up(self, world):
         """Compile everything before anybody can count on the clock."""
@@ -113,8 +114,9 @@ class Bridge:
             self.commanded_at = self.simulator.state.time
 
     def _lock_step(self):
-        """As fast as it goes, but never further than a control period beyond the planner's last command: wait for the next
-        one, at most PATIENCE. Who falls silent for longer is not waited for again until a command comes."""
+        """As fast as it goes, but never further than a control period beyond the planner's last command: wait
+        for the next one, at most PATIENCE. Who falls silent for longer is not waited for again until a
+        command comes."""
         if self.driven and self.simulator.state.time - self.commanded_at > CONTROL_PERIOD - 1e-6:
             with self.arrived:
                 self.driven = self.arrived.wait_for(lambda: self.heard is not None, PATIENCE)
@@ -124,8 +126,8 @@ class Bridge:
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
             self.refused += 1
-            rospy.logwarn_throttle(5.0, "sim_bridge: velocity command (%g, %g) refused: not finite (%d so far)"
-                                   % (v, w, self.refused))
+            rospy.logwarn_throttle(5.0, "sim_bridge: velocity command (%g, %g) refused: it must be finite (%d "
+                                   "so far)" % (v, w, self.refused))
             return
         with self.arrived:
             self.heard, self.driven = (v, w), True
@@ -136,10 +138,11 @@ class Bridge:
         p, q = message.pose.pose.position, message.pose.pose.orientation
         values = (p.x, p.y, q.x, q.y, q.z, q.w)
         if not all(map(isfinite, values)) or abs(sum(value * value for value in values[2:]) - 1.0) > 0.1:
-            rospy.logwarn("sim_bridge: /set_pose refused: position and orientation must be finite, the quaternion of length 1")
+            rospy.logwarn("sim_bridge: /set_pose refused: give finite numbers and a quaternion of length 1")
             return
+        yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
         with self.lock:
-            self.simulator.set_odometry((p.x, p.y, atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))))
+            self.simulator.set_odometry((p.x, p.y, yaw))
 
     def on_reset(self, _):
         self.seed += 1
@@ -174,7 +177,7 @@ class Bridge:
             self.topics.publish_world(self.simulator, self.stamp())
             self.topics.publish_state(state, self.simulator.scan(), self.stamp(), False)
             self.topics.publish_clock(self.stamp())
-        time.sleep(0.05)                        # lets scans from the old place pass before the maps are cleared
+        time.sleep(0.05)                        # scans from the old place pass before the maps are cleared
         _clear_costmaps()
 
 
@@ -196,8 +199,8 @@ class Pace:
             self.next = now
             if now - self.told > 10.0:
                 self.told = now
-                rospy.logwarn("sim_bridge: simulated time is %.1f s behind real_time_factor %g: the machine is busy",
-                              self.late, factor)
+                rospy.logwarn("sim_bridge: %.1f s lost so far: real_time_factor %g is too much for this "
+                              "machine now", self.late, factor)
 
 
 def _clear_costmaps(patience=2.0):
@@ -215,7 +218,8 @@ def _clear_costmaps(patience=2.0):
     worker.start()
     worker.join(patience)
     if worker.is_alive():
-        rospy.logwarn("sim_bridge: costmaps not cleared: /move_base/clear_costmaps has not answered for %g s", patience)
+        rospy.logwarn("sim_bridge: costmaps not cleared: /move_base/clear_costmaps gave no answer for %g s",
+                      patience)
 
 
 def _number(name, default):

@@ -1,5 +1,5 @@
-"""What the simulated Jackal says over ROS: a RobotState and a scan as the messages of Clearpath's Jackal. ros_bridge.py
-publishes through it. Positions are planar; z is base_link's plane."""
+"""What the simulated Jackal says over ROS: a RobotState and a scan as the messages of Clearpath's Jackal.
+ros_bridge.py publishes through it. Positions are planar; z is base_link's plane."""
 from math import cos, pi, sin
 
 import rospy
@@ -19,6 +19,7 @@ WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_righ
 _COVARIANCE = [0.0] * 36
 for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
     _COVARIANCE[7 * _i] = _value
+_ATTITUDE_COVARIANCE = [1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4]
 
 
 class Topics:
@@ -33,7 +34,8 @@ class Topics:
         self.imu = rospy.Publisher("/imu/data", Imu, queue_size=10)
         self.joints = rospy.Publisher("/joint_states", JointState, queue_size=10)
         self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
-        self.collisions = [rospy.Publisher(name, Bool, queue_size=10) for name in ("~collision", "/collision")]
+        self.collisions = [rospy.Publisher(topic, Bool, queue_size=10)
+                           for topic in ("~collision", "/collision")]
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.world = rospy.Publisher("~current_world", String, queue_size=1, latch=True)
@@ -62,9 +64,10 @@ class Topics:
         self.tf_static.publish([laser, _transform(BASE, "chassis_link", (0.0, 0.0, 0.0), stamp),
                                 _transform(BASE, "imu_link", (0.0, 0.0, 0.0), stamp),
                                 _transform(WORLD, ODOM, (x, y, 0.0), stamp)])
+        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
         markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_cylinder(*row, i + 1, stamp) for i, row in enumerate(simulator.world.cylinders.tolist())]
-        markers += [_box(*row, len(markers) + i, stamp) for i, row in enumerate(simulator.world.boxes.tolist())]
+        markers += [_cylinder(*row, i, stamp) for i, row in enumerate(cylinders)]
+        markers += [_box(*row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
         markers[0].header.frame_id = WORLD
         self.obstacles.publish(markers)
         self.world.publish(simulator.world.name)
@@ -73,7 +76,7 @@ class Topics:
     def publish_movers(self, simulator, stamp):
         circles = simulator.mover_circles().tolist()
         if circles and self.movers.get_num_connections():
-            self.movers.publish([_cylinder(x, y, r, i, stamp, "movers") for i, (x, y, r) in enumerate(circles)])
+            self.movers.publish([_cylinder(*row, i, stamp, "movers") for i, row in enumerate(circles)])
 
     def _publish_joints(self, state, stamp):
         now = state.time
@@ -113,9 +116,10 @@ def _odometry(frame, pose, twist, stamp):
 
 
 def _scan(ranges, stamp):
-    message = LaserScan(angle_min=jackal.ANGLE_MIN, angle_max=jackal.ANGLE_MAX, angle_increment=jackal.ANGLE_INCREMENT,
-                        scan_time=1.0 / jackal.SCAN_RATE, range_min=jackal.RANGE_MIN, range_max=jackal.RANGE_MAX,
-                        ranges=ranges.tolist())
+    message = LaserScan(
+        angle_min=jackal.ANGLE_MIN, angle_max=jackal.ANGLE_MAX, angle_increment=jackal.ANGLE_INCREMENT,
+        range_min=jackal.RANGE_MIN, range_max=jackal.RANGE_MAX, scan_time=1.0 / jackal.SCAN_RATE,
+        ranges=ranges.tolist())
     message.header.frame_id, message.header.stamp = jackal.LASER_FRAME, stamp
     return message
 
@@ -126,7 +130,7 @@ def _imu(state, stamp):
     message.orientation = quaternion(state.odom_pose[2])
     message.linear_acceleration.x, message.angular_velocity.z = state.imu
     message.linear_acceleration.z = jackal.GRAVITY
-    message.orientation_covariance[0] = message.orientation_covariance[4] = message.orientation_covariance[8] = 1e-4
+    message.orientation_covariance = _ATTITUDE_COVARIANCE
     message.angular_velocity_covariance[8] = jackal.GYRO_NOISE ** 2
     message.linear_acceleration_covariance[0] = jackal.ACCELEROMETER_NOISE ** 2
     return message
@@ -143,7 +147,8 @@ def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
 
 def _cylinder(x, y, radius, number, stamp, name="obstacles"):
     colour = (0.8, 0.4, 0.2, 1.0) if name == "movers" else (0.45, 0.47, 0.5, 1.0)
-    return _marker(Marker.CYLINDER, x, y, 0.0, (2 * radius, 2 * radius, OBSTACLE_HEIGHT), number, stamp, name, colour)
+    size = (2 * radius, 2 * radius, OBSTACLE_HEIGHT)
+    return _marker(Marker.CYLINDER, x, y, 0.0, size, number, stamp, name, colour)
 
 
 def _box(x, y, yaw, size_x, size_y, number, stamp):

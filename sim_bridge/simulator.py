@@ -1,5 +1,6 @@
-"""The one interface of the robot's stand-in worlds. PybulletSimulator and KinematicSimulator implement it; the ROS
-bridge, the training environment and the evaluation drive through it. Time is simulated: nothing here reads a clock."""
+"""The one interface of the robot's stand-in worlds. PybulletSimulator and KinematicSimulator implement it;
+the ROS bridge, the training environment and the evaluation drive through it. Time is simulated: nothing here
+reads a clock."""
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from math import cos, isfinite, pi, sin
@@ -19,20 +20,22 @@ class SimulatorError(ValueError):
 
 @dataclass
 class RobotState:
-    """What is known of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s]."""
+    """What is known of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s,
+    rad/s]."""
     time: float = 0.0
     pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)          # true, world frame
     twist: Tuple[float, float] = (0.0, 0.0)                     # true, along and about the body's axes
     odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)     # as the odometry believes, frame odom
     odom_twist: Tuple[float, float] = (0.0, 0.0)
-    contact: bool = False                                       # touched anything since the last advance() began
+    contact: bool = False                              # touched anything since the last advance() began
     flipped: bool = False
-    imu: Tuple[float, float] = (0.0, 0.0)                       # forward acceleration [m/s^2], yaw rate [rad/s]
+    imu: Tuple[float, float] = (0.0, 0.0)              # forward acceleration [m/s^2], yaw rate [rad/s]
 
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What may differ from the nominal Jackal. Each is a number or a (low, high) span drawn at reset from the seed."""
+    """What may differ from the nominal Jackal. Each is a number or a (low, high) span drawn at reset from the
+    seed."""
     start_xy: float = 0.0          # the start is moved by up to this much along x and y [m]
     start_yaw: float = 0.0         # and turned by up to this much [rad]
     scan_noise: Span = 1.0         # multiplies the laser's noise
@@ -72,8 +75,8 @@ class _Command:
 class Simulator(ABC):
     """One robot in one world.
 
-    Frames: the world's own, and `odom`, whose origin is the start position and whose axes stay parallel to the
-    world's (as on Gazebo's Jackal), so a start that is turned does not move a goal given in odom.
+    Frames: the world's own, and `odom`, whose origin is the start position and whose axes stay parallel to
+    the world's (as on Gazebo's Jackal), so a start that is turned does not move a goal given in odom.
     """
 
     def __init__(self, **randomisation):
@@ -89,8 +92,8 @@ class Simulator(ABC):
 
     # -- for everybody -----------------------------------------------------------------------------
     def reset(self, world, seed: int, start: Optional[Tuple[float, float, float]] = None) -> RobotState:
-        """Put the robot at `start` (world frame, default the course's) at time 0, standing. The same world, seed
-        and commands give the same states and scans, to the last bit."""
+        """Put the robot at `start` (world frame, default the course's) at time 0, standing. The same world,
+        seed and commands give the same states and scans, to the last bit."""
         start = tuple(float(value) for value in (world.course.start if start is None else start))
         if len(start) != 3 or not all(map(isfinite, start)):
             raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (start,))
@@ -123,8 +126,8 @@ class Simulator(ABC):
         return self.state
 
     def scan(self) -> np.ndarray:
-        """(720,) float32 ranges [m] from the laser at the present instant, +inf where nothing returns and -inf
-        nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new noise."""
+        """(720,) float32 ranges [m] from the laser at the present instant, +inf where nothing returns and
+        -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new noise."""
         x, y, yaw = self.state.pose
         c, s = cos(yaw), sin(yaw)
         ox, oy = jackal.LASER_OFFSET
@@ -146,12 +149,13 @@ class Simulator(ABC):
         self._odometry.set(pose, self.state.pose[2])
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
-    def mover_circles(self):
-        """(k, 3) x, y, radius of the world's moving cylinders at the present time."""
+    def mover_circles(self, time=None):
+        """(k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
         movers = self.world.movers
         if not movers:
             return _NO_CIRCLES
-        return np.array([(*mover.position(self.state.time), mover.radius) for mover in movers], dtype=np.float64)
+        time = self.state.time if time is None else time
+        return np.array([(*mover.position(time), mover.radius) for mover in movers], dtype=np.float64)
 
     def close(self) -> None:
         """Give back what the simulator holds. It cannot be used after."""

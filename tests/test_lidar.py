@@ -1,0 +1,85 @@
+"""The analytic laser against brute force, and its edge cases."""
+import numpy as np
+import pytest
+
+from sim_bridge import jackal
+from sim_bridge.lidar import Lidar
+
+NOTHING = np.empty((0, 3)), np.empty((0, 5))
+
+
+def brute_force(circles, edges, x, y, yaw):
+    """(720,) ranges: every beam against every obstacle."""
+    angles = yaw + jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * np.arange(jackal.BEAMS)
+    beams = np.column_stack([np.cos(angles), np.sin(angles)])
+    best = np.full(jackal.BEAMS, np.inf)
+    for cx, cy, r in circles:
+        along = beams @ (cx - x, cy - y)
+        inside = along ** 2 - ((cx - x) ** 2 + (cy - y) ** 2 - r * r)
+        hit = (inside >= 0) & (along > 0)
+        best = np.minimum(best, np.where(hit, along - np.sqrt(np.maximum(inside, 0)), np.inf))
+    for x0, y0, x1, y1 in edges:
+        edge, to = np.array([x1 - x0, y1 - y0]), np.array([x0 - x, y0 - y])
+        across = beams[:, 0] * edge[1] - beams[:, 1] * edge[0]
+        reach = (to[0] * edge[1] - to[1] * edge[0]) / across
+        where = (to[0] * beams[:, 1] - to[1] * beams[:, 0]) / across
+        best = np.minimum(best, np.where((reach > 0) & (where >= 0) & (where <= 1), reach, np.inf))
+    best[best >= jackal.RANGE_MAX] = np.inf
+    best[best <= jackal.RANGE_MIN] = -np.inf
+    return best
+
+
+def grazing(circles, edges, x, y, yaw, beam):
+    """Whether a beam passes an obstacle's rim so closely that rounding decides."""
+    angle = yaw + jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * beam
+    across = np.array([-np.sin(angle), np.cos(angle)])
+    rims = [abs(abs(across @ (cx - x, cy - y)) - r) for cx, cy, r in circles]
+    rims += [abs(across @ (ex - x, ey - y)) for x0, y0, x1, y1 in edges for ex, ey in ((x0, y0), (x1, y1))]
+    return min(rims, default=1.0) < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_equals_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    n, m = rng.integers(0, 60), rng.integers(0, 8)
+    spread = rng.choice([3.0, 8.0, 25.0])
+    circles = np.column_stack([rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.02, 1.5, n)])
+    boxes = np.column_stack([rng.uniform(-spread, spread, (m, 2)), rng.uniform(-4, 4, m),
+                             rng.uniform(0.02, 5, (m, 2))])
+    lidar = Lidar(circles, boxes)
+    for _ in range(4):
+        x, y, yaw = rng.uniform(-spread, spread), rng.uniform(-spread, spread), rng.uniform(-7, 7)
+        got, want = lidar.scan(x, y, yaw), brute_force(circles, lidar.edges, x, y, yaw)
+        if np.isneginf(got).all():          # inside an obstacle
+            continue
+        for beam in np.flatnonzero(~np.isclose(got, want, rtol=0.0, atol=1e-5)):
+            assert grazing(circles, lidar.edges, x, y, yaw, beam), (beam, got[beam], want[beam])
+
+
+def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():
+    ranges = Lidar([(-1.0, 0.0, 0.9)], []).scan(0.0, 0.0, 0.0)
+    assert np.isfinite(ranges[0]) and np.isfinite(ranges[-1]) and np.isinf(ranges[360])
+    assert ranges[0] == pytest.approx(ranges[-1], abs=1e-5)
+
+
+def test_nothing_far_and_too_near():
+    assert (Lidar(*NOTHING).scan(0, 0, 0) == np.inf).all()
+    assert (Lidar([(40.0, 0.0, 1.0)], []).scan(0, 0, 0) == np.inf).all()
+    assert Lidar([(0.15, 0.0, 0.1)], []).scan(0, 0, 0)[360] == -np.inf
+    assert (Lidar([(0.0, 0.0, 1.0)], []).scan(0.3, 0, 0) == -np.inf).all()
+    assert (Lidar(NOTHING[0], [(0, 0, 0.3, 2, 2)]).scan(0.3, 0, 0) == -np.inf).all()
+
+
+def test_moving_circles_are_seen_where_they_are():
+    lidar = Lidar(*NOTHING)
+    assert lidar.scan(0, 0, 0, np.array([(2.0, 0.0, 0.5)]))[360] == pytest.approx(1.5, abs=1e-3)
+    assert lidar.scan(0, 0, 0)[360] == np.inf
+
+
+def test_the_order_of_earlier_scans_does_not_matter():
+    rng = np.random.default_rng(3)
+    circles = np.column_stack([rng.uniform(-6, 6, (200, 2)), np.full(200, 0.075)])
+    used = Lidar(circles, [])
+    for x in np.linspace(-5, 5, 40):
+        used.scan(x, -7.0, 1.0)
+    assert (used.scan(1.0, -7.0, 0.4) == Lidar(circles, []).scan(1.0, -7.0, 0.4)).all()
