@@ -12,7 +12,7 @@ from typing import Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe
+from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags import SECOND, Recording
 from training.episode import LIMIT, NEAREST, PERIOD, Outcome
@@ -22,6 +22,7 @@ from training.trajectory import Layout, Trajectory
 MAX_AGE = 1.0           # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3              # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
 SUCCEEDED, ABORTED = 3, (4, 5)
+EARLIER = SECOND // 4   # a recorder's clock may lag so far behind the node's
 CLOSE = 1e-5            # difference at which a rebuilt observation still equals the node's (float32, pose rounding)
 
 
@@ -61,9 +62,11 @@ class Report:
 class Moment:
     """One observation to be rebuilt at a ROS time [ns]: the indices of the messages that it is made of, and what came
     of it. trouble: why it cannot be rebuilt (outcome None), or why the transition that ends here cannot be used.
-    seen: the node's own observation (729,)."""
+    end: no decision fell. seen: the node's own observation (729,); said: its own decision (8,)."""
     at: int
+    end: bool = False
     seen: Optional[np.ndarray] = None
+    said: Optional[np.ndarray] = None
     scan: int = -1
     pose: int = -1
     plan: int = -1
@@ -154,6 +157,7 @@ def _moments(recording, goal) -> List[Moment]:
         moments = [_moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, int(PERIOD * SECOND))]
     if goal.end - moments[-1].at > (0 if goal.ended else 0.9 * PERIOD * SECOND):
         moments.append(_moment(recording, goal, goal.end))
+        moments[-1].end = True
     if len(moments) < 2:
         raise Skipped("shorter than one decision")
     return moments
@@ -164,6 +168,7 @@ def _moment(recording, goal, at, decision=None) -> Moment:
     if decision:
         published = recording.observations.get(decision["number"], ())     # numbers begin anew with each node
         moment.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
+        moment.said = _vector(decision["theta"] or decision["theta_prev"])
         moment.scan = _exactly(recording.scan_stamp, decision["scan"])
         moment.pose = _exactly(recording.odometry.stamp, decision["odometry"])
         moment.plan = _exactly(recording.plan_stamp, decision["plan"])
@@ -189,7 +194,7 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         scan, (frame, points) = scans[moment.scan], plans[moment.plan]
         check_scan(len(scan.ranges), scan.angle_min, scan.angle_increment)
         phi = goal_angle(local_goal(points, _pose(recording, moment.pose, frame, moment.at)))
-        theta = _theta(recording, moment.at)
+        theta = _chosen(recording, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
         moment.observation = observe(scan.ranges, phi, theta)
         near = max(NEAREST, float(nearest[moment.scan]))
         moment.outcome = Outcome(np.asarray(scan.ranges, np.float32), phi, theta, min_range=near, lowest_range=near,
@@ -240,7 +245,7 @@ def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[T
 def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
     actions, rewards = [], []
     for before, after in zip(run, run[1:]):
-        action = SPACE.to_action(_theta(recording, _applied(before, after)))
+        action = SPACE.to_action(_chosen(recording, before, after))
         change = float(np.abs(action - SPACE.to_action(before.outcome.theta)).mean())
         rewards.append(reward(after.outcome, change, max(LIMIT, after.outcome.decisions))[0])
         actions.append(action)
@@ -262,14 +267,34 @@ def _unusable(recording, moments, i) -> str:
                                   & (recording.scan_stamp <= after.at)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE * SECOND:
         return "scans are missing"
-    if not np.array_equal(_theta(recording, _applied(before, after)), after.outcome.theta):
+    if not np.array_equal(_chosen(recording, before, after), after.outcome.theta):
         return "parameters were changed between decisions"
     return ""
 
 
-def _applied(before, after) -> int:
-    """A time at which the parameters chosen at `before` are in force: they arrive within a second or not at all."""
-    return min(before.at + int(0.5 * PERIOD * SECOND), after.at)
+def _had(recording, moment) -> np.ndarray:
+    """theta_{t-1} (8,): what the planner had when a decision fell. An update that was recorded within EARLIER of it is
+    the decision's answer rather than what it saw, unless the node's own observation says otherwise."""
+    found = []
+    for lag in (EARLIER, EARLIER // 5, 0):
+        try:
+            found.append(_theta(recording, moment.at - lag))
+        except Skipped:
+            if not lag and not found:
+                raise
+    if moment.seen is not None and moment.seen.shape[-1:] == (SIZE,):
+        for theta in found:
+            if np.allclose(SPACE.to_action(theta), moment.seen[-len(SPACE):], rtol=0.0, atol=CLOSE):
+                return theta
+    return found[0]
+
+
+def _chosen(recording, before, after) -> np.ndarray:
+    """theta_t (8,): what the planner had between two moments. It arrives within half a period or not at all."""
+    half = int(0.5 * PERIOD * SECOND)
+    if before.said is not None and after.at - before.at < half:
+        return before.said
+    return _theta(recording, min(before.at + half, after.at))
 
 
 def _theta(recording, at) -> np.ndarray:
@@ -291,6 +316,14 @@ def _said(recording, name, at) -> float:
     if isinstance(said, dict) and isinstance(said.get(name), (int, float)):
         return float(said[name])
     raise Skipped("the planner's parameters are not known")
+
+
+def _vector(values) -> Optional[np.ndarray]:
+    """{name: value} of a decision → theta (8,), None where it is not whole."""
+    try:
+        return np.array([float(values[name]) for name in SPACE.names])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def _compare(moment, report) -> None:

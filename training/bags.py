@@ -208,7 +208,7 @@ def _decision(recording, at, message, rows):
         decision = json.loads(message.data)
         decision = {"at": at, "number": int(decision["number"]), "goal": str(decision["goal"]),
                     **{key: int(decision[key]) for key in ("stamp", "scan", "odometry", "plan")},
-                    "theta_prev": decision["theta_prev"]}
+                    "theta_prev": decision["theta_prev"], "theta": decision.get("theta")}
     except (ValueError, KeyError, TypeError, RecursionError):
         return
     recording.decisions.append(decision)
