@@ -1,4 +1,4 @@
-"""The parameter tables, checks and requests. Numbers come from a running C++ move_base (move_base_surface.json)."""
+"""The parameter tables, checks and requests. Expected values: a running C++ move_base (move_base_surface.json)."""
 import copy
 import json
 import math
@@ -96,9 +96,11 @@ def test_scan_source_may_have_any_name():
     tree = copy.deepcopy(JACKAL)
     layer = tree["local_costmap"]["obstacles_layer"]
     layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
-    layer["laser"]["topic"] = "elsewhere"
+    layer["laser"]["raytrace_range"] = 4.5
     assert check(tree) == []
-    assert complete(tree)["local_costmap"]["obstacles_layer"]["scan"]["topic"] == "elsewhere"
+    assert complete(tree)["local_costmap"]["obstacles_layer"]["scan"]["raytrace_range"] == 4.5
+    layer["laser"]["topic"] = "elsewhere"
+    assert "give the same" in check(tree)[0]
 
 
 def test_footprint_may_be_a_list():
@@ -133,7 +135,7 @@ class TestConfiguration:
         for name, other in (("pdist_scale", "path_distance_bias"), ("goal_distance_bias", "gdist_scale")):
             config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
             assert config[PLANNER][name] == config[PLANNER][other] == 0.33
-        everything = dict(config[PLANNER], pdist_scale=0.5)  # as rqt_reconfigure sends it: all values, one changed
+        everything = dict(config[PLANNER], pdist_scale=0.5)  # rqt_reconfigure sends all values, one changed
         new = config.request(PLANNER, everything)
         assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
 
@@ -161,8 +163,9 @@ def test_cfg_files_are_generated_without_numpy(tmp_path):
         pytest.skip("no dynamic_reconfigure here")
     cfg = os.path.join(HERE, "..", "applr_ros1", "cfg", "TrajectoryPlanner.cfg")
     (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
-    done = subprocess.run([sys.executable, cfg, dynamic_reconfigure, str(tmp_path), str(tmp_path), str(tmp_path)],
-                          env=dict(os.environ, PYTHONPATH=str(tmp_path) + ":" + os.environ.get("PYTHONPATH", "")),
+    there = str(tmp_path)
+    done = subprocess.run([sys.executable, cfg, dynamic_reconfigure, there, there, there],
+                          env=dict(os.environ, PYTHONPATH=there + ":" + os.environ.get("PYTHONPATH", "")),
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     made = {}

@@ -11,6 +11,8 @@ from numba import njit
 
 from .grid import INSCRIBED, UNKNOWN
 
+MOST_STEPS = 100000  # along one axis; goals farther from the map than that are not looked around
+
 
 def free_square(costmap, pose, half_side: float) -> None:
     """Make the square of 2 * half_side [m] about the pose free in the master map, if it lies wholly on it."""
@@ -20,43 +22,42 @@ def free_square(costmap, pose, half_side: float) -> None:
         costmap.set_free(low[0], low[1], high[0] + 1, high[1] + 1)
 
 
-def reachable_near(costmap, start, goal, tolerance: float, allow_unknown: bool):
-    """Yield the points (x, y) [m] that make_plan tries, in its order, leaving out those navfn cannot reach.
+def reachable_near(costmap, start, goal, tolerance: float, allow_unknown: bool) -> np.ndarray:
+    """The points (n, 2) [m] that make_plan tries, in its order, without those that navfn cannot reach.
 
-    C++ plans to each of them in turn; one flood here tells the hopeless ones apart.
+    C++ plans to each point of growing squares about the goal in turn, in steps of three cells (less for a smaller
+    tolerance) added up in float32; one flood here leaves out the hopeless ones.
     """
     sx, sy = costmap.world_to_map(start[0], start[1])
     if sx < 0:
-        return
-    reached = _reachable(costmap.cells, sx, sy, allow_unknown)
-    across = math.hypot(*costmap.size) * costmap.resolution
-    away = math.hypot(goal[0] - start[0], goal[1] - start[1])
-    for dx, dy in offsets(costmap.resolution, min(tolerance, away + across)):
-        x, y = goal[0] + dx, goal[1] + dy
-        mx, my = costmap.world_to_map(x, y)
-        if mx >= 0 and reached[my, mx]:
-            yield x, y
+        return np.zeros((0, 2))
+    step = np.float32(costmap.resolution * 3.0)
+    if tolerance < step:
+        step = np.float32(tolerance)
+    most = min(tolerance, math.hypot(*costmap.size) * costmap.resolution + math.dist(goal[:2], costmap.origin))
+    steps = np.cumsum(np.full(int(min(most / step + 2, MOST_STEPS)), step), dtype=np.float32)
+    offsets = np.concatenate([np.zeros(1), steps[steps <= most].astype(np.float64)])
+    x, x_index, x_sign = _on_map(goal[0], offsets, costmap.origin[0], costmap.size[0] * costmap.resolution)
+    y, y_index, y_sign = _on_map(goal[1], offsets, costmap.origin[1], costmap.size[1] * costmap.resolution)
+    mx, my = _cells(x, costmap, 0), _cells(y, costmap, 1)
+    rows, columns = np.nonzero(_reachable(costmap.cells, sx, sy, allow_unknown)[np.ix_(my, mx)])
+    squares = np.maximum(y_index[rows], x_index[columns])
+    order = np.lexsort((x_sign[columns], y_sign[rows], x_index[columns], y_index[rows], squares))
+    order = order[squares[order] > 0]  # square 0 is the goal itself, tried already
+    return np.stack([x[columns[order]], y[rows[order]]], axis=1)
 
 
-def offsets(resolution: float, tolerance: float):
-    """Yield (dx, dy) on growing squares, in steps of three cells (less if tolerance is), added in float32."""
-    f = np.float32
-    step = f(resolution * 3.0)
-    if 0.0 < tolerance < step:
-        step = f(tolerance)
-    largest = step
-    while largest <= tolerance:
-        y = f(0.0)
-        while y <= largest:
-            x = f(0.0)
-            while x <= largest:
-                if x >= largest - 1e-9 or y >= largest - 1e-9:
-                    for sign_y in (-1.0, 1.0) if y > 0.0 else (1.0,):
-                        for sign_x in (-1.0, 1.0) if x > 0.0 else (1.0,):
-                            yield sign_x * float(x), sign_y * float(y)
-                x = f(x + step)
-            y = f(y + step)
-        largest = f(largest + step)
+def _on_map(centre, offsets, origin, length):
+    """Coordinates centre -+ offsets on the map along one axis, with the offsets' indices and signs."""
+    index = np.arange(len(offsets))
+    value = np.concatenate([centre - offsets[1:], centre + offsets])
+    index, sign = np.concatenate([index[1:], index]), np.concatenate([-np.ones(len(index) - 1), np.ones(len(index))])
+    on = (value >= origin) & (value < origin + length)
+    return value[on], index[on], sign[on]
+
+
+def _cells(values, costmap, axis):
+    return np.minimum(((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64), costmap.size[axis] - 1)
 
 
 @njit(cache=True)

@@ -20,7 +20,7 @@ from .make_plan import free_square, reachable_near
 from .navfn import Navfn
 from .obstacle_layer import ObstacleParameters
 from .parameter_check import complete
-from .parameters import JACKAL, ParameterError
+from .parameters import JACKAL
 from .scan import LaserScan, project
 from .timer import Timer
 
@@ -44,7 +44,8 @@ class Cycle:
     state: str = IDLE
     result: Optional[Tuple[str, str]] = None  # ("succeeded" | "aborted" | "preempted", text)
     recovery: Optional[Tuple[int, int, str]] = None  # (index, total, name) of a recovery that begins
-    new_plan: bool = False  # .global_plan was replaced
+    planned: bool = False  # the global planner ran
+    new_plan: bool = False  # it found a plan: .global_plan
     controlled: bool = False  # the local planner ran
     updated: Tuple[bool, bool] = (False, False)  # the (local, global) costmap had an update
     stale: bool = False  # no scan for scan_timeout: standing still
@@ -213,7 +214,7 @@ class MoveBase:
 
     def _plan(self, now, pose, own, cycle) -> None:
         """Planner thread, one round (planner_details 6)."""
-        self._woken = False
+        self._woken, cycle.planned = False, True
         plan = NO_PLAN if pose is None else self.plan(pose, self.goal)
         if len(plan):
             self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
@@ -367,6 +368,10 @@ class MoveBase:
         elif server.endswith("obstacles_layer") and changed:
             getattr(self, server.split("/")[0]).set_obstacles(**new)
         return dict(new)
+
+    def start_up_configuration(self, server: str) -> Dict[str, Any]:
+        """The values one server started with: theta_0 where the parameter files gave it."""
+        return self._config.start_up(server)
 
     def set_footprint(self, name: str, vertices) -> None:
         """An unpadded outline (n, 2) [m] for one costmap, as its footprint topic gives it."""

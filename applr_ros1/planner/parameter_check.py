@@ -163,6 +163,9 @@ def _check_whole(full):
         if layer["scan"]["data_type"] != "LaserScan" or " " in layer["observation_sources"].strip():
             raise ParameterError("%s/obstacles_layer: give one source in observation_sources, with data_type "
                                  "LaserScan" % name)
+    topics = [full[name]["obstacles_layer"]["scan"]["topic"] for name in ("global_costmap", "local_costmap")]
+    if topics[0] != topics[1]:
+        raise ParameterError("the costmaps' scans have the topics %s and %s: give the same" % tuple(topics))
     for key in ("global_frame", "robot_base_frame"):
         if full["global_costmap"][key] != full["local_costmap"][key]:
             raise ParameterError("%s is %s in global_costmap and %s in local_costmap: give the same" % (

@@ -218,7 +218,7 @@ _STATIC_OBSTACLES = (
 _STATIC_SOURCE = (
     _str("topic", "scan", "front/scan", "Topic of the scan."),
     _str("data_type", "LaserScan", "LaserScan", "Message type; only LaserScan is built in."),
-    _str("sensor_frame", "", "front_laser", "Frame of the sensor; empty takes the scan's."),
+    _str("sensor_frame", "", "front_laser", "Kept for Clearpath's files; the scan's own frame counts."),
     _bool("marking", True, True, "Whether hits mark obstacles."),
     _bool("clearing", True, True, "Whether beams clear what they pass."),
     _bool("inf_is_valid", False, None, "Whether a beam without return clears up to the sensor's range."),
@@ -270,6 +270,10 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     ),
     "aggressive_reset": (
         _double("reset_distance", 1.84, 0.0, INF, 1.84, "m", "Set from local_costmap/circumscribed_radius."),
+    ),
+    "applr": (
+        _double("period", 2.0, 0.0, INF, None, "s", "Time between decisions of the applr node; three without a sign "
+                "of it put theta_0 back."),
     ),
     "rotate_recovery": (
         _double("sim_granularity", 0.017, 0.0, INF, None, "rad",

@@ -1,0 +1,255 @@
+"""The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
+
+Started by scripts/move_base.py. Messages come in as data, one thread (turns.py) steps the planner and publishes.
+"""
+from __future__ import annotations
+
+import math
+import sys
+import time
+
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatusArray
+from geometry_msgs.msg import Polygon, PoseStamped, Twist
+from move_base_msgs.msg import (MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus)
+from nav_msgs.msg import Path
+from nav_msgs.srv import GetPlan, GetPlanResponse
+from std_msgs.msg import Time as TimeMessage
+from std_srvs.srv import Empty, EmptyResponse
+
+from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
+from applr_ros1.planner.parameters import SERVERS, check
+from applr_ros1.planner.warm_up import warm_up
+
+from . import conversions, guard
+from .conversions import MessageError
+from .displays import CostmapDisplay, PlanDisplay
+from .goal_server import GoalServer
+from .reconfigure import ParameterMirror, ReconfigureServer
+from .sensors import Sensors
+from .turns import Busy, Turns
+
+PLANNING_COST = 0.015  # s, the room that a plan on request wants before the next cycle
+WENT_BACK = "Aborting because the clock jumped back."
+
+
+class MoveBaseNode:
+    """`tree`: the checked parameters under ~."""
+
+    def __init__(self, tree):
+        self.move_base = MoveBase(tree)
+        static = self.move_base.parameters
+        self.frame = static["global_costmap"]["global_frame"]
+        self.turns = Turns(self._cycle, lambda: self.move_base.frequency, self._clock_went_back, self._clock_stalled)
+        self.sensors = Sensors(self.frame, static["global_costmap"]["robot_base_frame"],
+                               static["global_costmap"]["obstacles_layer"]["scan"]["topic"])
+        self.guard = guard.Guard(static["applr"]["period"])
+        self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
+        self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
+        self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
+        self.goals = GoalServer(rospy.get_name(),
+                                rospy.Publisher("move_base/status", GoalStatusArray, queue_size=10, latch=True),
+                                rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
+                                rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000))
+        self._plans = PlanDisplay(self.frame, static["TrajectoryPlannerROS"]["publish_cost_grid_pc"])
+        self._maps = {name: CostmapDisplay(
+            name, lambda name=name: getattr(self.move_base, name),
+            lambda name=name: self.move_base.configuration(name), self.frame,
+            static[name]["always_send_full_costmap"], self.turns.post) for name in COSTMAPS}
+        mirror = ParameterMirror()
+        self.servers = {name: ReconfigureServer(
+            name, lambda values, name=name: self.turns.ask(lambda: self.move_base.reconfigure(name, values)),
+            self.move_base.configuration(name), mirror) for name in SERVERS}
+        for name in ("conservative_reset", "aggressive_reset"):
+            mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
+        self._pose = None
+        rospy.on_shutdown(self._stop)
+
+    def serve(self) -> None:
+        """Take goals and requests until the node is shut down."""
+        post = self.turns.post
+        subscribe = [
+            ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
+            ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
+            ("/applr/heartbeat", TimeMessage, lambda m: self.guard.heartbeat(rospy.get_time())),
+        ]
+        subscribe += [("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m))
+                      for name in COSTMAPS]
+        for topic, kind, work in subscribe:
+            rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
+        rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
+        rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan, PLANNING_COST))
+        rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_COST))
+        rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
+        self.goals.publish_status(rospy.Time.now())
+        rospy.loginfo("move_base is ready: goals on %s, scans from %s", rospy.resolve_name("move_base/goal"),
+                      self.sensors.topic)
+        self.turns.run()
+
+    # -- one cycle -----------------------------------------------------------------------------------------------
+    def _cycle(self, stamp) -> None:
+        now, move_base = stamp.to_sec(), self.move_base
+        self._take_goals(stamp, now)
+        tolerance = move_base.configuration("local_costmap")["transform_tolerance"]
+        pose = self._pose = self.sensors.pose(stamp, tolerance)
+        cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.scan())
+        if cycle.command is not None:
+            self._send(*cycle.command)
+        if cycle.result is not None:
+            rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
+            self.goals.finish(*cycle.result, stamp)
+        if self.goals.active:
+            self._say_why_it_stands(pose, cycle)
+            self.goals.feedback(conversions.pose_stamped(pose or (0.0, 0.0, 0.0), self.frame, stamp), stamp)
+        self.goals.publish_status(stamp)
+        self._show(cycle, pose, stamp)
+        if self.guard.is_lost(now):
+            self._back_to_start_up()
+        self._report_missed()
+
+    def _take_goals(self, stamp, now) -> None:
+        message = self.goals.take(stamp)
+        if message is not None:
+            goal = message.goal.target_pose
+            try:
+                if not conversions.is_upright(goal.pose.orientation):
+                    raise MessageError(INVALID_GOAL)
+                pose = self.sensors.to_fixed(goal)
+                if not all(map(math.isfinite, pose)):
+                    raise MessageError("Aborting on goal because its position (%s, %s) is not finite" % pose[:2])
+                self.move_base.set_goal(pose, now)
+                self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
+            except MessageError as problem:
+                self.move_base.refuse_goal(str(problem))
+        if self.goals.cancel_requested:
+            self.move_base.cancel(now)
+
+    def _send(self, v: float, w: float) -> None:
+        command = Twist()
+        command.linear.x, command.angular.z = v, w
+        self._command.publish(command)
+
+    def _say_why_it_stands(self, pose, cycle) -> None:
+        if pose is None:
+            rospy.logerr_throttle(1.0, "standing still: %s" % self.sensors.trouble)
+        elif cycle.stale:
+            rospy.logerr_throttle(1.0, "standing still: no usable scan on %s for %g s%s" % (
+                self.sensors.topic, self.move_base.parameters["scan_timeout"],
+                " (%s)" % self.sensors.trouble if self.sensors.trouble else ""))
+        else:
+            self.sensors.trouble = ""
+        if cycle.recovery is not None and pose is not None:
+            index, total, name = cycle.recovery
+            rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
+            self._recovery.publish(RecoveryStatus(conversions.pose_stamped(pose, self.frame, rospy.Time.now()),
+                                                  index, total, name))
+
+    def _show(self, cycle, pose, stamp) -> None:
+        if cycle.planned:
+            self._plans.planned(self.move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
+        if cycle.controlled:
+            self._plans.controlled(self.move_base.local_planner, self.move_base.local_costmap, stamp)
+        for name, updated in zip(("local_costmap", "global_costmap"), cycle.updated):
+            if updated:
+                self._maps[name].updated(stamp, pose)
+
+    def _back_to_start_up(self) -> None:
+        """The policy is lost: the eight parameters get their start-up values."""
+        for server, values in guard.start_up_requests(self.move_base.start_up_configuration).items():
+            self.servers[server].show(self.move_base.reconfigure(server, values))
+        rospy.logwarn("no sign of the applr node for %g s: planner parameters are back at their start-up values",
+                      self.guard.patience)
+
+    def _report_missed(self) -> None:
+        if self.turns.missed:
+            rospy.logwarn_throttle(5.0, "control loop missed its rate of %g Hz: %d cycles left out" % (
+                self.move_base.frequency, self.turns.missed))
+            self.turns.missed = 0
+
+    # -- requests --------------------------------------------------------------------------------------------------
+    def _ask(self, work, cost=0.0):
+        """A service callback that has `work` done in the planner's thread."""
+        def call(request):
+            try:
+                return self.turns.ask(lambda: work(request), cost)
+            except (Busy, MessageError) as problem:
+                raise rospy.ServiceException(str(problem)) from None
+        return call
+
+    def _relay_simple_goal(self, message) -> None:
+        goal = MoveBaseActionGoal()
+        goal.header.stamp = rospy.Time.now()
+        goal.goal.target_pose = message
+        self._goal_relay.publish(goal)
+
+    def _take_footprint(self, name, message) -> None:
+        self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
+
+    def _make_plan(self, request):
+        if self.goals.active or self.move_base.goal is not None:
+            raise MessageError("move_base must be in an inactive state to make a plan for an external user")
+        if request.start.header.frame_id:
+            start = self.sensors.to_fixed(request.start)
+        elif self._pose is not None:
+            start = self._pose
+        else:
+            raise MessageError("move_base cannot make a plan: %s" % (self.sensors.trouble or "no robot pose"))
+        plan = self.move_base.make_plan(start, self.sensors.to_fixed(request.goal), request.tolerance)
+        return GetPlanResponse(self._path(plan))
+
+    def _navfn_plan(self, request):
+        try:
+            start, goal = self.sensors.to_fixed(request.start), self.sensors.to_fixed(request.goal)
+            plan = self.move_base.plan(start, goal) if all(map(math.isfinite, start + goal)) else NO_PLAN
+        except MessageError as problem:
+            rospy.logerr("NavfnROS/make_plan: %s", problem)
+            plan = NO_PLAN
+        return GetPlanResponse(self._path(plan, self.frame))
+
+    def _path(self, plan, frame="") -> Path:
+        stamp = rospy.Time.now()
+        poses = [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
+        return Path(conversions.header(frame, stamp if frame else rospy.Time(0)), poses)
+
+    def _clear_costmaps(self, request):
+        self.move_base.clear_costmaps()
+        return EmptyResponse()
+
+    # -- when time or the node ends --------------------------------------------------------------------------------
+    def _clock_went_back(self) -> None:
+        rospy.logwarn("the clock jumped back: maps, plan and goal are dropped")
+        self._send(0.0, 0.0)
+        self.sensors.forget()
+        self.goals.finish("aborted", WENT_BACK, rospy.Time.now())
+        self.goals.forget_times()
+        self.move_base.reset(rospy.get_time(), restore=False)
+
+    def _clock_stalled(self) -> None:
+        if self.goals.active:
+            rospy.logerr("standing still: /clock has not moved for a second")
+            self._send(0.0, 0.0)
+
+    def _stop(self) -> None:
+        """The last thing the robot hears from a node that shuts down."""
+        self._send(0.0, 0.0)
+        time.sleep(0.1)  # publishing is done by another thread
+
+
+def main() -> int:
+    """Exit status 1, with a line per problem, for parameters that cannot be run."""
+    if rospy.myargv()[1:]:
+        print("move_base: unknown arguments %s: parameters are given under ~" % rospy.myargv()[1:], file=sys.stderr)
+        return 1
+    rospy.init_node("move_base")
+    tree = rospy.get_param("~", {})
+    problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
+    for problem in problems:
+        print("move_base: parameter %s" % problem, file=sys.stderr)
+    if problems:
+        return 1
+    began = time.monotonic()
+    warm_up()
+    rospy.logdebug("kernels took %.1f s", time.monotonic() - began)
+    MoveBaseNode(tree).serve()
+    return 0

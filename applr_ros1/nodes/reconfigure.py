@@ -1,0 +1,93 @@
+"""The eight dynamic_reconfigure servers of the move_base node, and the mirror of their values as ROS parameters.
+
+A request is checked and applied by MoveBase.reconfigure, between two cycles: all of it or nothing. The library's own
+server lets NaN through and writes thirty ROS parameters, one by one, before it answers.
+"""
+from __future__ import annotations
+
+import importlib
+import queue
+import threading
+from typing import Any, Callable, Dict
+
+import rospy
+from dynamic_reconfigure.encoding import decode_config, encode_config, encode_description, get_tree
+from dynamic_reconfigure.msg import Config, ConfigDescription
+from dynamic_reconfigure.srv import Reconfigure
+
+from applr_ros1.planner.parameters import ParameterError
+
+CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner"}
+CONFIGS.update({costmap + layer: config for costmap in ("global_costmap", "local_costmap") for layer, config in (
+    ("", "Costmap2D"), ("/inflater_layer", "InflationPlugin"), ("/obstacles_layer", "ObstaclePlugin"))})
+
+
+class ParameterMirror:
+    """Writes values to the parameter server from a thread of its own: a slow or dead master holds nothing up."""
+
+    def __init__(self):
+        self._queue: "queue.Queue" = queue.Queue()
+        threading.Thread(target=self._run, name="parameters", daemon=True).start()
+
+    def write(self, namespace: str, values: Dict[str, Any]) -> None:
+        self._queue.put((namespace, values))
+
+    def _run(self):
+        while True:
+            namespace, values = self._queue.get()
+            for name, value in values.items():
+                try:
+                    rospy.set_param(namespace + name, value)
+                except Exception as error:  # the master is away; what counts is in force all the same
+                    rospy.logwarn_throttle(10.0, "cannot write parameter %s%s: %s" % (namespace, name, error))
+
+
+class ReconfigureServer:
+    """One server, under ~<name>/ (the node itself for "").
+
+    apply(values) -> dict is called for each request, from the service's thread; it returns everything in force or
+    raises ParameterError. now() -> dict returns what is in force.
+    """
+
+    def __init__(self, name: str, apply: Callable[[Dict], Dict], now: Dict[str, Any], mirror: ParameterMirror):
+        kind = importlib.import_module("applr_ros1.cfg.%sConfig" % CONFIGS[name])
+        self.name, self._apply, self._mirror = name, apply, mirror
+        self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
+        self._names = set(kind.defaults)
+        description = encode_description(kind)
+        self._groups = get_tree(description)
+        self._shown: Dict[str, Any] = {}
+        self._lock, self._one_request = threading.Lock(), threading.Lock()
+        self._descriptions = self._publisher("parameter_descriptions", ConfigDescription)
+        self._descriptions.publish(description)
+        self._updates = self._publisher("parameter_updates", Config)
+        self.show(now)
+        self._service = rospy.Service(self._ns + "set_parameters", Reconfigure, self._set)
+
+    def _publisher(self, topic, kind):
+        return rospy.Publisher(self._ns + topic, kind, latch=True, queue_size=10)
+
+    def _encode(self, values: Dict[str, Any]) -> Config:
+        return encode_config(dict(values, groups=self._groups))
+
+    def show(self, values: Dict[str, Any]) -> None:
+        """Publish what is in force and mirror what changed."""
+        with self._lock:
+            changed = {name: value for name, value in values.items() if self._shown.get(name) != value}
+            self._shown = dict(values)
+            self._mirror.write(self._ns, changed)
+            self._updates.publish(self._encode(values))
+
+    def _set(self, request):
+        values = dict(decode_config(request.config))
+        unknown = sorted(set(values) - self._names)
+        if unknown:
+            rospy.logwarn("%s: no parameter %s; ignored", self._ns, ", ".join(unknown))
+        with self._one_request:
+            try:
+                inforce = self._apply({name: value for name, value in values.items() if name in self._names})
+            except ParameterError as problem:
+                rospy.logerr("%s refused a change: %s", self._ns, problem)
+                raise rospy.ServiceException(str(problem)) from None
+            self.show(inforce)
+        return self._encode(inforce)

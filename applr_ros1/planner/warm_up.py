@@ -1,0 +1,38 @@
+"""Compiles (or loads) every numba kernel of the planner before it has to drive.
+
+Called by the move_base node before it says that it is ready, and by whoever measures times. The first start on a
+machine takes about a minute, later ones a few seconds: numba keeps the machine code beside the sources.
+"""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .move_base import MoveBase
+from .parameters import JACKAL
+from .scan import LaserScan
+
+
+def warm_up() -> None:
+    """Drive a throw-away MoveBase with the Jackal's parameters through planning, control, recoveries and requests."""
+    move_base = MoveBase(JACKAL)
+    ranges = np.full(720, np.inf, np.float32)
+    ranges[300:400:10] = 1.5
+    goals = ((3.0, 0.2, 0.0), (0.0, 0.0, 2.0), (30.0, 0.0, 0.0))  # ahead, here but turned, off the map
+    now = 0.0
+    for goal in goals:
+        move_base.set_goal(goal, now)
+        for step in range(4):
+            pose = 0.01 * step, 0.0, 0.3 * step
+            sensor = pose[0] + 0.12 * math.cos(pose[2]), pose[1] + 0.12 * math.sin(pose[2]), pose[2]
+            scan = LaserScan(now, -2.35, 4.7 / 719, 0.1, 30.0, ranges, sensor)
+            move_base.step(now, pose, (0.1, 0.0), scan)
+            now += 0.05
+    for behaviour in move_base.recoveries:
+        behaviour.start(now, pose)
+        behaviour.step(now, pose, move_base.local_costmap, move_base.global_costmap)
+    move_base.cancel(now)
+    move_base.step(now, pose, (0.0, 0.0))
+    move_base.make_plan(pose, (30.0, 0.0, 0.0), 0.2)
+    move_base.clear_costmaps()

@@ -1,0 +1,394 @@
+"""MoveBase in a closed loop with an ideal robot: goals reached and given up, recoveries, requests between steps."""
+import copy
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner import move_base as module
+from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
+from applr_ros1.planner.parameters import JACKAL, ParameterError
+from applr_ros1.planner.timer import Timer
+from toy_robot import ToyRobot, ring, run
+
+PLANNER = "TrajectoryPlannerROS"
+SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
+
+
+def quick(**changes):
+    """The Jackal's tree with small maps and short patience."""
+    tree = copy.deepcopy(JACKAL)
+    for name, size in (("global_costmap", 20), ("local_costmap", 6)):
+        tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
+    tree.update(planner_patience=1.0, controller_patience=1.0)
+    tree.update(changes)
+    return tree
+
+
+def start(goal, robot=None, tree=None, before=0.1):
+    """(move_base, robot) that have looked for a moment and then got the goal."""
+    robot, made = robot or ToyRobot(), MoveBase(tree or quick())
+    run(made, robot, before)
+    made.set_goal(goal, robot.time)
+    return made, robot
+
+
+def sealed(tree=None):
+    """A robot in a ring of posts that it has seen all around, with a goal outside."""
+    robot, made = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05)), MoveBase(tree or quick())
+    for yaw in (2.0, 4.0, 0.0):
+        robot.pose = (0.0, 0.0, yaw)
+        run(made, robot, 0.1)
+    made.set_goal((4.0, 0.0, 0.0), robot.time)
+    return made, robot
+
+
+# -- reaching a goal ------------------------------------------------------------------------------------------
+def test_reaches_a_goal_among_obstacles():
+    made, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
+    cycles = []
+    assert run(made, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
+    assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
+    assert abs(robot.pose[2] - 0.5) <= 0.16
+    assert cycles[0][1].state == "controlling" and cycles[0][1].new_plan and cycles[0][1].command is not None
+    assert cycles[-1][1].command == (0.0, 0.0) and cycles[-1][1].state == "idle"
+    commands = np.array([c.command for _, c in cycles if c.command])
+    assert commands[:, 0].max() <= 0.5 + 1e-9 and np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
+
+
+def test_success_does_not_wait_for_a_gap_between_plans():
+    """C++ with planner_frequency = controller_frequency stands at the goal for 12 to 18 s."""
+    made, robot = start((1.0, 0.0, 0.0))
+    assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
+    assert robot.time < 5.0
+
+
+def test_same_course_twice_is_the_same_drive():
+    drives = []
+    for _ in range(2):
+        made, robot = start((3.5, 0.0, 0.0), ToyRobot(circles=SLALOM))
+        cycles = []
+        run(made, robot, 8.0, cycles=cycles)
+        drives.append([c.command for _, c in cycles])
+    assert drives[0] == drives[1]
+
+
+def test_idle_publishes_nothing_but_keeps_the_maps_fresh():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    cycle = made.step(0.0, robot.pose, robot.twist, robot.scan())
+    assert cycle.command is None and cycle.state == "idle" and cycle.updated == (True, True)
+    assert (made.local_costmap.cells == 254).any() and (made.global_costmap.cells == 254).any()
+
+
+def test_costmaps_rest_when_told_to():
+    made, robot = MoveBase(quick(shutdown_costmaps=True)), ToyRobot()
+    assert made.step(0.0, robot.pose, robot.twist, robot.scan()).updated == (False, False)
+    made.set_goal((2.0, 0.0, 0.0), 0.05)
+    assert made.step(0.05, robot.pose, robot.twist, robot.scan()).updated == (True, True)
+
+
+# -- giving one up -----------------------------------------------------------------------------------------------
+def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
+    made, robot = sealed()
+    cycles = []
+    result = run(made, robot, 60.0, cycles=cycles)
+    assert result == ("aborted", "Failed to find a valid plan. Even after executing recovery behaviors.")
+    begun = [c.recovery for _, c in cycles if c.recovery]
+    assert begun == [(0, 4, "conservative_reset"), (1, 4, "rotate_recovery"), (2, 4, "aggressive_reset"),
+                     (3, 4, "rotate_recovery")]
+    first = next(t for t, c in cycles if c.recovery)
+    assert first - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
+    turning = [c.command for _, c in cycles if c.state == "clearing" and c.command]
+    assert any(w > 1.0 for _, w in turning)
+    # a rotation ends with a zero command before anything else happens
+    for (_, a), (_, b) in zip(cycles, cycles[1:]):
+        if a.state == "clearing" and b.state != "clearing":
+            assert b.command == (0.0, 0.0)
+    assert made.goal is None and made.state == "planning"
+
+
+def test_recoveries_can_be_switched_off():
+    made, robot = sealed(quick(recovery_behavior_enabled=False))
+    cycles = []
+    assert run(made, robot, 5.0, cycles=cycles)[0] == "aborted"
+    assert not any(c.recovery for _, c in cycles)
+
+
+def test_max_planning_retries_counts():
+    made, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
+    cycles = []
+    run(made, robot, 5.0, cycles=cycles)
+    assert sum(c.planned for _, c in cycles) == 4
+
+
+@pytest.mark.parametrize("goal", [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)], ids=["off the map", "in an obstacle"])
+def test_goals_that_cannot_be_reached_are_aborted(goal):
+    made, robot = start(goal, ToyRobot(circles=[(1.5, 0.0, 0.1)]), quick(recovery_behavior_enabled=False))
+    assert run(made, robot, 5.0) == ("aborted", module.NO_PATH)
+
+
+@pytest.mark.parametrize("goal", [(math.nan, 0, 0), (0, math.inf, 0), (0, 0, math.nan)])
+def test_goals_that_are_not_finite_are_aborted_at_once(goal):
+    made, robot = start((3.0, 0.0, 0.0))
+    run(made, robot, 0.5)
+    made.set_goal(goal, robot.time)
+    cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert cycle.result == ("aborted", INVALID_GOAL) and cycle.command == (0.0, 0.0)
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on
+
+
+class Refusing:
+    """A local planner that finds no command, but for a while."""
+
+    goal_reached, cropped_plan, local_plan = False, module.NO_PLAN, module.NO_PLAN
+
+    def __init__(self, refuse=lambda n: True, command=(0.0, 0.0)):
+        self.calls, self.refuse, self.command = 0, refuse, command
+
+    def set_plan(self, plan):
+        self.plan = plan
+
+    def reconfigure(self, values):
+        pass
+
+    def compute_velocity(self, pose, twist, costmap):
+        self.calls += 1
+        return (False, (0.0, 0.0)) if self.refuse(self.calls) else (True, self.command)
+
+
+def test_no_valid_control_ends_in_its_own_words():
+    made, robot = start((3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False))
+    made.local_planner = Refusing()
+    cycles = []
+    assert run(made, robot, 20.0, cycles=cycles) == ("aborted", module.NO_CONTROL)
+    assert [c.recovery[2] for _, c in cycles if c.recovery] == ["conservative_reset", "aggressive_reset"]
+    first = next(t for t, c in cycles if c.recovery)
+    assert first - 0.1 == pytest.approx(1.0, abs=0.2)  # controller_patience
+    assert all(c.command == (0.0, 0.0) for _, c in cycles if c.command)
+
+
+def test_a_valid_command_starts_the_recoveries_over():
+    made, robot = start((3.0, 0.0, 0.0))
+    made.local_planner = Refusing(lambda n: not 24 <= n <= 27)
+    cycles = []
+    run(made, robot, 20.0, cycles=cycles)
+    names = [c.recovery[0] for _, c in cycles if c.recovery]
+    assert names[:2] == [0, 1] and names.count(0) == 2
+
+
+def test_oscillation_recovers_and_aborts_in_its_own_words():
+    made, robot = start((3.0, 0.0, 0.0), tree=quick(oscillation_timeout=1.0, clearing_rotation_allowed=False))
+    made.local_planner = Refusing(lambda n: False)
+    cycles = []
+    assert run(made, robot, 10.0, cycles=cycles) == ("aborted", module.OSCILLATING)
+    begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]
+    assert [name for _, name in begun] == ["conservative_reset", "aggressive_reset"]
+    # plans go on succeeding at 20 Hz meanwhile: in C++ they hold the first recovery up for many seconds
+    assert begun[0][0] - 0.1 == pytest.approx(1.0, abs=0.16)
+
+
+# -- cancel, replace ---------------------------------------------------------------------------------------------
+def test_cancel_stops_at_the_next_step():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    made.cancel(robot.time)
+    cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert cycle.result == ("preempted", "") and cycle.command == (0.0, 0.0) and cycle.state == "idle"
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
+
+
+def test_cancel_during_a_rotation_is_heard_at_once():
+    made, robot = sealed()
+    while not (made.state == "clearing" and robot.twist[1] > 1.0):
+        robot.drive(made.step(robot.time, robot.pose, robot.twist, robot.scan()).command, 0.05)
+        assert robot.time < 5.0
+    made.cancel(robot.time)
+    assert made.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
+
+
+def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    made.set_goal((0.0, 2.0, 0.0), robot.time)
+    cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert cycle.new_plan and tuple(made.global_plan[-1, :2]) == (0.0, 2.0)
+    assert run(made, robot, 30.0) == ("succeeded", "Goal reached.")
+    assert math.hypot(robot.pose[0], robot.pose[1] - 2.0) < 0.3
+
+
+def test_a_cancelled_goal_does_not_cancel_the_next():
+    made, robot = start((4.0, 0.0, 0.0))
+    made.cancel(robot.time)
+    made.set_goal((1.0, 0.0, 0.0), robot.time)
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+def test_a_hundred_goals_between_two_steps():
+    made, robot = start((4.0, 0.0, 0.0))
+    for i in range(100):
+        made.set_goal((1.0 + 0.01 * i, 0.0, 0.0), robot.time)
+    assert made.goal_number == 101
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert abs(robot.pose[0] - 1.99) < 0.3
+
+
+# -- sensors -----------------------------------------------------------------------------------------------------
+def test_no_scan_for_a_second_stands_still_and_goes_on_when_it_returns():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    assert robot.twist[0] > 0.3
+    cycles = []
+    run(made, robot, 2.0, scans=False, cycles=cycles)
+    stale = [t for t, c in cycles if c.stale]
+    assert stale[0] - cycles[0][0] == pytest.approx(0.95, abs=0.11)
+    assert all(c.command == (0.0, 0.0) for t, c in cycles if t >= stale[0])
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+def test_a_scan_older_than_the_newest_counts_for_nothing():
+    made, robot = start((4.0, 0.0, 0.0))
+    old = robot.scan()
+    run(made, robot, 0.5)
+    robot.time += 2.0
+    assert made.step(robot.time, robot.pose, robot.twist, old).stale
+
+
+def test_no_pose_stands_still():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    cycle = made.step(robot.time, None, robot.twist, robot.scan())
+    assert cycle.command == (0.0, 0.0) and cycle.updated == (False, False)
+    robot.time += 0.05
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+# -- frequencies -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("planner, expected", [(20.0, 40), (10.0, 20), (4.0, 8), (0.0, 1)])
+def test_planner_frequency(planner, expected):
+    made, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
+    cycles = []
+    run(made, robot, 2.0, cycles=cycles)
+    assert abs(sum(c.planned for _, c in cycles) - expected) <= 1
+
+
+@pytest.mark.parametrize("hertz", [20.0, 10.0, 5.0])
+def test_controller_and_costmap_frequency(hertz):
+    tree = quick(controller_frequency=hertz)
+    tree["local_costmap"]["update_frequency"] = hertz
+    made, robot = start((4.0, 0.0, 0.0), tree=tree)
+    cycles = []
+    run(made, robot, 2.0, cycles=cycles)
+    assert abs(sum(c.controlled for _, c in cycles) - 2 * hertz) <= 1
+    assert abs(sum(c.updated[0] for _, c in cycles) - 2 * hertz) <= 1
+    assert sum(c.updated[1] for _, c in cycles) == 40
+
+
+def test_timer_keeps_phase_bears_jitter_and_starts_anew():
+    timer = Timer()
+    timer.set_frequency(20.0)
+    assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [True, False, True, False, True, True]
+    assert timer.due(10.0) and not timer.due(10.02) and timer.due(10.05)
+    assert timer.due(1.0) and not timer.due(1.02)  # the clock went back
+    timer.set_frequency(0.0)
+    assert not timer.due(2.0)
+
+
+# -- requests ----------------------------------------------------------------------------------------------------
+def test_reset_equals_a_fresh_object():
+    tree = quick()
+    used, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
+    used.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
+    used.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
+    run(used, robot, 3.0)
+    used.reset(0.0)
+    fresh = MoveBase(tree)
+    assert not used.global_costmap.cells.any() and len(used.global_plan) == 0
+    drives = []
+    for made in (used, fresh):
+        robot, cycles = ToyRobot(circles=SLALOM), []
+        run(made, robot, 0.1)
+        made.set_goal((3.5, 0.0, 0.0), robot.time)
+        run(made, robot, 5.0, cycles=cycles)
+        drives.append(([c for _, c in cycles], made.global_costmap.cells.copy(), made.local_costmap.cells.copy()))
+    assert drives[0][0] == drives[1][0]
+    assert (drives[0][1] == drives[1][1]).all() and (drives[0][2] == drives[1][2]).all()
+
+
+def test_reset_may_keep_what_was_reconfigured():
+    made = MoveBase(quick())
+    made.reconfigure(PLANNER, {"max_vel_x": 1.3})
+    made.reset(0.0, restore=False)
+    assert made.configuration(PLANNER)["max_vel_x"] == 1.3
+    made.reset(0.0)
+    assert made.configuration(PLANNER)["max_vel_x"] == 0.5
+
+
+def test_reconfigure_takes_effect_in_the_next_cycle():
+    made, robot = start((6.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    assert made.reconfigure(PLANNER, {"max_vel_x": 1e9})["max_vel_x"] == 20.0
+    made.reconfigure(PLANNER, {"max_vel_x": 1.2})
+    run(made, robot, 1.0)
+    assert robot.twist[0] == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize("server, values", [
+    (PLANNER, {"max_vel_x": math.nan, "vx_samples": 3}), ("", {"controller_frequency": 0.0}),
+    ("local_costmap", {"width": 2 ** 31 - 1}), ("local_costmap", {"footprint": "junk", "update_frequency": 1.0})])
+def test_reconfigure_refuses_whole_requests(server, values):
+    made = MoveBase(quick())
+    before = made.configuration(server)
+    with pytest.raises(ParameterError) as refused:
+        made.reconfigure(server, values)
+    assert made.configuration(server) == before and "\n" not in str(refused.value)
+
+
+def test_reconfigured_inflation_shows_and_nothing_is_wiped():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
+    run(made, robot, 0.2)
+    lethal, inflated = made.global_costmap.cells == 254, (made.global_costmap.cells > 0).sum()
+    robot.circles = robot.circles[:0]  # gone, but beyond what the next scans clear
+    made.reconfigure("global_costmap/inflater_layer", {"inflation_radius": 0.6})
+    made.reconfigure("global_costmap", {"publish_frequency": 1.0})
+    run(made, robot, 0.1)
+    assert (made.global_costmap.cells > 0).sum() > 1.3 * inflated
+    assert ((made.global_costmap.cells == 254) == lethal).all()
+    made.reconfigure("local_costmap", {"width": 8})
+    assert made.local_costmap.size == (160, 120)
+
+
+def test_footprint_follows_its_server_and_its_topic():
+    made = MoveBase(quick())
+    made.reconfigure("local_costmap", {"footprint_padding": 0.0})
+    assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
+    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
+    assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
+    made.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
+    assert made.local_costmap.circumscribed_radius == pytest.approx(0.4)
+
+
+def test_make_plan_frees_the_robots_place_and_looks_near_the_goal():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(2.0, 0.0, 0.1)])
+    run(made, robot, 0.2)
+    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0  # in the obstacle
+    near = made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
+    assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
+    assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
+    made.reconfigure("", {"make_plan_add_unreachable_goal": False})
+    assert tuple(made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(near[-2, :2])
+    assert len(made.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
+    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # ends
+
+
+def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    run(made, robot, 0.2)
+    made.clear_costmaps()
+    assert not made.local_costmap.cells.any() and not made.global_costmap.cells.any()
+    run(made, robot, 0.1, scans=False)
+    assert (made.local_costmap.cells == 254).any()
+
+
+def test_parameters_that_cannot_be_run_are_named():
+    with pytest.raises(ParameterError, match="controller_frequency"):
+        MoveBase(quick(controller_frequency=0))
