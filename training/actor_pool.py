@@ -68,7 +68,7 @@ class Pool:
         task = self.next_task(slot)
         with self._lock:
             version, weights = (self._kept if task["kind"] == "evaluate" else (self.version, self._weights))
-        if task.get("theta0"):
+        if task.get("theta0") or "action" in task:
             return task, known, b""
         return dict(task, version=version), version, weights if version != known else b""
 

@@ -57,12 +57,14 @@ class Worker:
         return TRAJECTORY + Trajectory.of(layout, observations, actions, rewards, terminated, info).pack()
 
     def evaluate(self, task) -> bytes:
-        """task: world, trial, seed, theta0 (drive the planner's default instead of the policy). No noise."""
+        """task: world, trial, seed; and theta0 (drive the planner's default) or action (drive this set), instead of the
+        policy. No noise."""
         rng = np.random.default_rng([EVALUATION, task["seed"], task["world"], task["trial"]])
         env = self.environment("evaluate")
-        if task.get("theta0"):
-            default = np.asarray(env.unwrapped.space.to_action(env.unwrapped.space.theta0), np.float32)
-            act = lambda observation: default       # noqa: E731
+        if task.get("theta0") or "action" in task:
+            space = env.unwrapped.space
+            constant = np.asarray(task.get("action", space.to_action(space.theta0)), np.float32)
+            act = lambda observation: constant      # noqa: E731
         else:
             act = self.policy
         _, _, rewards, _, info = roll_out(env, act, rng, task["world"])

@@ -1,0 +1,8 @@
+#!/usr/bin/env python3
+"""rosrun applr_ros1 static_search.py: the best single parameter set (training/static_search.py). See --help."""
+import sys
+
+from training.static_search import main
+
+if __name__ == "__main__":
+    sys.exit(main())

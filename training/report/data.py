@@ -1,0 +1,120 @@
+"""An evaluation's trials as arrays: by method and world, in the paper's two sets, in thirds of difficulty.
+The report's tables and figures ask here."""
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Dict, List
+
+import numpy as np
+
+from training.storage import read_json
+from training.trial_store import MEASURES_FILE, SETTINGS, TRIALS, read_rows
+from training.trials import COLUMNS, MEASURES
+from worlds import builtin
+
+SETS = ("Training", "Test", "Physical course", "Other")
+THIRDS = ("Easy", "Medium", "Difficult")
+BASELINE = "dwa"
+
+
+class ReportError(ValueError):
+    """No report can be made: one line."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The trials of one method in one world, in their order: arrays (n,)."""
+    success: np.ndarray
+    collided: np.ndarray
+    timeout: np.ndarray
+    time: np.ndarray            # [s]; the limit where it timed out
+    decisions: np.ndarray
+    path_length: np.ndarray     # [m]
+    reason: List[str]
+    route: np.ndarray           # length of the reference route [m]
+    clearance: np.ndarray       # smallest laser range [m]
+    jerk: np.ndarray            # mean |jerk| [m/s^3]
+    turn: np.ndarray            # mean |yaw acceleration| [rad/s^2]
+    switching: np.ndarray       # mean change of the parameters per decision, of their range in [-1, 1]
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the successful trials [s]."""
+        return self.time[self.success]
+
+
+class Results:
+    """cells[method][world], the evaluation's settings, and how worlds are grouped."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        rows = read_rows(self.folder / TRIALS, COLUMNS)
+        measures = read_rows(self.folder / MEASURES_FILE, MEASURES)
+        if not rows:
+            raise ReportError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
+        path = self.folder / SETTINGS
+        self.settings: Dict[str, Any] = read_json(path) if path.exists() else {}
+        self.count = len(rows)
+        self.methods = list(dict.fromkeys(row[1] for row in rows))
+        self.worlds = list(dict.fromkeys(row[0] for row in rows))
+        self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
+        self.rivals = [m for m in self.methods if m != self.baseline]
+        try:
+            self.cells = self._cells(rows, measures)
+        except ValueError as error:
+            raise ReportError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
+
+    @staticmethod
+    def _cells(rows, measures) -> Dict[str, Dict[str, Cell]]:
+        extra = {tuple(m[:4]): m[4:] for m in measures}
+        nothing = [""] + ["nan"] * 5
+        found: Dict[str, Dict[str, List]] = {}
+        for row in rows:
+            found.setdefault(row[1], {}).setdefault(row[0], []).append(row[4:] + extra.get(tuple(row[:4]), nothing))
+        return {method: {world: _cell(trials) for world, trials in worlds.items()} for method, worlds in found.items()}
+
+    def of_set(self, name: str) -> List[str]:
+        """Worlds of one of SETS, in their order."""
+        return [w for w in self.worlds if set_of(w) == name]
+
+    def both(self, method: str, worlds: List[str]) -> List[str]:
+        """Those of `worlds` that both the baseline and `method` have driven."""
+        return [w for w in worlds if w in self.cells[method] and w in self.cells[self.baseline]]
+
+    def by_difficulty(self, worlds: List[str]) -> List[str]:
+        """Worlds by the baseline's mean time over all trials, a failed one counting as the limit; fastest first."""
+        cells = self.cells[self.baseline]
+        return sorted((w for w in worlds if w in cells), key=lambda w: (cells[w].time.mean(), w))
+
+    def thirds(self) -> Dict[str, List[str]]:
+        """All training and test worlds in thirds of difficulty, as the paper has them: 100 each of 300."""
+        ordered = self.by_difficulty([w for w in self.worlds if set_of(w) in SETS[:2]])
+        return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
+
+    def pooled(self, method: str, worlds: List[str], field: str) -> np.ndarray:
+        """A field of all trials of `method` in `worlds`."""
+        parts = [getattr(self.cells[method][w], field) for w in worlds if w in self.cells[method]]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _cell(trials: List[List[str]]) -> Cell:
+    columns = list(zip(*trials))
+    flags = [np.array([_flag(v) for v in column]) for column in columns[:3]]
+    numbers = [np.array([float(v) for v in column]) for column in columns[3:6] + columns[7:]]
+    return Cell(*flags, *numbers[:3], list(columns[6]), *numbers[3:])
+
+
+def _flag(text: str) -> bool:
+    if text not in ("True", "False"):
+        raise ValueError("%r is neither True nor False" % text)
+    return text == "True"
+
+
+def set_of(world: str) -> str:
+    """Training or Test by BARN's split, for the built-in worlds and for BARN's own files."""
+    match = re.match(r"^(?:generated:|world_)(\d+)$", world)
+    if match and int(match.group(1)) < 300:
+        return "Test" if int(match.group(1)) in builtin.TEST else "Training"
+    return "Physical course" if world == "physical_course" else "Other"

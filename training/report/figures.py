@@ -1,0 +1,169 @@
+"""The paper's figures from our trials: time against world index, parameter profiles, driven paths.
+page.py calls them."""
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Dict, List, Optional, Tuple
+
+import numpy as np
+
+import worlds as worlds_package
+from applr_ros1.policy.parameter_space import SPACE
+from training.report.data import Results
+from training.report.regions import REGIONS, region_of
+from training.trial_store import read_trace
+from worlds import World, WorldError
+
+# the baseline red and applr green, as in the paper
+COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
+DPI = 110
+
+log = logging.getLogger(__name__)
+
+
+def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.0), **more):
+    """(figure, axes array) without pyplot: no window, no global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **more)
+
+
+def colors(results: Results) -> Dict[str, str]:
+    ordered = [results.baseline] + ["applr"] * ("applr" in results.rivals) + [m for m in results.rivals if m != "applr"]
+    return {m: COLORS[n % len(COLORS)] for n, m in enumerate(ordered)}
+
+
+def times(results: Results, folder: Path) -> Optional[str]:
+    """Mean time of each world against its index in the order of the baseline's, with linear fits (paper, Fig. 6)."""
+    sets = [s for s in ("Training", "Test", "Other") if len(results.of_set(s)) >= 2]
+    if not sets:
+        return None
+    figure, axes = canvas(len(sets))
+    shade = colors(results)
+    for ax, name in zip(axes[0], sets):
+        ordered = results.by_difficulty(results.of_set(name))
+        for method in results.methods:
+            points = [(n, results.cells[method][w].times.mean()) for n, w in enumerate(ordered)
+                      if w in results.cells[method] and len(results.cells[method][w].times)]
+            if not points:
+                continue
+            x, y = np.array(points, dtype=float).T
+            ax.plot(x, y, "o", ms=3.5, color=shade[method], alpha=0.7, label=method)
+            if len(x) > 2:
+                ax.plot(x, np.polyval(np.polyfit(x, y, 1), x), "--", lw=1.4, color=shade[method])
+        ax.set(title="%s worlds" % name, xlabel="world, in the order of %s's time" % results.baseline,
+               ylabel="mean time of successful trials [s]", ylim=(0, None))
+        ax.grid(alpha=0.25)
+        ax.legend()
+    return _save(figure, folder, "times.png")
+
+
+def paths(results: Results, folder: Path, name: str) -> Optional[str]:
+    """The driven paths of all methods over the map of one world."""
+    world, traces = load(results, name), _traces(results, name)
+    if world is None or not traces:
+        return None
+    from worlds.draw import draw
+    shade = colors(results)
+    figure, axes = canvas(size=(6.5, 8.0))
+    ax = axes[0, 0]
+    draw(ax, world, path=False)
+    for method, trace in traces.items():
+        cell = results.cells[method][name]
+        said = "%.1f s" % cell.time[0] if cell.success[0] else cell.reason[0] or "failed"
+        ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label="%s: %s" % (method, said))
+    _frame(ax, world, traces)
+    ax.set_title("%s: driven paths, first trial of each method" % name)
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
+    return _save(figure, folder, "paths_%s.png" % _file(name))
+
+
+def profile(results: Results, folder: Path, name: str, method: str) -> Optional[str]:
+    """A method's parameters along one course, regions coloured (paper, Fig. 5)."""
+    world, trace = load(results, name), read_trace(results.folder, name, method, 0)
+    if world is None or trace is None or not len(trace["theta"]):
+        return None
+    from worlds.draw import draw
+    regions = region_of(world, trace["pose"])
+    figure, axes = canvas(3, 4, size=(4.2, 2.1), width_ratios=None)
+    for ax in axes[:, 0]:
+        ax.remove()
+    grid = axes[0, 0].get_gridspec()
+    map_ = figure.add_subplot(grid[:, 0])
+    draw(map_, world, path=False)
+    for region, (label, color) in enumerate(REGIONS):
+        inside = regions == region
+        map_.plot(trace["pose"][inside, 0], trace["pose"][inside, 1], ".", ms=4, color=color, label=label)
+    _frame(map_, world, {method: trace})
+    map_.legend(fontsize=8, loc="lower left")
+    map_.set_title("%s, %s" % (name, method))
+    begins = 2.0 * np.arange(len(trace["theta"]) + 1)
+    begins[-1] = max(trace["time"][-1], begins[-2])
+    for i, ax in enumerate(axes[:, 1:].ravel()):
+        ax.stairs(trace["theta"][:, i], begins, color="black", baseline=None, lw=1.4)
+        ax.axhline(SPACE.theta0[i], color="grey", ls=":", lw=1)
+        _shade(ax, trace["time"], regions)
+        span = SPACE.high[i] - SPACE.low[i]
+        ax.set(title=SPACE.names[i], ylim=(SPACE.low[i] - 0.05 * span, SPACE.high[i] + 0.05 * span),
+               xlim=(0, begins[-1]))
+        ax.title.set_fontsize(9)
+        if i >= 6:
+            ax.set_xlabel("time [s]")
+    return _save(figure, folder, "profile_%s_%s.png" % (_file(name), _file(method)))
+
+
+def _shade(ax, time: np.ndarray, regions: np.ndarray) -> None:
+    edges = np.flatnonzero(np.diff(regions)) + 1
+    for first, last in zip(np.concatenate([[0], edges]), np.concatenate([edges, [len(regions)]])):
+        ax.axvspan(time[first], time[last - 1], color=REGIONS[regions[first]][1], alpha=0.18, lw=0)
+        if first:
+            ax.axvline(time[first], color="grey", ls="--", lw=0.6)
+
+
+def chosen(results: Results) -> List[str]:
+    """The worlds to draw paths and profiles of: the one of middling difficulty among those with all traces, and the
+    physical course."""
+    with_traces = [w for w in results.worlds if len(_traces(results, w)) == len(results.methods)]
+    ordered = results.by_difficulty([w for w in with_traces if w != "physical_course"])
+    return ordered[len(ordered) // 2:][:1] + [w for w in with_traces if w == "physical_course"]
+
+
+def load(results: Results, name: str) -> Optional[World]:
+    """A world of the evaluation, None where its file has gone since."""
+    from training.trials import under
+    for known, spec in zip(results.settings.get("worlds", []), results.settings.get("world_specs", [])):
+        if known == name:
+            try:
+                return under(results.settings.get("protocol", "paper"), worlds_package.load(spec))
+            except WorldError as error:
+                log.warning("no map of %s: %s", name, error)
+    return None
+
+
+def _traces(results: Results, name: str) -> Dict[str, dict]:
+    found = {m: read_trace(results.folder, name, m, 0) for m in results.methods if name in results.cells[m]}
+    return {m: trace for m, trace in found.items() if trace is not None and len(trace["pose"])}
+
+
+def _frame(ax, world: World, traces: Dict[str, dict]) -> None:
+    """The part of the map that was driven through, and a little more."""
+    points = np.concatenate([t["pose"][:, :2] for t in traces.values()] + [np.array([world.course.start[:2]])])
+    low, high = points.min(axis=0), points.max(axis=0)
+    for setter, a, b in ((ax.set_ylim, low[1], high[1]), (ax.set_xlim, low[0], high[0])):
+        setter(a - 1.0, b + 1.0)
+    xs = np.concatenate([world.cylinders[:, 0], world.boxes[:, 0]])
+    near = xs[(xs > low[0] - 5) & (xs < high[0] + 5)]
+    if len(near):
+        ax.set_xlim(min(low[0] - 0.5, near.min() - 0.3), max(high[0] + 0.5, near.max() + 0.3))
+
+
+def _file(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
+
+
+def _save(figure, folder: Path, name: str) -> str:
+    figure.savefig(folder / name, dpi=DPI)
+    return name

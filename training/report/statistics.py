@@ -1,0 +1,113 @@
+"""The report's statistics: Welch tests per world with and without Holm's correction, intervals, BARN's metric."""
+from __future__ import annotations
+
+from typing import Callable, List, NamedTuple, Sequence, Tuple
+
+import numpy as np
+from scipy import stats
+
+from training.report.data import Cell, Results
+
+LEVEL = 0.05
+RESAMPLES = 2000
+
+
+class Verdict(NamedTuple):
+    """Of one world: which method is faster (-1 the rival, +1 the baseline), and how sure. p is nan where it cannot be
+    tested: fewer than two successes on a side."""
+    world: str
+    sign: int
+    p: float
+
+
+def welch(results: Results, method: str, worlds: List[str]) -> List[Verdict]:
+    """Two-sided Welch test of the successful trials' times, method against baseline, in each world."""
+    found = []
+    for world in results.both(method, worlds):
+        ours, theirs = results.cells[method][world].times, results.cells[results.baseline][world].times
+        sign = int(np.sign(ours.mean() - theirs.mean())) if len(ours) and len(theirs) else 0
+        found.append(Verdict(world, sign, welch_p(ours, theirs)))
+    return found
+
+
+def welch_p(a: np.ndarray, b: np.ndarray) -> float:
+    """p of Welch's t-test; nan with fewer than two values on a side; 0 or 1 where neither side varies."""
+    if len(a) < 2 or len(b) < 2:
+        return float("nan")
+    if a.std() == 0.0 and b.std() == 0.0:
+        return float(a[0] == b[0])
+    return float(stats.ttest_ind(a, b, equal_var=False).pvalue)
+
+
+def count(verdicts: Sequence[Verdict], corrected: bool = False) -> Tuple[int, int]:
+    """(worlds where the rival is significantly faster, where the baseline is), at .05; corrected: with Holm's step-down
+    over all tested worlds, so that the chance of any false one stays below .05."""
+    tested = [v for v in verdicts if not np.isnan(v.p)]
+    p = np.array([v.p for v in tested])
+    significant = holm(p) if corrected else p < LEVEL
+    return tuple(sum(1 for v, s in zip(tested, significant) if s and v.sign == sign) for sign in (-1, 1))
+
+
+def holm(p: np.ndarray) -> np.ndarray:
+    """(n,) bool: which hypotheses Holm's procedure rejects at .05."""
+    rejected = np.zeros(len(p), dtype=bool)
+    for rank, index in enumerate(np.argsort(p, kind="stable")):
+        if p[index] >= LEVEL / (len(p) - rank):
+            break
+        rejected[index] = True
+    return rejected
+
+
+def wilson(successes: int, n: int) -> Tuple[float, float]:
+    """95 % interval of a share."""
+    if n == 0:
+        return 0.0, 1.0
+    z, p = 1.959964, successes / n
+    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return max(0.0, (middle - half) / (1 + z * z / n)), min(1.0, (middle + half) / (1 + z * z / n))
+
+
+def over_worlds(parts: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Tuple[float, float, float]:
+    """A statistic with its 95 % bootstrap interval over worlds (trials of one world are no independent sample).
+
+    parts      arrays (worlds, ...): what is summed for each world
+    statistic  takes the sums (resamples, ...), in order, and returns (resamples,)
+    """
+    n = len(parts[0])
+    value = float(statistic(*[part.sum(axis=0)[None] for part in parts])[0])
+    picks = np.random.default_rng(0).integers(0, n, size=(RESAMPLES, n))
+    values = statistic(*[part[picks].sum(axis=1) for part in parts])
+    values = values[np.isfinite(values)]
+    low, high = np.quantile(values, (0.025, 0.975)) if len(values) else (np.nan, np.nan)
+    return value, float(low), float(high)
+
+
+def mean_time(results: Results, method: str, worlds: List[str]) -> Tuple[float, float, float]:
+    """Mean over the successful trials [s], with its interval."""
+    cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
+    totals, n = np.array([c.times.sum() for c in cells]), np.array([len(c.times) for c in cells], dtype=float)
+    return over_worlds([totals, n], _ratio) if len(cells) else (np.nan, np.nan, np.nan)
+
+
+def gain(results: Results, method: str, worlds: List[str]) -> Tuple[float, float, float]:
+    """Share of the baseline's mean time that `method` saves, over successful trials, with its interval."""
+    worlds = results.both(method, worlds)
+    parts = []
+    for name in (method, results.baseline):
+        cells = [results.cells[name][w] for w in worlds]
+        parts += [np.array([c.times.sum() for c in cells]), np.array([float(len(c.times)) for c in cells])]
+    if not worlds:
+        return np.nan, np.nan, np.nan
+    return over_worlds(parts, lambda a, n, b, m: 1.0 - _ratio(a, n) / _ratio(b, m))
+
+
+def _ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return total / n
+
+
+def barn_metric(cell: Cell, lower: float) -> np.ndarray:
+    """(n,) the BARN Challenge's score of each trial: OT / clip(AT, lower OT, 8 OT), 0 where it failed or touched
+    anything; OT is the reference route at 2 m/s. lower: 2 since 2025 (at most .5), 4 before (at most .25)."""
+    optimal = cell.route / 2.0
+    return cell.success * ~cell.collided * optimal / np.clip(cell.time, lower * optimal, 8.0 * optimal)

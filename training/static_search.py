@@ -1,0 +1,170 @@
+"""The best single parameter set, by CMA-ES over the train worlds: the strong rival of a policy, shipped as static.json.
+
+python -m training.static_search --help. Each generation drives every candidate through the same freshly drawn worlds
+with the same seeds; the last generations' means are then driven through all worlds, and the fastest of them wins.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+
+from applr_ros1.policy.parameter_space import SPACE
+from training.actor_pool import InProcess, PoolError, Processes, RayPool
+from training.storage import StorageError, make_folder, write_bytes, write_json
+
+FAILURE_SECONDS = 100.0
+FINALISTS = 6
+
+
+class Trials:
+    """Drives sets through worlds, in parallel: run() gives the scores."""
+
+    def __init__(self, settings: Dict[str, Any], actors: int, kind: str, address: str, contact_seconds: float):
+        self.queue: List[Dict[str, Any]] = []
+        self.contact_seconds, self.driven = contact_seconds, 0
+        if actors == 0:
+            self.pool = InProcess(settings, self._next)
+        elif kind == "processes":
+            self.pool = Processes(settings, self._next, actors)
+        else:
+            self.pool = RayPool(settings, self._next, actors, address or None)
+
+    def _next(self, slot):
+        return self.queue.pop(0) if self.queue else {"kind": "idle"}
+
+    def run(self, actions: np.ndarray, worlds, seed: int) -> List[Dict[str, Any]]:
+        """For each row of actions (k, 8): {score, time_s, success, collided} over all worlds."""
+        wanted = {(i, int(w)) for i in range(len(actions)) for w in worlds}
+        results: Dict[Any, Dict] = {}
+        errors: Dict[str, int] = {}
+        since = time.monotonic()
+        self.queue[:] = [self._task(actions, i, w, seed) for i, w in sorted(wanted, key=lambda key: key[1])]
+        while len(results) < len(wanted):
+            for answer in self.pool.poll(0.2):
+                content = json.loads(answer[1:])
+                task = content.get("task", {})
+                if task.get("kind") != "evaluate" or task["seed"] != seed:
+                    time.sleep(0.001)
+                elif "error" in content:
+                    errors[content["error"]] = errors.get(content["error"], 0) + 1
+                    if sum(errors.values()) > 20:
+                        raise PoolError("trials fail: %s" % content["error"])
+                    self.queue.append(task)
+                else:
+                    results[task["round"], task["world"]] = content
+                    since = time.monotonic()
+            if time.monotonic() - since > 300.0 and not self.queue:         # actors died with their trials
+                self.queue[:] = [self._task(actions, i, w, seed) for i, w in sorted(wanted - set(results))]
+                since = time.monotonic()
+        self.driven += len(wanted)
+        return [self._summary([results[i, int(w)] for w in worlds]) for i in range(len(actions))]
+
+    @staticmethod
+    def _task(actions, i, world, seed):
+        return {"kind": "evaluate", "round": i, "world": int(world), "trial": 0, "seed": seed,
+                "action": [float(v) for v in actions[i]]}
+
+    def _summary(self, results):
+        won = [r["time_s"] for r in results if r["success"]]
+        seconds = [(r["time_s"] if r["success"] else FAILURE_SECONDS) + self.contact_seconds * r["collided"]
+                   for r in results]
+        return {"score": float(np.mean(seconds)), "time_s": float(np.mean(won)) if won else None,
+                "success": len(won) / len(results), "collided": float(np.mean([r["collided"] for r in results])),
+                "trials": len(results)}
+
+
+def search(trials: Trials, count: int, options) -> Dict[str, Any]:
+    """CMA-ES from theta_0. Returns {"theta": ..., "result": ..., "log": [a line per generation], "finalists": [...]}."""
+    import cma
+    rng = np.random.default_rng(options.seed)
+    strategy = cma.CMAEvolutionStrategy(
+        SPACE.to_action(SPACE.theta0) * 0.9, 0.5,       # not from the very edge of the box
+        {"bounds": [-1, 1], "popsize": options.population, "seed": options.seed + 1, "verbose": -9})
+    log, began = [], time.monotonic()
+    for generation in range(options.generations):
+        worlds = np.sort(rng.choice(count, min(count, options.worlds_per_set), replace=False))
+        candidates = strategy.ask()
+        results = trials.run(np.array(candidates), worlds, seed=options.seed + 1000 + generation)
+        strategy.tell(candidates, [r["score"] for r in results])
+        best = int(np.argmin([r["score"] for r in results]))
+        mean = np.clip(strategy.result.xfavorite, -1.0, 1.0)
+        log.append({"generation": generation, "worlds": worlds.tolist(), "sigma": float(strategy.sigma),
+                    "scores": [round(r["score"], 3) for r in results], "best": dict(results[best], **_named(candidates[best])),
+                    "mean": _named(mean), "seconds": round(time.monotonic() - began, 1)})
+        print("generation %d of %d: best %.2f s (success %.2f, contact %.2f), median %.2f s, sigma %.3f, %d trials, %d s" % (
+            generation + 1, options.generations, results[best]["score"], results[best]["success"],
+            results[best]["collided"], np.median([r["score"] for r in results]), strategy.sigma, trials.driven,
+            time.monotonic() - began), flush=True)
+    finalists = [line["mean"]["theta"] for line in log[-FINALISTS:]] + [log[-1]["best"]["theta"]]
+    finalists = [SPACE.theta0.tolist()] + [list(t) for t in dict.fromkeys(map(tuple, finalists))]
+    actions = np.array([SPACE.to_action(t) for t in finalists])
+    results = trials.run(actions, range(count), seed=options.seed)
+    best = 1 + int(np.argmin([r["score"] for r in results[1:]]))
+    table = [dict(result, **_named(action)) for action, result in zip(actions, results)]
+    print("theta_0: %.2f s; best set: %.2f s, success %.3f, contact %.3f, over %d worlds" % (
+        results[0]["score"], results[best]["score"], results[best]["success"], results[best]["collided"], count))
+    return {"theta": SPACE.as_dict(SPACE.clip(finalists[best])), "result": results[best], "theta0": results[0],
+            "finalists": table, "log": log, "trials": trials.driven, "seconds": round(time.monotonic() - began, 1)}
+
+
+def _named(action) -> Dict[str, Any]:
+    theta = SPACE.to_theta(action)
+    return {"theta": theta.tolist(), "parameters": SPACE.as_dict(theta)}
+
+
+def parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(prog="static_search.py", description=__doc__.splitlines()[0],
+                                formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p.add_argument("--worlds", default="generated:train", help="to search over")
+    p.add_argument("--simulator", default="kinematic", choices=("kinematic", "pybullet"), help="to drive in")
+    p.add_argument("--generations", type=int, default=40, help="of CMA-ES")
+    p.add_argument("--population", type=int, default=16, help="candidates of a generation")
+    p.add_argument("--worlds-per-set", type=int, default=25, help="worlds that each candidate drives")
+    p.add_argument("--contact-seconds", type=float, default=5.0, help="what a contact adds to a trial's time")
+    p.add_argument("--actors", type=int, default=2, help="trials driven at once; 0: in this process")
+    p.add_argument("--pool", default="processes", choices=("ray", "processes"), help="what the actors are")
+    p.add_argument("--ray-address", default="", help="HOST:PORT of a Ray cluster")
+    p.add_argument("--seed", type=int, default=0, help="of everything drawn")
+    p.add_argument("--out", default="applr_ros1/models/static.json",
+                   help="the set, as {name: value}; the log goes beside it as NAME_log.json")
+    return p
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    arguments = [a for a in (sys.argv[1:] if arguments is None else arguments) if ":=" not in a]
+    options = parser().parse_args(arguments)
+    from training.env import load_worlds
+    trials = None
+    try:
+        if min(options.generations, options.worlds_per_set) < 1 or options.population < 4 or options.actors < 0:
+            raise ValueError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")
+        make_folder(Path(options.out).parent)
+        count = len(load_worlds(options.worlds))
+        settings = {"env": "training.env:ApplrEnv", "train": {},
+                    "evaluate": {"worlds": options.worlds, "simulator": options.simulator}}
+        trials = Trials(settings, options.actors, options.pool, options.ray_address, options.contact_seconds)
+        found = search(trials, count, options)
+        found["command"] = "python -m training.static_search " + " ".join(arguments)
+        write_bytes(options.out, (json.dumps(found["theta"], indent=1) + "\n").encode())
+        write_json(str(Path(options.out).with_suffix("")) + "_log.json", found)
+        print("%s: %s" % (options.out, found["theta"]))
+        return 0
+    except (ValueError, StorageError, PoolError) as error:
+        print("static_search.py: %s" % error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; nothing was written", file=sys.stderr)
+        return 130
+    finally:
+        if trials is not None:
+            trials.pool.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
