@@ -38,6 +38,7 @@ class Costmap:
         self.default = UNKNOWN if track_unknown else FREE
         self.origin = np.array(origin, dtype=np.float64)
         self.cells = np.full((ny, nx), self.default, np.uint8)
+        self._base = np.zeros((ny, nx), np.uint8)     # the cells before inflation, where the last update went
         self.version = 0
         self.window = None
         self._changes = deque(maxlen=64)
@@ -71,29 +72,36 @@ class Costmap:
             moved = roll(self.cells, self.origin, self.resolution, x - size_in_meters(nx, self.resolution) / 2,
                          y - size_in_meters(ny, self.resolution) / 2, self.default)
             if moved != (0, 0):
+                self.inflation.roll(*moved)
                 self._changed((0, 0, nx, ny))
-        bounds = np.array([1e30, 1e30, -1e30, -1e30])
+        bounds = (1e30, 1e30, -1e30, -1e30)
         if self.obstacles.parameters.enabled:
-            self.obstacles.update_bounds(pose, self.footprint, bounds)
+            bounds = self.obstacles.update_bounds(pose, self.footprint)
         if self.inflation.parameters.enabled:
-            self.inflation.update_bounds(bounds)
-        x0, y0, xn, yn = (world_to_map_enforce_bounds(bounds[i], self.origin[i % 2], self.resolution, self.size[i % 2])
-                          for i in range(4))
-        xn, yn = min(nx, xn + 1), min(ny, yn + 1)
-        if xn < x0 or yn < y0:
-            self.window = None
-            return
-        self.window = (x0, y0, xn, yn)
+            bounds = self.inflation.update_bounds(bounds)
+        self.window = self._to_window(bounds)
+        if self.window is not None:
+            self._refresh(pose, self.window)
+
+    def _to_window(self, bounds):
+        """Cells (x0, y0, xn, yn) of the bounds (min x, min y, max x, max y) [m]; None if they are inverted."""
+        nx, ny = self.size
+        ox, oy = self.origin.tolist()
+        x0 = world_to_map_enforce_bounds(bounds[0], ox, self.resolution, nx)
+        y0 = world_to_map_enforce_bounds(bounds[1], oy, self.resolution, ny)
+        xn = min(nx, world_to_map_enforce_bounds(bounds[2], ox, self.resolution, nx) + 1)
+        yn = min(ny, world_to_map_enforce_bounds(bounds[3], oy, self.resolution, ny) + 1)
+        return None if xn < x0 or yn < y0 else (x0, y0, xn, yn)
+
+    def _refresh(self, pose, window):
+        """The cost steps of both layers over the window."""
+        nx, ny = self.size
         r = 2 * self.inflation.reach
-        region = (max(0, x0 - r), max(0, y0 - r), min(nx, xn + r), min(ny, yn + r))
-        before = self.cells[region[1]:region[3], region[0]:region[2]].copy()
-        self.cells[y0:yn, x0:xn] = self.default
-        if self.obstacles.parameters.enabled:
-            self.obstacles.update_costs(self.cells, pose, self.footprint, x0, y0, xn, yn)
-        if self.inflation.parameters.enabled:
-            self.inflation.update_costs(self.cells, x0, y0, xn, yn)
-        if not np.array_equal(before, self.cells[region[1]:region[3], region[0]:region[2]]):
-            self._changed(region)
+        around = (max(0, window[0] - r), max(0, window[1] - r), min(nx, window[2] + r), min(ny, window[3] + r))
+        self.obstacles.update_costs(self.cells, self._base, pose, self.footprint, window, around)
+        changed = self.inflation.update(self.cells, self._base, window)
+        if changed is not None:
+            self._changed(changed)
 
     def clear(self):
         """The clear_costmaps service: master and layers back to the default. The newest scan marks again."""
@@ -108,6 +116,13 @@ class Costmap:
         The master shows it after the next update.
         """
         self.obstacles.clear_outside(pose, side, inverted)
+
+    def paint(self, cells):
+        """Write the non-zero cells (ny, nx) over the master and inflate the whole map: a map made by hand."""
+        np.copyto(self._base, self.cells)
+        np.copyto(self._base, cells, where=np.asarray(cells) != 0)
+        self.inflation.update(self.cells, self._base, (0, 0) + self.size)
+        self._changed((0, 0) + self.size)
 
     def set_free(self, x0, y0, xn, yn):
         """Write 0 into the cells [x0, xn) x [y0, yn) of the master alone, until an update covers them."""

@@ -103,43 +103,38 @@ def line_cells(x0, y0, x1, y1):
     return np.stack((xs, ys), axis=1)
 
 
-@njit(cache=True)
 def roll(cells, origin, resolution, new_ox, new_oy, default):
     """Move the window of `cells` (ny, nx) towards the origin (new_ox, new_oy) [m] by whole cells; returns (cx, cy).
 
     Cells in the overlap keep their values, others get `default`; `origin` (2,) is moved. costmap_2d.cpp:260.
     """
-    ny, nx = cells.shape
-    cx = int((new_ox - origin[0]) / resolution)
-    cy = int((new_oy - origin[1]) / resolution)
-    if cx == 0 and cy == 0:
-        return cx, cy
-    origin[0] = origin[0] + cx * resolution
-    origin[1] = origin[1] + cy * resolution
-    shift(cells, cx, cy, default)
+    ox, oy = origin.tolist()
+    cx = int((new_ox - ox) / resolution)
+    cy = int((new_oy - oy) / resolution)
+    if cx != 0 or cy != 0:
+        origin[0] = ox + cx * resolution
+        origin[1] = oy + cy * resolution
+        shift(cells, cx, cy, default)
     return cx, cy
 
 
-@njit(cache=True)
 def shift(cells, cx, cy, default):
     """cells[y, x] = cells[y + cy, x + cx] where that exists, else `default`, in place."""
     ny, nx = cells.shape
-    low = min(max(0, -cx), nx)     # columns low .. high have a source
-    high = max(min(nx, nx - cx), low)
-    for i in range(ny):
-        y = i if cy >= 0 else ny - 1 - i
-        source = y + cy
-        if source < 0 or source >= ny:
-            for x in range(nx):
-                cells[y, x] = default
-            continue
-        if cx >= 0:
-            for x in range(low, high):
-                cells[y, x] = cells[source, x + cx]
-        else:
-            for x in range(high - 1, low - 1, -1):
-                cells[y, x] = cells[source, x + cx]
-        for x in range(low):
-            cells[y, x] = default
-        for x in range(high, nx):
-            cells[y, x] = default
+    if abs(cx) >= nx or abs(cy) >= ny:
+        cells[:] = default
+        return
+    flat = cells.reshape(-1)
+    k = cy * nx + cx
+    if k > 0:
+        flat[:-k] = flat[k:]
+    elif k < 0:
+        flat[-k:] = flat[:k].copy()
+    if cy > 0:
+        cells[ny - cy:] = default
+    elif cy < 0:
+        cells[:-cy] = default
+    if cx > 0:
+        cells[:, nx - cx:] = default
+    elif cx < 0:
+        cells[:, :-cx] = default

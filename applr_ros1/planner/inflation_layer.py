@@ -1,7 +1,7 @@
 """Inflation layer of a costmap: spreads falling costs around lethal cells.
 
-Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp: sources pass along 4-neighbours in order of
-distance, first in first out, so a distance transform would give other bytes.
+Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp: obstacles pass along 4-neighbours in order of
+distance, first in first out, so a distance transform would give other bytes. brushfire.py does the spreading.
 """
 import math
 from dataclasses import dataclass
@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.grid import LETHAL, UNKNOWN, cell_distance
+from applr_ros1.planner import brushfire
+from applr_ros1.planner.grid import LETHAL, UNKNOWN, cell_distance, shift
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
+FEW = 256                # so many changed obstacles are repaired, more are spread anew
 
 
 @dataclass
@@ -23,75 +25,6 @@ class InflationParameters:
     inflate_unknown: bool = False
 
 
-class InflationLayer:
-    """Keeps the tables of distances and costs and what is due; cells belong to the costmap."""
-
-    def __init__(self, nx, ny, resolution, parameters):
-        self.resolution = float(resolution)
-        self.parameters = parameters
-        self.inscribed_radius = 0.0
-        self.full_pass_due = False
-        self._last = np.array([-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32])
-        self._seen = np.zeros((ny, nx), np.uint8)
-        self._entries = np.empty((4 * nx * ny + 4, 4), np.int32)
-        self._tables()
-
-    def _tables(self):
-        p = self.parameters
-        self.reach = cell_distance(p.inflation_radius, self.resolution)
-        n = self.reach + 2
-        axis = np.arange(n, dtype=np.float64)
-        distance = np.hypot(axis[:, None], axis[None, :])
-        values = np.unique(distance[distance <= self.reach])
-        self._bin = np.where(distance <= self.reach, np.searchsorted(values, distance), -1).astype(np.int32)
-        self._bins = len(values)
-        self._cost = np.array([[cost_at(d, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
-                                for d in row] for row in distance.tolist()], dtype=np.uint8)
-
-    def configure(self, parameters):
-        """Take new parameters; a full pass becomes due where the C++ layer asks for one."""
-        old = self.parameters
-        self.parameters = parameters
-        if (parameters.inflation_radius != old.inflation_radius
-                or parameters.cost_scaling_factor != old.cost_scaling_factor):
-            self._tables()
-            self.full_pass_due = True
-        if parameters.enabled != old.enabled or parameters.inflate_unknown != old.inflate_unknown:
-            self.full_pass_due = True
-
-    def set_inscribed_radius(self, radius):
-        """The footprint was set: its inscribed radius [m]. A full pass becomes due."""
-        self.inscribed_radius = float(radius)
-        self._tables()
-        self.full_pass_due = True
-
-    def update_bounds(self, bounds):
-        """Widen `bounds` (4,) [m] in place. inflation_layer.cpp:129."""
-        incoming = bounds.copy()
-        if self.full_pass_due:
-            self.full_pass_due = False
-            bounds[:2] = -LARGEST_F32
-            bounds[2:] = LARGEST_F32
-        else:
-            radius = self.parameters.inflation_radius
-            bounds[:2] = np.minimum(self._last[:2], incoming[:2]) - radius
-            bounds[2:] = np.maximum(self._last[2:], incoming[2:]) + radius
-        self._last = incoming
-
-    def update_costs(self, master, x0, y0, xn, yn):
-        """Inflate the window [x0, xn) x [y0, yn) of `master` (ny, nx) in place."""
-        if self.reach == 0:
-            return
-        ny, nx = master.shape
-        r = self.reach
-        _inflate(master, self._seen, self._entries, self._bin, self._cost, self._bins, self.parameters.inflate_unknown,
-                 max(0, x0 - r), max(0, y0 - r), min(nx, xn + r), min(ny, yn + r))
-
-    def reset(self):
-        """After the maps were cleared: no full pass is due."""
-        self.full_pass_due = False
-
-
 def cost_at(distance, resolution, inscribed_radius, weight):
     """Cost (0 .. 254) at a distance in cells. inflation_layer.h:109."""
     if distance == 0:
@@ -101,10 +34,194 @@ def cost_at(distance, resolution, inscribed_radius, weight):
     return int(252 * math.exp(-1.0 * weight * (distance * resolution - inscribed_radius)))
 
 
+class InflationLayer:
+    """Keeps the tables, what is due, and the spread of the obstacles of the last update."""
+
+    def __init__(self, nx, ny, resolution, parameters):
+        self.resolution = float(resolution)
+        self.parameters = parameters
+        self.inscribed_radius = 0.0
+        self.full_pass_due = False
+        self._last = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
+        self._nx, self._ny = nx, ny
+        self._level = np.full((ny + 2, nx + 2), brushfire.NONE, np.uint8)
+        self._level[0, :] = self._level[-1, :] = self._level[:, 0] = self._level[:, -1] = brushfire.WALL
+        self._link = np.zeros((ny + 2) * (nx + 2), np.uint16)
+        self._cost = np.zeros((ny + 2, nx + 2), np.uint8)
+        self._columns = np.zeros(nx, np.uint8)
+        self._changed = np.empty(FEW, np.int64)
+        self._queue = np.empty((2, 1 << 16), np.int32)
+        self._lost = np.empty(1 << 15, np.int64)
+        self._spread = None          # rectangle in which obstacles were spread last, None: nothing to build on
+        self._make_tables()
+
+    def _make_tables(self):
+        p = self.parameters
+        self.reach = cell_distance(p.inflation_radius, self.resolution)
+        self._incremental = self.reach <= brushfire.MAX_REACH
+
+        def cost_of(distance):
+            return cost_at(distance, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
+
+        self._forget()
+        if self._incremental:
+            self._step_level, self._level_cost = brushfire.tables(self.reach, cost_of)
+        else:
+            axis = np.arange(self.reach + 2, dtype=np.float64)
+            distance = np.hypot(axis[:, None], axis[None, :])
+            values = np.unique(distance[distance <= self.reach])
+            self._bin = np.where(distance <= self.reach, np.searchsorted(values, distance), -1).astype(np.int32)
+            self._bin_cost = np.array([cost_of(d) for d in values.tolist()], dtype=np.uint8)
+
+    def configure(self, parameters):
+        """Take new parameters; a full pass becomes due where the C++ layer asks for one."""
+        old = self.parameters
+        self.parameters = parameters
+        if (parameters.inflation_radius != old.inflation_radius
+                or parameters.cost_scaling_factor != old.cost_scaling_factor):
+            self._make_tables()
+            self.full_pass_due = True
+        if parameters.enabled != old.enabled or parameters.inflate_unknown != old.inflate_unknown:
+            self.full_pass_due = True
+
+    def set_inscribed_radius(self, radius):
+        """The footprint was set: its inscribed radius [m]. A full pass becomes due."""
+        self.inscribed_radius = float(radius)
+        self._make_tables()
+        self.full_pass_due = True
+
+    def update_bounds(self, bounds):
+        """Bounds (min x, min y, max x, max y) [m], widened. inflation_layer.cpp:129."""
+        last, self._last = self._last, bounds
+        if self.full_pass_due:
+            self.full_pass_due = False
+            return -LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32
+        radius = self.parameters.inflation_radius
+        return (min(last[0], bounds[0]) - radius, min(last[1], bounds[1]) - radius,
+                max(last[2], bounds[2]) + radius, max(last[3], bounds[3]) + radius)
+
+    def reset(self):
+        """After the maps were cleared: no full pass is due."""
+        self.full_pass_due = False
+
+    def roll(self, cx, cy):
+        """The map's window moved by (cx, cy) cells: the spread moves along, or is forgotten if it met the border."""
+        if self._spread is None:
+            return
+        r = self.reach
+        x0, y0, xn, yn = self._spread
+        if (min(x0 - r, x0 - r - cx) <= 0 or min(y0 - r, y0 - r - cy) <= 0
+                or max(xn + r, xn + r - cx) >= self._nx or max(yn + r, yn + r - cy) >= self._ny):
+            self._forget()
+            return
+        width = self._nx + 2
+        block = (slice(y0 - r + 1, yn + r + 1), slice(x0 - r + 1, xn + r + 1))
+        target = (slice(y0 - r + 1 - cy, yn + r + 1 - cy), slice(x0 - r + 1 - cx, xn + r + 1 - cx))
+        for grid, empty in ((self._level, brushfire.NONE), (self._cost, 0), (self._link.reshape(-1, width), 0)):
+            moved = grid[block].copy()
+            grid[block] = empty
+            grid[target] = moved
+        self._spread = (x0 - cx, y0 - cy, xn - cx, yn - cy)
+
+    def _forget(self):
+        """Nothing is spread any more."""
+        if self._spread is not None:
+            brushfire.wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
+            self._spread = None
+
+    def _around(self, rect, cells):
+        return (max(0, rect[0] - cells), max(0, rect[1] - cells),
+                min(self._nx, rect[2] + cells), min(self._ny, rect[3] + cells))
+
+    def update(self, master, base, window):
+        """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
+
+        base holds the cells before inflation: inside the window as the layers below made them, outside it as the
+        master is. Returns the rectangle around what changed in the master, None if nothing did.
+        """
+        if not self.parameters.enabled or self.reach == 0:
+            self._forget()
+            return _apply(master, base, self._cost, self._columns, False, *window)
+        if not self._incremental:
+            return self._update_anew(master, base, window)
+        seeds_in = self._around(window, self.reach)
+        self._spread_obstacles(base, seeds_in)
+        return _apply(master, base, self._cost, self._columns, self.parameters.inflate_unknown,
+                      *self._around(seeds_in, self.reach))
+
+    def _spread_obstacles(self, base, rect):
+        before, self._spread = self._spread, rect
+        self._spread_reach = self.reach
+        if before is not None:
+            union = (min(before[0], rect[0]), min(before[1], rect[1]),
+                     max(before[2], rect[2]), max(before[3], rect[3]))
+            count = brushfire.seed_changes(base, self._level, *rect, *union, self._changed)
+            if count >= 0 and brushfire.repair(self._changed, count, self._level, self._link, self._cost.reshape(-1),
+                                               self._step_level, self._level_cost, self.reach, *self._queue,
+                                               self._lost):
+                return
+            brushfire.wipe(self._level, self._cost, *self._around(union, self.reach))
+        x0, y0, xn, yn = rect
+        ys, xs = np.nonzero(base[y0:yn, x0:xn] == LETHAL)
+        seeds = (ys + y0 + 1) * (self._nx + 2) + xs + x0 + 1
+        while not brushfire.rebuild(seeds, len(seeds), self._level, self._link, self._cost.reshape(-1),
+                                    self._step_level, self._level_cost, self.reach, *self._queue):
+            brushfire.wipe(self._level, self._cost, *self._around(rect, self.reach))
+            self._queue = np.empty((2, 2 * self._queue.shape[1]), np.int32)
+
+    def _update_anew(self, master, base, window):
+        """For a reach beyond brushfire's levels: spread everything, as C++ does in each update."""
+        rect = self._around(window, 2 * self.reach)
+        x0, y0, xn, yn = rect
+        before = master[y0:yn, x0:xn].copy()
+        master[y0:yn, x0:xn] = base[y0:yn, x0:xn]
+        if not hasattr(self, "_entries"):
+            self._seen = np.zeros(master.shape, np.uint8)
+            self._entries = np.empty((5 * master.size, 4), np.int32)
+        _inflate(master, self._seen, self._entries, self._bin, self._bin_cost, self.parameters.inflate_unknown,
+                 *self._around(window, self.reach))
+        return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
+
+
 @njit(cache=True)
-def _inflate(master, seen, entries, bin_of, cost_of, bins, inflate_unknown, x0, y0, xn, yn):
+def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
+    """Inflated value of every cell [x0, xn) x [y0, yn) into the master; returns the rectangle of changes or None."""
+    for x in range(x0, xn):
+        columns[x] = 0
+    first = -1
+    last = -1
+    for y in range(y0, yn):
+        differs = np.uint8(0)
+        for x in range(x0, xn):
+            old = base[y, x]
+            new = cost[y + 1, x + 1]
+            grown = max(old, new)
+            if old == UNKNOWN:
+                grown = new if new >= 253 or (inflate_unknown and new > 0) else old
+            difference = np.uint8(grown ^ master[y, x])
+            differs |= difference
+            columns[x] |= difference
+            master[y, x] = grown
+        if differs != 0:
+            if first < 0:
+                first = y
+            last = y
+    if first < 0:
+        return None
+    left = x0
+    while columns[left] == 0:
+        left += 1
+    right = xn
+    while columns[right - 1] == 0:
+        right -= 1
+    return left, first, right, last + 1
+
+
+@njit(cache=True)
+def _inflate(master, seen, entries, bin_of, cost_of, inflate_unknown, x0, y0, xn, yn):
     """entries (m, 4): x, y, source (as x + nx y), next entry of the same bin."""
     ny, nx = master.shape
+    bins = cost_of.shape[0]
     head = np.full(bins, -1, np.int64)
     tail = np.full(bins, -1, np.int64)
     used = 0
@@ -131,7 +248,7 @@ def _inflate(master, seen, entries, bin_of, cost_of, bins, inflate_unknown, x0, 
                 seen[y, x] = 1
                 sx = source % nx
                 sy = source // nx
-                new = cost_of[abs(y - sy), abs(x - sx)]
+                new = cost_of[b]
                 old = master[y, x]
                 if old == UNKNOWN:
                     if new >= 253 or (inflate_unknown and new > 0):
@@ -139,20 +256,12 @@ def _inflate(master, seen, entries, bin_of, cost_of, bins, inflate_unknown, x0, 
                 elif new > old:
                     master[y, x] = new
                 for k in range(4):
-                    px = x
-                    py = y
-                    if k == 0:
-                        px = x - 1
-                    elif k == 1:
-                        py = y - 1
-                    elif k == 2:
-                        px = x + 1
-                    else:
-                        py = y + 1
+                    px = x - 1 if k == 0 else (x + 1 if k == 2 else x)
+                    py = y - 1 if k == 1 else (y + 1 if k == 3 else y)
                     if px < 0 or py < 0 or px >= nx or py >= ny or seen[py, px] != 0:
                         continue
                     nb = bin_of[abs(py - sy), abs(px - sx)]
-                    if nb < 0:
+                    if nb <= b:
                         continue
                     entries[used, 0] = px
                     entries[used, 1] = py

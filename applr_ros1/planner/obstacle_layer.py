@@ -43,35 +43,44 @@ class ObstacleLayer:
         self.origin = np.array(origin, dtype=np.float64)
         self.cloud = None          # the newest scan, applied again in every update
         self._extra = None         # bounds left by a recovery: min x, min y, max x, max y
+        self._bounds = np.empty(4)
+        self._hits = np.empty(1024, np.int64)
 
-    def update_bounds(self, pose, footprint, bounds):
-        """Roll, clear, mark; widen `bounds` (4,) [m] = min x, min y, max x, max y by what may have changed."""
+    def update_bounds(self, pose, footprint):
+        """Roll, clear, mark. Returns what may have changed as (min x, min y, max x, max y) [m]."""
         p = self.parameters
         ny, nx = self.cells.shape
         if self.rolling:
             roll(self.cells, self.origin, self.resolution, pose[0] - size_in_meters(nx, self.resolution) / 2,
                  pose[1] - size_in_meters(ny, self.resolution) / 2, self.default)
-        if self._extra is not None:
-            bounds[:2] = np.minimum(bounds[:2], self._extra[:2])
-            bounds[2:] = np.maximum(bounds[2:], self._extra[2:])
-            self._extra = None
+        bounds = self._bounds
+        bounds[:] = (1e30, 1e30, -1e30, -1e30) if self._extra is None else self._extra
+        self._extra = None
         if self.cloud is not None:
+            points = self.cloud.points
             sx, sy, sz = self.cloud.origin
-            _apply_cloud(self.cells, self.origin, self.resolution, self.cloud.points, float(sx), float(sy), float(sz),
-                         float(p.raytrace_range), cell_distance(p.raytrace_range, self.resolution),
-                         float(p.obstacle_range), float(p.max_obstacle_height), float(p.source_min_height),
-                         float(p.source_max_height), bool(p.clearing), bool(p.marking), bounds)
+            if len(points) > len(self._hits):
+                self._hits = np.empty(len(points), np.int64)
+            _observe(self.cells, self.origin, self.resolution, points, sx, sy, sz,
+                     p.raytrace_range, cell_distance(p.raytrace_range, self.resolution), p.obstacle_range,
+                     p.max_obstacle_height, p.source_min_height, p.source_max_height, p.clearing, p.marking,
+                     self._hits, bounds)
         if p.footprint_clearing_enabled:
-            _touch_footprint(footprint, float(pose[0]), float(pose[1]), float(pose[2]), bounds)
+            _touch_footprint(footprint, pose[0], pose[1], pose[2], bounds)
+        return tuple(bounds.tolist())
 
-    def update_costs(self, master, pose, footprint, x0, y0, xn, yn):
-        """Clear under the robot, then merge the window [x0, xn) x [y0, yn) into `master` (ny, nx)."""
+    def update_costs(self, master, base, pose, footprint, window, around):
+        """Clear under the robot, then write the cells before inflation into `base` (ny, nx) over `around`.
+
+        Inside the window (x0, y0, xn, yn) that is the default value with this layer merged into it, outside it the
+        master as it is. Both ways of merging agree, since the window has just been set to the default.
+        """
         p = self.parameters
-        if p.footprint_clearing_enabled:
-            fill_footprint(self.cells, FREE, self.origin[0], self.origin[1], self.resolution, footprint,
-                           float(pose[0]), float(pose[1]), float(pose[2]), True)
-        if p.combination_method in (OVERWRITE, MAXIMUM):
-            _combine(self.cells, master, p.combination_method == MAXIMUM, x0, y0, xn, yn)
+        if p.enabled and p.footprint_clearing_enabled:
+            ox, oy = self.origin.tolist()
+            fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose[0], pose[1], pose[2], True)
+        merging = p.enabled and p.combination_method in (OVERWRITE, MAXIMUM)
+        _merge(self.cells, master, base, self.default, merging, *window, *around)
 
     def reset(self):
         """Everything back to the default value. The newest scan stays and marks again."""
@@ -91,25 +100,10 @@ class ObstacleLayer:
         xs, ys = np.arange(nx), np.arange(ny)
         inside = (((ys > ends[2]) & (ys < ends[3]))[:, None] & ((xs > ends[0]) & (xs < ends[1]))[None, :])
         self.cells[inside == bool(inverted)] = UNKNOWN
-        whole = np.array([self.origin[0], self.origin[1],
-                          self.origin[0] + size_in_meters(nx, self.resolution),
-                          self.origin[1] + size_in_meters(ny, self.resolution)])
-        if self._extra is not None:
-            whole[:2] = np.minimum(whole[:2], self._extra[:2])
-            whole[2:] = np.maximum(whole[2:], self._extra[2:])
-        self._extra = whole
-
-
-@njit(cache=True)
-def _touch(bounds, x, y):
-    if x < bounds[0]:
-        bounds[0] = x
-    if y < bounds[1]:
-        bounds[1] = y
-    if x > bounds[2]:
-        bounds[2] = x
-    if y > bounds[3]:
-        bounds[3] = y
+        ox, oy = self.origin.tolist()
+        old = self._extra or (1e30, 1e30, -1e30, -1e30)
+        self._extra = (min(old[0], ox), min(old[1], oy), max(old[2], ox + size_in_meters(nx, self.resolution)),
+                       max(old[3], oy + size_in_meters(ny, self.resolution)))
 
 
 @njit(cache=True)
@@ -119,125 +113,166 @@ def _touch_footprint(footprint, x, y, yaw, bounds):
     for i in range(footprint.shape[0]):
         fx = footprint[i, 0]
         fy = footprint[i, 1]
-        _touch(bounds, x + (fx * c - fy * s), y + (fx * s + fy * c))
+        px = x + (fx * c - fy * s)
+        py = y + (fx * s + fy * c)
+        bounds[0] = min(bounds[0], px)
+        bounds[1] = min(bounds[1], py)
+        bounds[2] = max(bounds[2], px)
+        bounds[3] = max(bounds[3], py)
 
 
 @njit(cache=True, error_model="numpy")
-def _apply_cloud(cells, origin, res, points, sx, sy, sz, raytrace_range, reach, obstacle_range, max_height,
-                 source_min, source_max, clearing, marking, bounds):
+def _observe(cells, origin, res, points, sx, sy, sz, raytrace_range, reach, obstacle_range, max_height,
+             source_min, source_max, clearing, marking, hits, bounds):
+    """Clear along all rays, then mark all points (n, 3); bounds (4,) are widened by both.
+
+    hits (n,) is scratch: each point's cell, flat, or -1 off the map.
+    """
     ny, nx = cells.shape
     ox = origin[0]
     oy = origin[1]
     n = points.shape[0]
-    if clearing:
-        x0, y0 = world_to_map(sx, sy, ox, oy, res, nx, ny)
-        if x0 >= 0:
-            _clear_rays(cells, ox, oy, res, points, sx, sy, x0, y0, raytrace_range, reach, source_min, source_max,
-                        bounds)
-    if not marking:
-        return
-    limit = obstacle_range * obstacle_range
     for i in range(n):
         px = np.float64(points[i, 0])
         py = np.float64(points[i, 1])
+        fx = (px - ox) / res
+        fy = (py - oy) / res
+        on_map = px >= ox and py >= oy and fx < nx and fy < ny
+        hits[i] = int(fy) * nx + int(fx) if on_map else -1
+    flat = cells.reshape(-1)
+    if clearing:
+        x0, y0 = world_to_map(sx, sy, ox, oy, res, nx, ny)
+        if x0 >= 0:
+            _clear_rays(flat, nx, ny, ox, oy, res, points, hits, sx, sy, x0, y0, raytrace_range, reach,
+                        source_min, source_max, bounds)
+    if not marking:
+        return
+    highest = min(source_max, max_height)
+    limit = obstacle_range * obstacle_range
+    min_x = bounds[0]
+    min_y = bounds[1]
+    max_x = bounds[2]
+    max_y = bounds[3]
+    for i in range(n):
+        if hits[i] < 0:
+            continue
+        px = np.float64(points[i, 0])
+        py = np.float64(points[i, 1])
         pz = np.float64(points[i, 2])
-        if pz < source_min or pz > source_max or pz > max_height:
+        if pz < source_min or pz > highest:
             continue
         if (px - sx) * (px - sx) + (py - sy) * (py - sy) + (pz - sz) * (pz - sz) >= limit:
             continue
-        mx, my = world_to_map(px, py, ox, oy, res, nx, ny)
-        if mx < 0:
-            continue
-        cells[my, mx] = LETHAL
-        _touch(bounds, px, py)
+        flat[hits[i]] = LETHAL
+        min_x = min(min_x, px)
+        min_y = min(min_y, py)
+        max_x = max(max_x, px)
+        max_y = max(max_y, py)
+    bounds[0] = min_x
+    bounds[1] = min_y
+    bounds[2] = max_x
+    bounds[3] = max_y
 
 
 @njit(cache=True, error_model="numpy")
-def _clear_rays(cells, ox, oy, res, points, sx, sy, x0, y0, raytrace_range, reach, source_min, source_max, bounds):
-    ny, nx = cells.shape
-    flat = cells.reshape(-1)
+def _clear_rays(flat, nx, ny, ox, oy, res, points, hits, sx, sy, x0, y0, raytrace_range, reach, source_min,
+                source_max, bounds):
     right = ox + nx * res
     top = oy + ny * res
-    last_x = -1
-    last_y = -1
     near = reach * reach
     safely_near = raytrace_range * raytrace_range * (1.0 - 1e-9)
-    _touch(bounds, sx, sy)
+    start = y0 * nx + x0
+    last = -1
+    min_x = min(bounds[0], sx)
+    min_y = min(bounds[1], sy)
+    max_x = max(bounds[2], sx)
+    max_y = max(bounds[3], sy)
     for i in range(points.shape[0]):
         pz = np.float64(points[i, 2])
         if pz < source_min or pz > source_max:
             continue
         wx = np.float64(points[i, 0])
         wy = np.float64(points[i, 1])
-        a = wx - sx
-        b = wy - sy
-        if wx < ox:
-            t = (ox - sx) / a
-            wx = ox
-            wy = sy + b * t
-        if wy < oy:
-            t = (oy - sy) / b
-            wx = sx + a * t
-            wy = oy
-        if wx > right:
-            t = (right - sx) / a
-            wx = right - .001
-            wy = sy + b * t
-        if wy > top:
-            t = (top - sy) / b
-            wx = sx + a * t
-            wy = top - .001
-        x1, y1 = world_to_map(wx, wy, ox, oy, res, nx, ny)
-        if x1 < 0:
+        end = hits[i]
+        if wx < ox or wy < oy or wx > right or wy > top:
+            a = wx - sx
+            b = wy - sy
+            if wx < ox:
+                t = (ox - sx) / a
+                wx = ox
+                wy = sy + b * t
+            if wy < oy:
+                t = (oy - sy) / b
+                wx = sx + a * t
+                wy = oy
+            if wx > right:
+                t = (right - sx) / a
+                wx = right - .001
+                wy = sy + b * t
+            if wy > top:
+                t = (top - sy) / b
+                wx = sx + a * t
+                wy = top - .001
+            x1, y1 = world_to_map(wx, wy, ox, oy, res, nx, ny)
+            end = y1 * nx + x1 if x1 >= 0 else -1
+        if end < 0:
             continue
         dx = wx - sx
         dy = wy - sy
-        if dx * dx + dy * dy < safely_near:  # then the factor min(1, range / distance) is 1
-            _touch(bounds, sx + dx, sy + dy)
-        else:
+        if dx * dx + dy * dy >= safely_near:     # otherwise the factor is 1
             f = min(1.0, raytrace_range / math.hypot(dx, dy))
-            _touch(bounds, sx + dx * f, sy + dy * f)
-        if x1 == last_x and y1 == last_y:  # the same line again
+            dx *= f
+            dy *= f
+        min_x = min(min_x, sx + dx)
+        min_y = min(min_y, sy + dy)
+        max_x = max(max_x, sx + dx)
+        max_y = max(max_y, sy + dy)
+        if end == last:                          # the same line of cells again
             continue
-        last_x = x1
-        last_y = y1
-        ix = x1 - x0
-        iy = y1 - y0
-        sign_x = 1 if ix >= 0 else -1
-        sign_y = nx if iy >= 0 else -nx
-        ix = abs(ix)
-        iy = abs(iy)
-        if ix >= iy:
-            major = ix
-            minor = iy
-            step_major = sign_x
-            step_minor = sign_y
-        else:
-            major = iy
-            minor = ix
-            step_major = sign_y
-            step_minor = sign_x
-        count = major
-        if ix * ix + iy * iy > near:
-            f = min(1.0, reach / math.hypot(float(ix), float(iy)))
-            count = min(int(f * major), major)
-        counter = major // 2
-        k = y0 * nx + x0
-        for _ in range(count + 1):
+        last = end
+        dy_cells = end // nx - y0
+        dx_cells = end % nx - x0
+        step_x = 1 if dx_cells >= 0 else -1
+        step_y = nx if dy_cells >= 0 else -nx
+        dx_cells = abs(dx_cells)
+        dy_cells = abs(dy_cells)
+        x_major = dx_cells >= dy_cells
+        major = dx_cells if x_major else dy_cells
+        minor = dy_cells if x_major else dx_cells
+        step_major = step_x if x_major else step_y
+        step_both = step_x + step_y
+        length = major
+        if dx_cells * dx_cells + dy_cells * dy_cells > near:
+            f = min(1.0, reach / math.hypot(float(dx_cells), float(dy_cells)))
+            length = min(int(f * major), major)
+        counter = major // 2 - major
+        k = start
+        for _ in range(length + 1):
             flat[k] = FREE
             counter += minor
-            if counter >= major:
-                counter -= major
-                k += step_minor
-            k += step_major
+            k += step_both if counter >= 0 else step_major
+            counter -= major if counter >= 0 else 0
+    bounds[0] = min_x
+    bounds[1] = min_y
+    bounds[2] = max_x
+    bounds[3] = max_y
 
 
 @njit(cache=True)
-def _combine(layer, master, maximum, x0, y0, xn, yn):
-    for y in range(y0, yn):
-        for x in range(x0, xn):
-            value = layer[y, x]
-            if value != UNKNOWN:
-                old = master[y, x]
-                if not maximum or old == UNKNOWN or old < value:
-                    master[y, x] = value
+def _merge(layer, master, base, default, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
+    empty = np.uint8(default)
+    for y in range(ay0, ayn):
+        inside = y0 <= y < yn
+        left = x0 if inside else axn
+        right = xn if inside else axn
+        for x in range(ax0, left):
+            base[y, x] = master[y, x]
+        if merging:
+            for x in range(left, right):
+                value = layer[y, x]
+                base[y, x] = value if value != UNKNOWN else empty
+        else:
+            for x in range(left, right):
+                base[y, x] = empty
+        for x in range(right, axn):
+            base[y, x] = master[y, x]

@@ -1,0 +1,296 @@
+"""The inflation layer's spreading of obstacles, kept between updates and repaired where obstacles changed.
+
+Called by inflation_layer.InflationLayer. In C++ every update spreads all obstacles anew: a queue ordered by distance,
+first in first out, along 4-neighbours. Every cell's winner follows from its neighbours' winners at lower distances
+alone, so when a few obstacles come or go only the cells that depend on them are evaluated again; the result is the
+same cell for cell (tests/test_inflation.py).
+
+Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
+  level (uint8)  WALL on the padding, NONE where nothing reaches, else 1 + index of the distance to the source
+  link (uint16)  offset from the source as a code, plus the direction it was entered from << 12
+  cost (uint8)   the cost that goes with the level, 0 for NONE
+Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues.
+"""
+import numpy as np
+from numba import njit
+
+WALL = 0
+SEED = 1
+NONE = 255
+MAX_REACH = 25           # [cells] beyond it levels do not fit; InflationLayer then spreads anew every time
+CODE = 4095
+
+
+def tables(reach, cost_of):
+    """(step_level, level_cost): where a step leads and what it costs.
+
+    step_level (codes * 4,) uint8: level of the cell one step in direction k from offset code c, at [4 c + k]; 0 if
+    beyond `reach` [cells] or not further from the source. level_cost (256,) uint8. cost_of(d): cost at d cells.
+    """
+    side = 2 * reach + 1
+    axis = np.arange(-reach, reach + 1)
+    distance = np.hypot(axis[:, None].astype(np.float64), axis[None, :].astype(np.float64))
+    values = np.unique(distance[distance <= reach])
+    step_level = np.zeros((side, side, 4), np.uint8)
+    level = np.searchsorted(values, distance) + 1
+    level[distance > reach] = 0
+    for k, (dx, dy) in enumerate(((-1, 0), (0, -1), (1, 0), (0, 1))):
+        for y in range(side):
+            for x in range(side):
+                tx, ty = x + dx, y + dy
+                if 0 <= tx < side and 0 <= ty < side and distance[ty, tx] > distance[y, x]:
+                    step_level[y, x, k] = level[ty, tx]
+    level_cost = np.zeros(256, np.uint8)
+    level_cost[1:1 + len(values)] = [cost_of(d) for d in values.tolist()]
+    return step_level.reshape(-1), level_cost
+
+
+@njit(cache=True)
+def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
+    """List in `changed` the padded cells that begin or cease to be a seed; returns their number.
+
+    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. The second rectangle,
+    which holds the first, is where seeds may have been before. Returns -1 when `changed` is too short.
+    """
+    count = 0
+    for y in range(ay0, ayn):
+        row = level[y + 1]
+        inside = y0 <= y < yn
+        left = min(max(x0, ax0), axn) if inside else axn
+        right = max(min(xn, axn), left) if inside else axn
+        differing = 0
+        for x in range(ax0, left):
+            differing += row[x + 1] == SEED
+        for x in range(left, right):
+            differing += (base[y, x] == 254) != (row[x + 1] == SEED)
+        for x in range(right, axn):
+            differing += row[x + 1] == SEED
+        if differing == 0:
+            continue
+        if count + differing > changed.shape[0]:
+            return -1
+        for x in range(ax0, axn):
+            seed = left <= x < right and base[y, x] == 254
+            if seed != (row[x + 1] == SEED):
+                changed[count] = (y + 1) * level.shape[1] + x + 1
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def wipe(level, cost, x0, y0, xn, yn):
+    """Nothing reaches the cells [x0, xn) x [y0, yn) any more."""
+    for y in range(y0 + 1, yn + 1):
+        for x in range(x0 + 1, xn + 1):
+            level[y, x] = NONE
+            cost[y, x] = 0
+
+
+@njit(cache=True)
+def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, entries, following):
+    """Spread the `count` padded cells in `seeds`, in row order, over arrays that are NONE. False: queue too short."""
+    width = level2.shape[1]
+    level = level2.reshape(-1)
+    side = 2 * reach + 1
+    steps = (-1, -width, 1, width)
+    deltas = (-1, -side, 1, side)
+    head = np.full(256, -1, np.int32)
+    tail = np.full(256, -1, np.int32)
+    used = 0
+    room = entries.shape[0] - 4
+    centre = reach * side + reach
+    for i in range(count):
+        c = seeds[i]
+        level[c] = SEED
+        link[c] = centre
+        cost[c] = level_cost[SEED]
+    for i in range(count):
+        if used > room:
+            return False
+        for k in range(4):
+            c = seeds[i] + steps[k]
+            b = step_level[4 * centre + k]
+            if b != 0 and level[c] == NONE:
+                entries[used] = 4 * c + k
+                following[used] = -1
+                if head[b] < 0:
+                    head[b] = used
+                else:
+                    following[tail[b]] = used
+                tail[b] = used
+                used += 1
+    for b in range(2, NONE):
+        e = head[b]
+        while e >= 0:
+            c = entries[e] >> 2
+            k = entries[e] & 3
+            e = following[e]
+            if level[c] != NONE:
+                continue
+            if used > room:
+                return False
+            code = (link[c - steps[k]] & CODE) + deltas[k]
+            level[c] = b
+            link[c] = code | (k << 12)
+            cost[c] = level_cost[b]
+            for j in range(4):
+                t = step_level[4 * code + j]
+                q = c + steps[j]
+                if t != 0 and level[q] == NONE:
+                    entries[used] = 4 * q + j
+                    following[used] = -1
+                    if head[t] < 0:
+                        head[t] = used
+                    else:
+                        following[tail[t]] = used
+                    tail[t] = used
+                    used += 1
+    return True
+
+
+@njit(cache=True)
+def _earlier(level, link, steps, n1, k1, n2, k2):
+    """Whether C++ enqueued the step k1 from n1 before the step k2 from n2, both of one level."""
+    while True:
+        if n1 == n2:
+            return k1 < k2
+        if level[n1] != level[n2]:
+            return level[n1] < level[n2]
+        if level[n1] == SEED:
+            return n1 < n2
+        k1 = link[n1] >> 12
+        k2 = link[n2] >> 12
+        n1 -= steps[k1]
+        n2 -= steps[k2]
+
+
+@njit(cache=True)
+def _fell(level, link, cost, steps, root, lost, count):
+    """Forget `root` and all cells that were reached through it; append them to `lost`; returns the new count."""
+    lost[count] = root
+    level[root] = NONE
+    cost[root] = 0
+    i = count
+    count += 1
+    while i < count:
+        c = lost[i]
+        i += 1
+        for k in range(4):
+            q = c + steps[k]
+            if SEED < level[q] < NONE and link[q] >> 12 == k:
+                level[q] = NONE
+                cost[q] = 0
+                lost[count] = q
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def repair(changed, count, level2, link, cost, step_level, level_cost, reach, entries, following, lost):
+    """Take the padded cells in `changed` in or out as seeds and evaluate again what depends on them.
+
+    Returns False when a queue is too short: the arrays are then to be rebuilt.
+    """
+    width = level2.shape[1]
+    level = level2.reshape(-1)
+    side = 2 * reach + 1
+    steps = (-1, -width, 1, width)
+    deltas = (-1, -side, 1, side)
+    head = np.full(256, -1, np.int32)
+    tail = np.full(256, -1, np.int32)
+    used = 0
+    room = entries.shape[0] - 8
+    lost_room = lost.shape[0] - 4 * side * side
+    centre = reach * side + reach
+    fallen = 0
+    for i in range(count):          # a changed seed that is now NONE or was never one begins: mark it by its level
+        c = changed[i]
+        begins = level[c] != SEED
+        if level[c] != NONE:
+            if fallen > lost_room:
+                return False
+            fallen = _fell(level, link, cost, steps, c, lost, fallen)
+        if begins:
+            level[c] = SEED
+            link[c] = centre
+            cost[c] = level_cost[SEED]
+            if used > room:
+                return False
+            for k in range(4):
+                b = step_level[4 * centre + k]
+                q = c + steps[k]
+                if b != 0 and level[q] >= b:
+                    entries[used] = 4 * q + k
+                    following[used] = -1
+                    if head[b] < 0:
+                        head[b] = used
+                    else:
+                        following[tail[b]] = used
+                    tail[b] = used
+                    used += 1
+    done = 0
+    b = 2
+    while True:
+        # every cell that has fallen asks its neighbours
+        while done < fallen:
+            c = lost[done]
+            done += 1
+            if level[c] != NONE:
+                continue
+            if used > room:
+                return False
+            for k in range(4):
+                n = c - steps[k]
+                if level[n] != WALL and level[n] != NONE:
+                    t = step_level[4 * (link[n] & CODE) + k]
+                    if t != 0:
+                        if t < b:
+                            b = t
+                        entries[used] = 4 * c + k
+                        following[used] = -1
+                        if head[t] < 0:
+                            head[t] = used
+                        else:
+                            following[tail[t]] = used
+                        tail[t] = used
+                        used += 1
+        while b < NONE and head[b] < 0:
+            b += 1
+        if b == NONE:
+            return True
+        e = head[b]
+        head[b] = following[e]
+        c = entries[e] >> 2
+        k = entries[e] & 3
+        n = c - steps[k]
+        if level[c] < b or level[n] == WALL or level[n] == NONE:
+            continue
+        code = link[n] & CODE
+        if step_level[4 * code + k] != b:       # n was evaluated again since
+            continue
+        if level[c] != NONE:
+            if level[c] == b:
+                other = link[c] >> 12
+                if other == k or not _earlier(level, link, steps, n, k, c - steps[other], other):
+                    continue
+            if fallen > lost_room:
+                return False
+            fallen = _fell(level, link, cost, steps, c, lost, fallen)
+        if used > room:
+            return False
+        code += deltas[k]
+        level[c] = b
+        link[c] = code | (k << 12)
+        cost[c] = level_cost[b]
+        for j in range(4):
+            t = step_level[4 * code + j]
+            q = c + steps[j]
+            if t != 0 and level[q] >= t:
+                entries[used] = 4 * q + j
+                following[used] = -1
+                if head[t] < 0:
+                    head[t] = used
+                else:
+                    following[tail[t]] = used
+                tail[t] = used
+                used += 1
