@@ -157,12 +157,14 @@ def _run(stack, values, world):
         wait.until(up, UP_WITHIN, "%s does not come up" % part)
         say("%-12s up after %.1f s" % (part, time.monotonic() - began))
     outcome = observer.drive(float(values["limit"]), say, STALLED_AFTER)
-    drive = observer.recorded()
+    drive = observer.recorded(outcome.time)
     say("%s after %.1f s and %.2f m%s" % (outcome.text, outcome.time, drive.length(), ", touching something"
                                           if drive.contacts else ""))
     result = _result(values, world, outcome.success, bool(drive.contacts), outcome.time, outcome.text)
+    gap = observer.command_gap()
     result.update(timeout=outcome.timeout, path_length_m=round(drive.length(), 3), seed=int(values["seed"]),
-                  simulator=values["simulator"])
+                  simulator=values["simulator"], memory_mb=round(observer.memory / 1e6),
+                  command_gap_p99_ms=None if gap is None else round(1e3 * gap, 1))
     return result, drive
 
 

@@ -10,13 +10,14 @@ import rosgraph
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from dynamic_reconfigure.msg import Config
+from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Float64MultiArray
 
 from worlds.drive_picture import Drive
-from . import goal
+from . import goal, processes
 from .demo import DemoError
 
 Outcome = namedtuple("Outcome", "success timeout time text")
@@ -32,6 +33,7 @@ class Observer:
     def __init__(self, values, world, wait):
         self.world, self.wait = world, wait
         self.track, self.contacts, self.parameters = [], [], {}
+        self.memory, self._heard = 0, []        # largest of all processes together [bytes]; arrivals of /cmd_vel [s]
         self._seen, self._began = {}, None
         wait.until(_master_answers, 30.0, "the ROS master does not come up")
         rospy.init_node("demo", anonymous=True, disable_signals=True)
@@ -40,6 +42,7 @@ class Observer:
         self._keep("/applr/parameters", Float64MultiArray)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
+        rospy.Subscriber("/cmd_vel", Twist, lambda message: self._heard.append(time.monotonic()), queue_size=50)
         for server, names in SHOWN.items():
             for name in names:
                 self.parameters[name] = []
@@ -58,7 +61,7 @@ class Observer:
         course, start = self.world.course, self.world.course.start
         pose = (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])
         self._began = self.track[-1][0]
-        self.track, self.contacts = self.track[-1:], []
+        self.track, self.contacts, self._heard = self.track[-1:], [], []
         self.client.send_goal(goal.message(pose))
         say("goal sent   %.2f m ahead" % course.length_m)
         told = self._began
@@ -79,18 +82,24 @@ class Observer:
                 raise DemoError("the simulation stands still")
             if now - told >= EVERY:
                 told += EVERY
+                self.memory = max(self.memory, processes.memory(processes.descendants(self.wait.stack.process.pid)))
                 say("%6.1f s    %5.2f m to go   %4.2f m/s%s" % (
                     now - self._began, self._to_go(x, y), speed, "   contact" if self._touched(now) else ""))
             time.sleep(0.01)
 
-    def recorded(self):
-        """The drive as drive_picture draws it; time 0 is when the goal was sent."""
+    def recorded(self, seconds):
+        """The drive as drive_picture draws it, the first `seconds` after the goal was sent."""
         track = np.array(self.track, dtype=np.float64).reshape(-1, 5)
         track[:, 0] -= self._began
+        track = track[track[:, 0] <= seconds + 1e-6]
         steps = {name: [(max(0.0, t - self._began), value) for t, value in seen]
                  for name, seen in self.parameters.items()}
         return Drive(self.world, track, {name: seen for name, seen in steps.items() if seen},
-                     [t - self._began for t in self.contacts])
+                     [t - self._began for t in self.contacts if t - self._began <= seconds])
+
+    def command_gap(self):
+        """99th percentile of the wall time between two velocity commands [s]; None with too few of them."""
+        return float(np.percentile(np.diff(self._heard), 99)) if len(self._heard) > 20 else None
 
     def _end(self, outcome):
         self.client.cancel_goal()

@@ -62,6 +62,18 @@ def descendants(root=None):
     return found
 
 
+def memory(pids):
+    """Resident memory of these processes together [bytes], what they share counted for each."""
+    total = 0
+    for pid in pids:
+        try:
+            with open("/proc/%d/statm" % pid) as statm:
+                total += int(statm.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        except (OSError, ValueError, IndexError):
+            continue
+    return total
+
+
 def stop(process, patience=3.0):
     """End `process` and everything below this process: SIGINT first, SIGKILL for what is left after `patience` [s]."""
     if process.poll() is None:
