@@ -18,8 +18,8 @@ from training.trials import PROTOCOLS
 FOLDER = "report"
 CURVES = ("learning_curves.png", "curves.png")      # what a training run calls its picture
 
-TIMES = ("Traversal time against world index, ordered by %s's time, with linear fits (the paper's figure of training and "
-         "test environments).")
+TIMES = ("Traversal time against world index, ordered by %s's time, with linear fits (the paper's figure of "
+         "training and test environments).")
 PROFILE = "Parameters along %s: regions by the room around the robot; dotted: θ₀ (the paper's parameter profiles)."
 
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1180px;padding:0 1em;color:#222}

@@ -75,6 +75,8 @@ def over_worlds(parts: Sequence[np.ndarray], statistic: Callable[..., np.ndarray
     """
     n = len(parts[0])
     value = float(statistic(*[part.sum(axis=0)[None] for part in parts])[0])
+    if n < 2:
+        return value, np.nan, np.nan
     picks = np.random.default_rng(0).integers(0, n, size=(RESAMPLES, n))
     values = statistic(*[part[picks].sum(axis=1) for part in parts])
     values = values[np.isfinite(values)]
