@@ -8,7 +8,7 @@ import math
 
 from numba import njit
 
-from applr_ros1.planner.grid import LETHAL, world_to_map
+from applr_ros1.planner.grid import world_to_map
 from applr_ros1.planner.trajectory_scoring import (
     UNSURE, advance, new_velocity, on_border, outline_cost, step_count)
 
@@ -94,7 +94,7 @@ def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
 
 @njit(cache=True, error_model="numpy")
 def probe(p, scene, start, c, s, vx, w, occupied, allowed):
-    """A cost that the sample (vx, w) meets, from a few of its poses; LETHAL if one of them is illegal.
+    """A cost that the sample (vx, w) meets, from a few of its poses; -1 if one of them is illegal.
 
     Starts from `occupied`; a cost above `allowed` ends it. The last pose first, then halves, quarters, eighths.
     """
@@ -120,7 +120,7 @@ def probe(p, scene, start, c, s, vx, w, occupied, allowed):
             if cost == UNSURE:
                 continue
             if cost < 0:
-                return LETHAL
+                return -1
             occupied = max(occupied, cost)
             if occupied > allowed:
                 return occupied

@@ -8,9 +8,10 @@ import math
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.grid import world_to_map
+from applr_ros1.planner.grid import LETHAL, world_to_map
 from applr_ros1.planner.map_grid import final_value, settle
-from applr_ros1.planner.trajectory_scoring import HUGE, advance, new_velocity, score_below, step_count, terms
+from applr_ros1.planner.trajectory_scoring import (
+    ANY, HUGE, advance, new_velocity, score_below, step_count, terms)
 
 WIDEST = 40  # [cells] about the robot that are looked through at most
 
@@ -101,7 +102,7 @@ def _distance_ahead(p, scene, grids, x, y, theta, limit):
 
 @njit(cache=True, error_model="numpy")
 def _surroundings(p, scene, start):
-    """Largest cost that any turn in place from `start` can meet; 255 if that is not known."""
+    """Largest cost that any turn in place from `start` can meet; ANY if not known or illegal."""
     ny, nx = scene.cells.shape
     reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # until it stands
     farthest = 0.0
@@ -109,13 +110,13 @@ def _surroundings(p, scene, start):
         farthest = max(farthest, math.hypot(scene.footprint[i, 0], scene.footprint[i, 1]))
     reach = (reach + farthest) / scene.resolution
     if not reach < WIDEST:
-        return 255
+        return ANY
     side = int(reach) + 2
     cx, cy = world_to_map(start[0], start[1], scene.ox, scene.oy, scene.resolution, nx, ny)
     if not (side <= cx < nx - side and side <= cy < ny - side):
-        return 255
+        return ANY
     worst = np.uint8(0)
     for row in range(cy - side, cy + side + 1):
         for column in range(cx - side, cx + side + 1):
             worst = max(worst, scene.cells[row, column])
-    return int(worst)
+    return int(worst) if worst < LETHAL else ANY

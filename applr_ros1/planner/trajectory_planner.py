@@ -8,7 +8,7 @@ import numpy as np
 
 from applr_ros1.planner import map_grid
 from applr_ros1.planner.grid import INSCRIBED
-from applr_ros1.planner.trajectory_sampling import STATE, allocate, find_best_path
+from applr_ros1.planner.trajectory_sampling import STATE, allocate, find_best_path, spread, velocity_window
 from applr_ros1.planner.trajectory_scoring import PARAMETERS, Scene, line_offsets, roll_out, score
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
@@ -56,7 +56,6 @@ class TrajectoryPlanner:
         self._shape = None
         self._grids = self._lines = self._scene = self._scratch = None
         self._state = np.zeros(1, STATE)
-        self._start = np.zeros(6)
         self._plan = np.zeros((0, 2))
         self._wanted = {}
         self.reconfigure(params)
@@ -103,14 +102,33 @@ class TrajectoryPlanner:
     def state(self, values):
         self._state[0] = tuple(values)
 
+    @property
+    def start(self):
+        """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
+        return self._scratch.start.copy()
+
+    @property
+    def window(self):
+        """Ranges and steps of the last cycle's samples: min_vel_x, max_vel_x, dvx, ... [m/s, rad/s]."""
+        start, vs, ws = self.start, self._scratch.vs, self._scratch.ws
+        least_vx, most_vx, least_w, most_w = velocity_window(self._params[0], self._plan, start)
+        return {"min_vel_x": least_vx, "max_vel_x": most_vx, "dvx": spread(least_vx, most_vx, vs),
+                "min_vel_theta": least_w, "max_vel_theta": most_w, "dvtheta": spread(least_w, most_w, ws)}
+
+    @property
+    def effective(self):
+        """The values in force by name; the distance weights per cell."""
+        return {name: self._params[0][name].item() for name in PARAMETERS.names}
+
     def reset(self):
         """Forget flags, reference positions and plan, as a new object (training episodes)."""
         self._state[:] = np.zeros(1, STATE)
         self._plan = np.zeros((0, 2))
 
     def set_plan(self, plan):
-        """The plan (n, 2 or more) [m] in the costmap's frame that the next cycles follow; it may be empty."""
-        self._plan = np.array(plan, dtype=np.float64)[:, :2].reshape(-1, 2)
+        """The plan, an array (n, 2 or more) [m] in the costmap's frame, that the next cycles follow; n may be 0."""
+        # always a fresh array in C order: the kernels are compiled for that alone
+        self._plan = np.array(plan[:, :2], dtype=np.float64, order="C")
 
     def find_best_path(self, costmap, pose, velocity):
         """One cycle: floods, samples, winner, flags.
@@ -124,7 +142,7 @@ class TrajectoryPlanner:
         cost, v, turn, count, drive_v, drive_w = find_best_path(
             self._params, self._state, self._grids, self._scratch, scene, float(x), float(y), float(yaw), float(vx),
             float(vy), float(w))
-        return Result(cost, v, turn, count, (drive_v, drive_w), self._params, self._scratch.start.copy())
+        return Result(cost, v, turn, count, (drive_v, drive_w), self._params, self.start)
 
     def score(self, costmap, pose, velocity, sample):
         """(cost, number of points, end x, y, yaw) of one sample (vx, vy, w) on the grids of the last find_best_path.
@@ -166,8 +184,8 @@ class TrajectoryPlanner:
         cloud[:, 3] = path[column, row]
         cloud[:, 4] = goal[column, row]
         cloud[:, 5] = cells[column, row]
-        cloud[:, 6] = (p["path_distance_bias"] * cloud[:, 3] + p["goal_distance_bias"] * cloud[:, 4]
-                       + p["occdist_scale"] * cloud[:, 5])
+        cloud[:, 6] = (p["path_distance_bias"] * path[column, row] + p["goal_distance_bias"] * goal[column, row]
+                       + p["occdist_scale"] * cells[column, row])
         return cloud
 
     def _look_at(self, costmap):

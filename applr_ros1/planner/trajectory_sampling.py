@@ -12,7 +12,7 @@ from applr_ros1.planner.grid import world_to_map
 from applr_ros1.planner.map_grid import prepare, settle
 from applr_ros1.planner.trajectory_forward import best_forward
 from applr_ros1.planner.trajectory_in_place import best_in_place
-from applr_ros1.planner.trajectory_scoring import COLLISION, HUGE, NO_PATH, outline_cost, score_below
+from applr_ros1.planner.trajectory_scoring import ANY, COLLISION, HUGE, NO_PATH, outline_cost, score_below
 
 # What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
 STATE = np.dtype([(name, np.int64) for name in (
@@ -83,7 +83,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     legal = points > 0
     if not legal:
         best_vx = p.escape_vel
-        cost, points, _, _, _ = score_below(p, scene, grids, start, best_vx, 0.0, 0.0, 255, 0.0, np.inf)
+        cost, points, _, _, _ = score_below(p, scene, grids, start, best_vx, 0.0, 0.0, ANY, 0.0, np.inf)
     remember(p, state[0], start, cost, best_vx, best_w, legal)
     if cost == COLLISION:
         cost = 1.0  # backs up even into an obstacle

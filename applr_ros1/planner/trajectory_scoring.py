@@ -16,6 +16,7 @@ from applr_ros1.planner.map_grid import settle
 COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # no way to the path or to the goal from here
 WORSE = -3.0  # given up: cannot beat the best one so far
+ANY = 256  # above all costs
 UNSURE = 300  # an outline too close to a cell border to be told
 HUGE = float(np.finfo(np.float64).max)
 LONGEST_TABLE = 64  # [cells]; longer footprint edges are walked cell by cell
@@ -92,7 +93,7 @@ def terms(p, path_distance, goal_distance):
 @njit(cache=True)
 def score(params, scene, grids, start, vx, vy, w):
     """(cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
-    return score_below(params[0], scene, grids, start, vx, vy, w, 255, 0.0, np.inf)
+    return score_below(params[0], scene, grids, start, vx, vy, w, ANY, 0.0, np.inf)
 
 
 @njit(cache=True, error_model="numpy")
@@ -101,7 +102,7 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
 
     Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, or COLLISION, NO_PATH, or
     WORSE as soon as `base` (a lower bound of the path and goal terms) plus the obstacle term is above `bound`.
-    ceiling: no cost that the footprint can meet on the way is above it; 255 if nothing is known.
+    ceiling: no cost that the footprint can meet on the way is above it; ANY if that is not known.
     """
     cells, ox, oy, resolution, footprint, lines, plan = scene
     path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids

@@ -1,0 +1,250 @@
+#!/usr/bin/env python3
+"""Replays a set of golden vectors from the C++ planner through ours: `python tests/replay_golden.py DIR`.
+
+Prints a line per kind with scenarios, mismatches (scenarios with any difference) and the largest difference; exit
+status 0 only if everything matches to the last bit. Format: tests/golden/FORMAT.md. test_golden.py runs it too.
+"""
+import argparse
+import hashlib
+import json
+import sys
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+from applr_ros1.planner.costmap import Costmap  # noqa: E402
+from applr_ros1.planner.footprint import pad, radii  # noqa: E402
+from applr_ros1.planner.inflation_layer import InflationParameters  # noqa: E402
+from applr_ros1.planner.navfn import Navfn  # noqa: E402
+from applr_ros1.planner.trajectory_planner import TrajectoryPlanner  # noqa: E402
+
+FORMAT = "planner-golden-1"
+FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")
+
+
+class GoldenError(ValueError):
+    """A set that cannot be replayed; the message is one line."""
+
+
+class Scenario:
+    """One scenario of a set: its JSON fields and, by name, its arrays."""
+
+    def __init__(self, fields, arrays):
+        self.id, self.kind = fields["id"], fields["kind"]
+        self.inputs, self.expected = fields["inputs"], fields["expected"]
+        self._names, self._arrays = fields.get("arrays", ()), arrays
+
+    def __contains__(self, name):
+        return name in self._names
+
+    def array(self, name):
+        return np.ascontiguousarray(self._arrays["%s/%s" % (self.id, name)])
+
+
+def load(folder):
+    """The scenarios of the set in `folder`. Raises GoldenError."""
+    manifest, arrays = Path(folder) / "manifest.json", Path(folder) / "arrays.npz"
+    for path in (manifest, arrays):
+        if not path.is_file():
+            raise GoldenError("%s is not there: name a folder with manifest.json and arrays.npz" % path)
+    try:
+        content = json.loads(manifest.read_text(encoding="utf-8"))
+        if not isinstance(content, dict) or content.get("format") != FORMAT:
+            raise GoldenError("%s is not of the format %s" % (manifest, FORMAT))
+        opened = np.load(arrays, allow_pickle=False)
+        if not hasattr(opened, "files"):
+            raise GoldenError("%s is a single array: an .npz archive is needed" % arrays)
+        scenarios = [Scenario(fields, opened) for fields in content["scenarios"]]
+    except GoldenError:
+        raise
+    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as problem:
+        raise GoldenError("%s cannot be read: %s" % (folder, " ".join(str(problem).split()) or repr(problem)))
+    if not scenarios:
+        raise GoldenError("%s holds no scenarios" % manifest)
+    for scenario in scenarios:
+        if scenario.kind not in KINDS:
+            raise GoldenError("%s: scenario %s is of the unknown kind %r" % (manifest, scenario.id, scenario.kind))
+    return scenarios
+
+
+# Each kind's function yields (what, ours, expected) for everything that can be compared.
+
+def make_costmap(scenario):
+    """Our costmap of a scenario, inflated by our layer."""
+    given = scenario.inputs
+    nx, ny = given["size"]
+    resolution = given["resolution"]
+    costmap = Costmap((nx + 0.5) * resolution, (ny + 0.5) * resolution, resolution, given["origin"],
+                      footprint=pad(given["footprint"], given["footprint_padding"]),
+                      track_unknown=bool(given["track_unknown"]),
+                      inflation=InflationParameters(given["inflation_radius"], given["cost_scaling_factor"], True,
+                                                    bool(given["inflate_unknown"])))
+    costmap.paint(scenario.array("cells"))
+    return costmap
+
+
+def compare_costmap(scenario, costmap):
+    yield "costmap", costmap.cells, scenario.array("costmap")
+    inscribed, circumscribed = radii(costmap.footprint)
+    if "inscribed_radius" in scenario.expected:
+        yield "inscribed_radius", inscribed, scenario.expected["inscribed_radius"]
+    if "circumscribed_radius" in scenario.expected:
+        yield "circumscribed_radius", circumscribed, scenario.expected["circumscribed_radius"]
+
+
+def inflation(scenario):
+    yield from compare_costmap(scenario, make_costmap(scenario))
+
+
+def navfn(scenario):
+    given, expected = scenario.inputs, scenario.expected
+    costmap = make_costmap(scenario)
+    yield from compare_costmap(scenario, costmap)
+    planner = Navfn()
+    sx, sy, gx, gy = given["nav"]
+    plan = planner.plan(costmap, (sx, sy), (gx, gy, 0.0), 0.0, bool(given["allow_unknown"]))
+    if expected.get("navfn") is None:
+        yield "plan", len(plan), 0
+        return
+    yield "plan", plan[:, :2], scenario.array("plan_navfn").reshape(-1, 2)
+    potential = planner.potential
+    if "potential" in scenario:
+        yield "potential", potential, scenario.array("potential")
+    if "potential_stride4" in scenario:
+        x, y = expected["patch_origin"]
+        patch = scenario.array("potential_patch")
+        yield "potential_stride4", potential[::4, ::4], scenario.array("potential_stride4")
+        yield "potential_patch", potential[y:y + patch.shape[0], x:x + patch.shape[1]], patch
+    for name, array in (("potential_sha256", potential.astype("<f4")), ("costarr_sha256", planner.costs)):
+        if name in expected:
+            same = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() == expected[name]
+            yield name, int(same), 1
+
+
+def make_planner(scenario, costmap):
+    given = scenario.inputs
+    return TrajectoryPlanner(costmap.footprint, given["params"], given["sim_period"], bool(given["meter_scoring"]))
+
+
+def dwa(scenario):
+    given, expected = scenario.inputs, scenario.expected
+    costmap = make_costmap(scenario)
+    yield from compare_costmap(scenario, costmap)
+    planner = make_planner(scenario, costmap)
+    planner.set_plan(scenario.array("plan"))
+    planner.state = given.get("flags_in", [0] * 10)
+    result = planner.find_best_path(costmap, given["pose"], given["vel"])
+    best = expected["best"]
+    yield "best", (result.cost, result.v, 0, result.w, result.count), [
+        best[name] for name in ("cost", "xv", "yv", "thetav", "points")]
+    yield "drive", (result.drive[0], 0.0, result.drive[1]), best["drive"]
+    yield "best_traj", result.points, scenario.array("best_traj").reshape(-1, 3)
+    yield "state_after", planner.state, expected["state_after"]
+    yield "flags_after", planner.state[:5], [expected["flags_after"][name] for name in FLAGS]
+    weights = expected["effective"]
+    yield "effective", [planner.effective[name] for name in sorted(weights)], [weights[w] for w in sorted(weights)]
+    if not expected.get("has_samples", True):
+        return
+    used = list(expected["pose_used"]) + list(expected["vel_used"])
+    yield "pose_used, vel_used", planner.start, used
+    yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
+    window = expected["window"]
+    names = [name for name in ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
+             if window[name] is not None]  # null where C++ divided by zero
+    ours = planner.window
+    yield "window", [ours[name] for name in names], [window[name] for name in names]
+    yield from compare_grids(scenario, planner)
+    rows = scenario.array("samples")
+    scored = [planner.score(costmap, used[:3], used[3:], row[:3]) for row in rows]
+    yield "samples", np.array(scored).reshape(-1, 5), rows[:, 3:]
+
+
+def compare_grids(scenario, planner):
+    for name, ours in zip(("path_dist", "goal_dist", "within_robot"), planner.grids()):
+        yield name, ours, scenario.array(name)
+        if name == "goal_dist" and "local_goal" in scenario.expected:
+            yield "local_goal", local_goal(scenario.inputs, ours), scenario.expected["local_goal"] or []
+
+
+def local_goal(given, goal_dist):
+    """The centre [m] of the cell that the goal grid begins at, [] if there is none."""
+    return [given["origin"][i] + (cell[1 - i] + 0.5) * given["resolution"]
+            for cell in np.argwhere(goal_dist == 0)[:1] for i in range(2)]
+
+
+def rollout(scenario):
+    """Teacher-forced: each cycle gets the C++ run's pose, velocity and state."""
+    given = scenario.inputs
+    costmap = make_costmap(scenario)
+    yield from compare_costmap(scenario, costmap)
+    planner = make_planner(scenario, costmap)
+    planner.set_plan(scenario.array("plan"))
+    rows, states, used = (scenario.array(name) for name in ("rollout", "rollout_state", "rollout_used"))
+    wanted = np.hstack([rows[:, 3:6], scenario.array("rollout_best"), states, used])
+    ours = []
+    for i, row in enumerate(rows):
+        velocity = (rows[i - 1, 3], 0.0, rows[i - 1, 4]) if i else given["vel"]
+        planner.state = states[i - 1] if i else [0] * 10
+        result = planner.find_best_path(costmap, row[:3], velocity)
+        ours.append(list(result.drive) + [result.cost, result.v, result.w, result.count] + planner.state
+                    + list(planner.start))
+    yield "commands, costs, winners, states, poses used", np.array(ours).reshape(-1, 22), wanted
+
+
+KINDS = {"dwa": dwa, "dwa_edge": dwa, "inflation": inflation, "navfn": navfn, "rollout": rollout}
+
+
+def difference(ours, expected):
+    """Largest absolute difference; infinite where the shapes differ or only one is a number."""
+    a, b = np.asarray(ours, dtype=np.float64), np.asarray(expected, dtype=np.float64)
+    if a.shape != b.shape:
+        return np.inf
+    unequal = (a != b) & ~(np.isnan(a) & np.isnan(b))
+    if not unequal.any():
+        return 0.0
+    worst = np.max(np.abs(a[unequal] - b[unequal]))
+    return np.inf if np.isnan(worst) else float(worst)
+
+
+def replay(scenario):
+    """{what: largest difference} of everything in which the scenario differs. Raises GoldenError."""
+    found = {}
+    try:
+        for what, ours, expected in KINDS[scenario.kind](scenario):
+            worst = difference(ours, expected)
+            if worst:
+                found[what] = worst
+    except KeyError as problem:
+        raise GoldenError("scenario %s lacks %s" % (scenario.id, problem))
+    except (OSError, ValueError, TypeError, IndexError, zipfile.BadZipFile, zlib.error) as problem:
+        raise GoldenError("scenario %s cannot be replayed: %s" % (scenario.id, " ".join(str(problem).split())))
+    return found
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", metavar="DIR", help="folder with manifest.json and arrays.npz")
+    options = parser.parse_args(arguments)
+    try:
+        scenarios = load(options.folder)
+        clean = True
+        for kind in sorted({scenario.kind for scenario in scenarios}):
+            mine = [scenario for scenario in scenarios if scenario.kind == kind]
+            differing = {scenario.id: found for scenario in mine for found in [replay(scenario)] if found}
+            worst = max([value for found in differing.values() for value in found.values()], default=0.0)
+            print("%-10s %4d scenarios, %4d mismatches, largest difference %g" % (
+                kind, len(mine), len(differing), worst), flush=True)
+            for name, found in list(differing.items())[:5]:
+                print("  %s: %s" % (name, ", ".join("%s by %g" % pair for pair in found.items())), file=sys.stderr)
+            clean = clean and not differing
+    except GoldenError as problem:
+        print("replay_golden: %s" % problem, file=sys.stderr)
+        return 2
+    return 0 if clean else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
