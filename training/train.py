@@ -358,6 +358,11 @@ def prepare(config: TrainConfig):
                               randomisation=config.randomisation()),
                 "evaluate": dict(shared, worlds=config.eval_worlds,
                                  simulator=config.eval_simulator or config.simulator)}
+    if config.actors > 1:       # compile the planner's kernels once, for all: the actors find them on disk
+        env = ApplrEnv(**dict(settings["train"], worlds=train[:1], limit=1))
+        env.reset(seed=0)
+        env.step(env.action_space.low)
+        env.close()
     return settings, train, list(range(len(test))), ApplrEnv.layout
 
 
@@ -387,8 +392,8 @@ def _spread(indices: List[int], count: int) -> List[int]:
 
 
 def _clock(seconds: float) -> str:
-    if not np.isfinite(seconds):
-        return "?"
+    if not 0.0 <= seconds < 1e8:
+        return "?" if not seconds < 0.0 else "0:00:00"
     return "%d:%02d:%02d" % (seconds // 3600, seconds // 60 % 60, seconds % 60)
 
 

@@ -1,6 +1,7 @@
 """Figures of learning: gradient steps of TD3, ours and stable-baselines3's in one run, and the actor's inference.
 
-Also, run by hand: `python -m tests.benchmarks.learning intake [cuda]`, transitions per second that the learner takes in.
+Also, run by hand: `python -m tests.benchmarks.learning intake [cuda]`, transitions per second that the learner takes in;
+`python -m tests.benchmarks.learning actors 1 2 4`, transitions per second that so many actors make.
 """
 import sys
 import time
@@ -104,7 +105,34 @@ def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
         return learner.transitions / (time.perf_counter() - begun), "transitions/s"
 
 
+def actor_rate(actors, seconds=20.0):
+    """Transitions per second of so many processes with random parameters in the built-in train worlds."""
+    from training.actor_pool import Processes
+    from training.config import TrainConfig
+    from training.tasks import Tasks
+    from training.trajectory import Trajectory
+    tasks = Tasks(TrainConfig(warmup=10 ** 9).resolved(), 250)
+    settings = {"env": "training.env:ApplrEnv", "train": {}, "evaluate": {}}
+    pool = Processes(settings, tasks.next, actors)
+    try:
+        came, begun = 0, None
+        while begun is None or time.perf_counter() - begun < seconds:
+            for answer in pool.poll(0.2):
+                if begun is not None:
+                    came += len(Trajectory.unpack(answer[1:]))
+            if begun is None and min(tasks._next.values(), default=0) > 1 \
+                    and len(tasks._next) == actors:
+                begun = time.perf_counter()         # every actor has driven an episode: all is compiled
+        return came / (time.perf_counter() - begun), "transitions/s"
+    finally:
+        pool.close()
+
+
 if __name__ == "__main__":
+    if "actors" in sys.argv:
+        for n in map(int, sys.argv[sys.argv.index("actors") + 1:]):
+            print("%d actors: %.1f %s" % (n, *actor_rate(n)))
+        sys.exit()
     where = "cuda" if "cuda" in sys.argv else "cpu"
     if "intake" in sys.argv:
         for share in (0.0, 0.1, 1.0):

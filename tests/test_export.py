@@ -1,0 +1,55 @@
+"""What leaves the training: the actor as ONNX and TorchScript, and the search for the best single set."""
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from applr_ros1.policy import actor as actors  # noqa: E402
+from applr_ros1.policy.methods import Fixed  # noqa: E402
+from applr_ros1.policy.parameter_space import SPACE  # noqa: E402
+from training import export  # noqa: E402
+
+
+@pytest.fixture
+def actor_file(tmp_path):
+    from training.td3 import TD3
+    actors.save(tmp_path / "some.safetensors", TD3(729, 8, seed=4).actor_weights(),
+                {"training": {"steps": 3}, "result": None})
+    return tmp_path / "some.safetensors"
+
+
+def test_onnx_and_torchscript_equal_the_actor(actor_file, tmp_path, capsys):
+    pytest.importorskip("onnxruntime")
+    assert export.main([str(actor_file), str(tmp_path / "out")]) == 0
+    actor = actors.Actor.load(actor_file)
+    onnx_bytes = (tmp_path / "out" / "some.onnx").read_bytes()
+    script = (tmp_path / "out" / "some.pt").read_bytes()
+    assert export.difference(actor, onnx_bytes, script) < 1e-5
+    import onnx
+    properties = {p.key: p.value for p in onnx.load_from_string(onnx_bytes).metadata_props}
+    assert json.loads(properties["training"]) == {"steps": 3} and "names" in properties["space"]
+
+
+def test_an_export_that_differs_is_an_error(actor_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(export, "difference", lambda *a, **k: 1e-3)
+    assert export.main([str(actor_file), str(tmp_path / "out")]) == 1
+    assert "differs" in capsys.readouterr().err and not list((tmp_path / "out").glob("*"))
+    assert export.main([str(tmp_path / "nothing"), str(tmp_path / "out")]) == 1
+
+
+def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
+    pytest.importorskip("cma")
+    pytest.importorskip("gymnasium")
+    from training import static_search
+    out = tmp_path / "static.json"
+    assert static_search.main(["--worlds", "generated:140", "--generations", "1", "--population", "4",
+                               "--worlds-per-set", "1", "--actors", "0", "--out", str(out)]) == 0
+    assert Fixed(parameters=str(out)).theta(np.zeros(729)).shape == (8,)
+    log = json.loads((tmp_path / "static_log.json").read_text())
+    assert log["trials"] == 4 + len(log["finalists"]) and log["log"][0]["generation"] == 0
+    assert log["finalists"][0]["theta"] == pytest.approx(SPACE.theta0.tolist())
+    assert log["result"]["score"] == min(f["score"] for f in log["finalists"][1:])
+    assert static_search.main(["--worlds", "generated:999", "--actors", "0", "--out", str(out)]) == 1
+    assert capsys.readouterr().err.startswith("static_search.py: ")
