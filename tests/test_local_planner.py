@@ -72,6 +72,12 @@ def test_no_plan_is_no_command():
     assert local_planner(np.zeros((0, 3))).compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
 
 
+@pytest.mark.parametrize("pose, twist", [((math.nan, 0, 0), (0, 0)), ((0, 0, math.inf), (0, 0)),
+                                         ((0, 0, 0), (0, math.nan))])
+def test_nothing_is_commanded_from_a_pose_that_is_no_number(pose, twist):
+    assert local_planner().compute_velocity(pose, twist, costmap()) == (False, (0.0, 0.0))
+
+
 # -- driving -----------------------------------------------------------------------------------------------------
 
 def test_follows_the_plan_and_shows_it():

@@ -75,6 +75,8 @@ class LocalPlanner:
         """
         x, y, yaw = (float(v) for v in pose)
         v, w = (float(v) for v in twist)
+        if not math.isfinite(x + y + yaw + v + w):
+            return False, STANDING
         cut, dropped = cut_plan(self._plan, x, y, _half_size(costmap), self._prunes)
         if dropped:
             self._plan = self._plan[dropped:]

@@ -5,7 +5,6 @@ scoring ends where no bound is left that beats the best cost. planner.md, Sampli
 """
 import math
 
-import numpy as np
 from numba import njit
 
 from applr_ros1.planner.map_grid import settle

@@ -22,8 +22,9 @@ class TrajectoryPlannerError(ValueError):
 class Result:
     """One cycle's choice.
 
-    cost: below 0 means no valid command. v [m/s], w [rad/s]: the chosen sample. drive: the command (v, w), (0, 0) if
-    there is none; its w went through a quaternion. count: number of points. points (count, 3): the trajectory x, y, yaw.
+    cost: below 0 means no valid command. v [m/s], w [rad/s]: the chosen sample. drive: the command (v, w), (0, 0)
+    if there is none; its w went through a quaternion. count: how many points the trajectory has; points (count, 3):
+    x, y [m], yaw [rad].
     """
 
     __slots__ = ("cost", "v", "w", "count", "drive", "_params", "_start", "_points")
@@ -42,7 +43,7 @@ class Result:
 
 
 class TrajectoryPlanner:
-    """footprint: padded vertices (n, 2) [m]. params: values of the TrajectoryPlannerROS server by name, as reconfigure.
+    """footprint: padded vertices (n, 2) [m]. params: values of the TrajectoryPlannerROS server by name.
 
     sim_period [s]: the control period, the dynamic window's width. meter_scoring: the two distance weights are per
     metre, not per cell. Raises TrajectoryPlannerError.
@@ -61,15 +62,15 @@ class TrajectoryPlanner:
         self.reconfigure(params)
 
     def reconfigure(self, params):
-        """Take over what `params` (name -> value) says of PARAMETERS' fields, between two cycles; it may leave some out.
+        """Take over the values by name that belong to PARAMETERS, some or all of them, between two cycles.
 
-        Other names are ignored. vx_samples and vtheta_samples below 1 become 1.
+        Other names are ignored. vx_samples and vtheta_samples below 1 become 1. Raises TrajectoryPlannerError.
         """
         wanted = dict(self._wanted)
         wanted.update((name, params[name]) for name in PARAMETERS.names if name in params and name != "sim_period")
         missing = [name for name in PARAMETERS.names if name not in wanted and name != "sim_period"]
         if missing:
-            raise TrajectoryPlannerError("parameter %s of the trajectory planner is missing: give it a value" % missing[0])
+            raise TrajectoryPlannerError("parameter %s is missing: give the trajectory planner a value" % missing[0])
         for name, value in wanted.items():
             if not math.isfinite(value):
                 raise TrajectoryPlannerError("parameter %s = %r is not a finite number" % (name, value))
@@ -94,8 +95,11 @@ class TrajectoryPlanner:
 
     @property
     def state(self):
-        """The memory between cycles: stuck_left, stuck_right, rotating_left, rotating_right, escaping (0 or 1), prev_x,
-        prev_y, escape_x, escape_y, escape_theta. Assign ten such values to set it."""
+        """The memory between cycles, ten values that can also be assigned.
+
+        stuck_left, stuck_right, rotating_left, rotating_right, escaping (0 or 1), prev_x, prev_y, escape_x, escape_y,
+        escape_theta.
+        """
         return list(self._state[0].item())
 
     @state.setter
@@ -197,5 +201,5 @@ class TrajectoryPlanner:
             self._grids = map_grid.allocate(cells.shape[1], cells.shape[0])
             self._lines = line_offsets(self._footprint, resolution, cells.shape[1])
             self._take_parameters()
-        return Scene(cells, float(costmap.origin[0]), float(costmap.origin[1]), resolution, self._footprint, self._lines,
-                     self._plan)
+        return Scene(cells, float(costmap.origin[0]), float(costmap.origin[1]), resolution, self._footprint,
+                     self._lines, self._plan)
