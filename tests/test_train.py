@@ -1,5 +1,5 @@
 """train.py: runs, resumes to the same numbers, survives SIGKILL, and says in one line what is wrong.
-`python tests/test_train.py 10` kills a run at ten random moments."""
+`python -m tests.test_train 10` kills a run at ten random moments."""
 import json
 import os
 import random

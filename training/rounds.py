@@ -167,7 +167,7 @@ def draw_curves(path, episodes: Episodes, rounds: Rounds, window: int = 100) -> 
     for axes, (name, column, label) in zip(figure.subplots(1, 2), (
             ("length", 2, "episode length [two-second decisions]"), ("return", 1, "episode return"))):
         if len(rows):
-            n = min(window, len(rows))
+            n = min(window, 1 + len(rows) // 5)
             smooth = np.convolve(rows[:, column], np.ones(n) / n, "valid")
             axes.plot(rows[n - 1:, 0], smooth, lw=1.2, label="training, mean of %d episodes (with noise)" % n)
         if dots:
