@@ -4,6 +4,7 @@ Started by scripts/move_base.py. Messages come in as data, one thread (turns.py)
 """
 from __future__ import annotations
 
+import logging
 import math
 import sys
 import time
@@ -131,14 +132,15 @@ class MoveBaseNode:
         self._command.publish(command)
 
     def _say_why_it_stands(self, pose, cycle) -> None:
+        sensors = self.sensors
         if pose is None:
-            rospy.logerr_throttle(1.0, "standing still: %s" % self.sensors.trouble)
+            rospy.logerr_throttle(1.0, "standing still: %s" % sensors.pose_trouble)
         elif cycle.stale:
+            why = ": " + sensors.scan_trouble if sensors.scan_trouble else ""
             rospy.logerr_throttle(1.0, "standing still: no usable scan on %s for %g s%s" % (
-                self.sensors.topic, self.move_base.parameters["scan_timeout"],
-                " (%s)" % self.sensors.trouble if self.sensors.trouble else ""))
+                sensors.topic, self.move_base.parameters["scan_timeout"], why))
         else:
-            self.sensors.trouble = ""
+            sensors.scan_trouble = ""
         if cycle.recovery is not None and pose is not None:
             index, total, name = cycle.recovery
             rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
@@ -194,7 +196,7 @@ class MoveBaseNode:
         elif self._pose is not None:
             start = self._pose
         else:
-            raise MessageError("move_base cannot make a plan: %s" % (self.sensors.trouble or "no robot pose"))
+            raise MessageError("move_base cannot make a plan: %s" % (self.sensors.pose_trouble or "no robot pose"))
         plan = self.move_base.make_plan(start, self.sensors.to_fixed(request.goal), request.tolerance)
         return GetPlanResponse(self._path(plan))
 
@@ -236,6 +238,17 @@ class MoveBaseNode:
         time.sleep(0.1)  # publishing is done by another thread
 
 
+class _OwnFootprints(logging.Filter):
+    """Drops rospy's warning that ~*_costmap/footprint is published as one type and read as another.
+
+    C++ move_base has both under one name, and so must this one.
+    """
+
+    def filter(self, record):
+        text = record.getMessage()
+        return not ("inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text)
+
+
 def main() -> int:
     """Exit status 1, with a line per problem, for parameters that cannot be run."""
     if rospy.myargv()[1:]:
@@ -248,6 +261,7 @@ def main() -> int:
         print("move_base: parameter %s" % problem, file=sys.stderr)
     if problems:
         return 1
+    logging.getLogger("rospy.internal").addFilter(_OwnFootprints())
     began = time.monotonic()
     warm_up()
     rospy.logdebug("kernels took %.1f s", time.monotonic() - began)

@@ -26,13 +26,13 @@ class Sensors:
 
     def __init__(self, fixed: str, base: str, topic: str):
         self.fixed, self.base = fixed, base
-        self.buffer = tf2_ros.Buffer(rospy.Duration(10.0))
+        self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
         self._listener = tf2_ros.TransformListener(self.buffer, queue_size=100, buff_size=2 ** 20)
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._scans: deque = deque(maxlen=WAITING)
         self._newest = rospy.Time(0)
         self._beams: Optional[int] = None
-        self.trouble = ""  # the last thing that was wrong with tf, for whoever has to say why the robot stands
+        self.pose_trouble = self.scan_trouble = ""  # the last thing that was wrong, for who says why the robot stands
         self._odometry = rospy.Subscriber("odom", Odometry, self._take_odometry, queue_size=1, buff_size=2 ** 20)
         self._scan = rospy.Subscriber(topic, ScanMessage, self._scans.append, queue_size=1, buff_size=2 ** 24)
         self.topic = self._scan.resolved_name
@@ -57,12 +57,12 @@ class Sensors:
 
     def pose(self, now, tolerance: float) -> Optional[Pose]:
         """The robot's newest pose in the fixed frame; None if there is none within `tolerance` [s] of now."""
-        transform = self._look_up(self.base, rospy.Time(0))
+        transform, self.pose_trouble = self._look_up(self.base, rospy.Time(0))
         if transform is None:
             return None
         age = (now - transform.header.stamp).to_sec()
         if abs(age) > tolerance and not transform.header.stamp.is_zero():  # stamp 0: a static transform
-            self.trouble = "transform %s <- %s is %.2f s %s, transform_tolerance is %g s" % (
+            self.pose_trouble = "transform %s <- %s is %.2f s %s, transform_tolerance is %g s" % (
                 self.fixed, self.base, abs(age), "old" if age > 0.0 else "ahead of the clock", tolerance)
             return None
         return conversions.pose_of(transform.transform)
@@ -91,11 +91,13 @@ class Sensors:
         try:
             ranges = conversions.check_scan(message, self._beams)
         except MessageError as problem:
-            rospy.logerr_throttle(1.0, "%s %s: not used" % (self.topic, problem))
+            self.scan_trouble = "%s %s" % (self.topic, problem)
+            rospy.logerr_throttle(1.0, "%s: not used" % self.scan_trouble)
             message.header.stamp = rospy.Time(0)  # never looked at again
             return None
-        transform = self._look_up(message.header.frame_id, message.header.stamp)
+        transform, trouble = self._look_up(message.header.frame_id, message.header.stamp)
         if transform is None:
+            self.scan_trouble = trouble
             return None
         self._beams, self._newest = len(ranges), message.header.stamp
         return conversions.laser_scan(message, ranges, conversions.pose_of(transform.transform),
@@ -107,20 +109,19 @@ class Sensors:
         pose = p.position.x, p.position.y, conversions.yaw_of(p.orientation)
         if frame == self.fixed:
             return pose
-        transform = self._look_up(frame, rospy.Time(0))
+        transform, trouble = self._look_up(frame, rospy.Time(0))
         if transform is None:
             raise MessageError("frame %r cannot be transformed to %s: %s" % (
-                message.header.frame_id, self.fixed, self.trouble))
+                message.header.frame_id, self.fixed, trouble))
         return conversions.compose(conversions.pose_of(transform.transform), pose)
 
     def _look_up(self, frame: str, stamp):
+        """(transform fixed <- frame, "") or (None, why there is none)."""
         if not frame.strip("/"):
-            self.trouble = "a message has no frame_id: give it one"
-            return None
+            return None, "a message has no frame_id: give it one"
         try:
-            return self.buffer.lookup_transform(self.fixed, frame.lstrip("/"), stamp)
+            return self.buffer.lookup_transform(self.fixed, frame.lstrip("/"), stamp), ""
         except TF_ERRORS as error:
-            self.trouble = "transform %s <- %s at %s: %s" % (
-                self.fixed, frame, "the newest" if stamp.is_zero() else "%.3f" % stamp.to_sec(),
-                str(error).strip().split("\n")[0])
-            return None
+            when = "the newest" if stamp.is_zero() else "%.3f" % stamp.to_sec()
+            return None, "transform %s <- %s at %s: %s" % (
+                self.fixed, frame, when, str(error).strip().split("\n")[0])
