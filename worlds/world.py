@@ -41,8 +41,11 @@ class Course:
     def route_m(self) -> float:
         """Length of the reference route [m]: start, reference path, then the finish line or the goal.
         BARN's metric takes its optimal time, at 2 m/s, from it."""
-        end = (self.path[-1, 0], self.finish_y) if self.finish_y is not None else self.goal[:2]
-        points = np.vstack([self.start[:2], self.path, end])
+        path, end = self.path, self.goal[:2]
+        if self.finish_y is not None:
+            path = path[path[:, 1] < self.finish_y]
+            end = (path[-1, 0] if len(path) else self.start[0], self.finish_y)
+        points = np.vstack([self.start[:2], path, end])
         return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
     def done(self, x: float, y: float) -> bool:
