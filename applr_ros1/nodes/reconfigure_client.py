@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import rosgraph
 import rospy
 from dynamic_reconfigure.msg import (BoolParameter, Config, ConfigDescription, DoubleParameter, IntParameter,
                                      StrParameter)
@@ -117,7 +118,7 @@ class ReconfigureClient:
 
     def __init__(self, namespace="/move_base", space=SPACE, on_restart=None):
         self.namespace, self.space = namespace.rstrip("/"), space
-        self.master = Master(rospy.core.rosgraph.get_master_uri(), rospy.get_name())
+        self.master = Master(rosgraph.get_master_uri(), rospy.get_name())
         self._on_restart = on_restart
         self._servers = {}          # role -> Server
         self._names = {}            # role -> [(index in theta, sign, name)]

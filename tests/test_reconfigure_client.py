@@ -1,0 +1,116 @@
+"""Eight parameters on three servers, all or none, within a deadline: the client and its worker beside a stand-in
+move_base."""
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rospy")
+from ros_harness import session, wait_for  # noqa: E402
+
+from applr_ros1.nodes.applier import Applier  # noqa: E402
+from applr_ros1.nodes.reconfigure_client import ReconfigureClient  # noqa: E402
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, SpaceError  # noqa: E402
+
+pytestmark = pytest.mark.ros
+PLANNER = "/move_base/TrajectoryPlannerROS"
+LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+
+
+@pytest.fixture(scope="module")
+def fake():
+    child = session().python("tests/fake_move_base.py")
+    wait_for(lambda: "up" in child.text or not child.alive(), 10.0, "stand-in")
+    yield child
+    child.thaw()
+    child.kill()
+
+
+@pytest.fixture(scope="module")
+def connected(fake):
+    client = ReconfigureClient()
+    wait_for(lambda: not client.connect(), 10.0, "servers")
+    yield client
+    client.close()
+
+
+@pytest.fixture
+def client(connected):
+    import rospy
+    if rospy.has_param("/fake"):
+        rospy.delete_param("/fake")
+    assert connected.apply(THETA_0).ok
+    return connected
+
+
+def test_values_are_read_back(client):
+    report = client.apply(SPACE.high)
+    assert report.ok and report.error == "" and np.array_equal(client.theta(), SPACE.high)
+    assert set(client.servers.values()) == {PLANNER, *LAYERS}
+    wait_for(lambda: client._servers["planner"].values()["min_vel_theta"] == -3.14, 1.0, "the other direction")
+
+
+def test_fault_1_nan_never_goes_out(client):
+    for odd in (np.nan, np.inf, -np.inf):
+        with pytest.raises(SpaceError):
+            client.apply(np.where(np.arange(8) == 3, odd, THETA_0))
+    assert np.array_equal(client.theta(), THETA_0)
+
+
+def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake):
+    fake.freeze()
+    for _ in range(3):
+        began = time.monotonic()
+        report = client.apply(SPACE.low)
+        assert not report.ok and "does not answer" in report.error and time.monotonic() - began < 1.2
+    fake.thaw()
+    began = time.monotonic()
+    assert client.apply(SPACE.high).ok and time.monotonic() - began < 0.5
+    time.sleep(0.2)
+    assert np.array_equal(client.theta(), SPACE.high)       # none of the abandoned calls came through
+
+
+def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
+    report = client.apply(np.full(8, 1e9))
+    assert report.ok and np.array_equal(client.theta(), SPACE.high)
+    report = client.apply(np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3]))
+    assert report.ok and client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
+
+
+def test_fault_3_an_abandoned_call_that_comes_through_late_does_not_last(client):
+    reports = []
+    applier = Applier(client, reports.append, reports.append)
+    applier.start()
+    applier.want(SPACE.low)
+    assert applier.idle(3.0)
+    # As if a call for SPACE.high had been sent to a server that froze, and came through after the next one.
+    applier._abandoned = SPACE.high
+    applier.want(SPACE.low)
+    wait_for(lambda: applier._check_at is not None, 2.0, "success")
+    client.apply(SPACE.high)
+    assert applier.idle(4.0)
+    wait_for(lambda: np.array_equal(client.theta(), SPACE.low), 3.0, "the newer set")
+    applier.stop()
+
+
+@pytest.mark.parametrize("server", [PLANNER, LAYERS[1]])
+@pytest.mark.parametrize("fault", ["refuse", "hold"])
+def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
+    import rospy
+    rospy.set_param("/fake/" + fault, [server])
+    report = client.apply(SPACE.high)
+    assert not report.ok and server in report.error and "\n" not in report.error
+    assert len(report.put_back) >= 2
+    for role, values in ((role, s.values()) for role, s in client._servers.items()):
+        for i, sign, name in client._names[role]:
+            assert values[name] == sign * THETA_0[i], (role, name)
+    rospy.delete_param("/fake/" + fault)
+    assert client.apply(SPACE.high).ok
+
+
+def test_fault_7_50_hz_of_reconfigures(client):
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        began = time.monotonic()
+        assert client.apply(SPACE.to_theta(rng.uniform(-1, 1, 8))).ok
+        time.sleep(max(0.0, 0.02 - (time.monotonic() - began)))
