@@ -9,8 +9,8 @@ from collections import namedtuple
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.footprint import fill_footprint
-from applr_ros1.planner.grid import INSCRIBED, UNKNOWN, world_to_map
+from .footprint import fill_footprint
+from .grid import INSCRIBED, UNKNOWN, world_to_map
 
 # path, goal: flat int32 grids of (ny + 2) rows of (nx + 2) cells: the map inside a border of walls, so that a
 # flood needs no bounds tests. With N = nx * ny a cell holds its distance, N if it is a wall, or N + 1 ("unseen")

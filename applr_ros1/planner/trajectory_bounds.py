@@ -8,8 +8,8 @@ import math
 
 from numba import njit
 
-from applr_ros1.planner.grid import world_to_map
-from applr_ros1.planner.trajectory_scoring import (
+from .grid import world_to_map
+from .trajectory_scoring import (
     UNSURE, advance, new_velocity, on_border, outline_cost, step_count)
 
 MARGIN = 1e-6  # [cells]; the closed forms are good to about 1e-10

@@ -7,9 +7,9 @@ import math
 
 from numba import njit
 
-from applr_ros1.planner.map_grid import settle
-from applr_ros1.planner.trajectory_bounds import end_cell, probe
-from applr_ros1.planner.trajectory_scoring import ANY, HUGE, score_below, terms
+from .map_grid import settle
+from .trajectory_bounds import end_cell, probe
+from .trajectory_scoring import ANY, HUGE, score_below, terms
 
 
 @njit(cache=True, error_model="numpy")

@@ -8,9 +8,9 @@ import math
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.grid import LETHAL, world_to_map
-from applr_ros1.planner.map_grid import final_value, settle
-from applr_ros1.planner.trajectory_scoring import (
+from .grid import LETHAL, world_to_map
+from .map_grid import final_value, settle
+from .trajectory_scoring import (
     ANY, HUGE, advance, new_velocity, score_below, step_count, terms)
 
 WIDEST = 40  # [cells] about the robot that are looked through at most

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from applr_ros1.planner import map_grid
-from applr_ros1.planner.grid import INSCRIBED
-from applr_ros1.planner.trajectory_sampling import STATE, allocate, find_best_path, spread, velocity_window
-from applr_ros1.planner.trajectory_scoring import PARAMETERS, Scene, line_offsets, roll_out, score
+from . import map_grid
+from .grid import INSCRIBED
+from .trajectory_sampling import STATE, allocate, find_best_path, spread, velocity_window
+from .trajectory_scoring import PARAMETERS, Scene, line_offsets, roll_out, score
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")

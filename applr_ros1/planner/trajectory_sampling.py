@@ -8,11 +8,11 @@ from collections import namedtuple
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.grid import world_to_map
-from applr_ros1.planner.map_grid import prepare, settle
-from applr_ros1.planner.trajectory_forward import best_forward
-from applr_ros1.planner.trajectory_in_place import best_in_place
-from applr_ros1.planner.trajectory_scoring import ANY, COLLISION, HUGE, NO_PATH, outline_cost, score_below
+from .grid import world_to_map
+from .map_grid import prepare, settle
+from .trajectory_forward import best_forward
+from .trajectory_in_place import best_in_place
+from .trajectory_scoring import ANY, COLLISION, HUGE, NO_PATH, outline_cost, score_below
 
 # What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
 STATE = np.dtype([(name, np.int64) for name in (

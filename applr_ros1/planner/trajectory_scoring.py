@@ -9,9 +9,9 @@ from collections import namedtuple
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.footprint import line_cost
-from applr_ros1.planner.grid import INSCRIBED, LETHAL, map_to_world, walk_line, world_to_map
-from applr_ros1.planner.map_grid import settle
+from .footprint import line_cost
+from .grid import INSCRIBED, LETHAL, map_to_world, walk_line, world_to_map
+from .map_grid import settle
 
 COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # no way to the path or to the goal from here
