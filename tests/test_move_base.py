@@ -357,6 +357,16 @@ def test_reconfigured_inflation_shows_and_nothing_is_wiped():
     assert made.local_costmap.size == (160, 120)
 
 
+def test_maps_may_be_resized_while_driving():
+    made, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=[(1.5, 1.0, 0.2)]))
+    for server, values in (("local_costmap", {"width": 5, "height": 7}), ("local_costmap", {"resolution": 0.1}),
+                           ("global_costmap", {"origin_x": -3.0}), ("global_costmap", {"height": 16})):
+        run(made, robot, 0.5)
+        made.reconfigure(server, values)
+    assert made.local_costmap.cells.shape == (70, 50) and made.global_costmap.cells.shape == (320, 400)
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
 def test_footprint_follows_its_server_and_its_topic():
     made = MoveBase(quick())
     made.reconfigure("local_costmap", {"footprint_padding": 0.0})

@@ -8,6 +8,7 @@ import logging
 import math
 import sys
 import time
+import traceback
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
@@ -41,7 +42,8 @@ class MoveBaseNode:
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
         self.frame = static["global_costmap"]["global_frame"]
-        self.turns = Turns(self._cycle, lambda: self.move_base.frequency, self._clock_went_back, self._clock_stalled)
+        self.turns = Turns(self._cycle, lambda: self.move_base.frequency, self._clock_went_back, self._clock_stalled,
+                           self._cycle_failed)
         self.sensors = Sensors(self.frame, static["global_costmap"]["robot_base_frame"],
                                static["global_costmap"]["obstacles_layer"]["scan"]["topic"])
         self.guard = guard.Guard(static["applr"]["period"])
@@ -231,6 +233,16 @@ class MoveBaseNode:
         if self.goals.active:
             rospy.logerr("standing still: /clock has not moved for a second")
             self._send(0.0, 0.0)
+
+    def _cycle_failed(self, error) -> None:
+        """A defect of ours: stop, give the goal up, say it all, and be there for the next one."""
+        if rospy.is_shutdown():
+            return
+        self._send(0.0, 0.0)
+        rospy.logerr("a cycle failed: %s", "".join(traceback.format_exception(type(error), error, error.__traceback__)))
+        text = "Aborting because of an internal error: %s: %s" % (type(error).__name__, error)
+        self.goals.finish("aborted", text.replace("\n", " "), rospy.Time.now())
+        self.move_base.reset(rospy.get_time(), restore=False)
 
     def _stop(self) -> None:
         """The last thing the robot hears from a node that shuts down."""

@@ -14,6 +14,7 @@ import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
 STALLED = 1.0  # s of wall time without news of the clock
+ADJUSTED = 1.0  # s by which a wall clock may be set back without anything being dropped
 WAITED = 0.2  # s after which a long request is done even close to the next cycle
 
 
@@ -33,11 +34,13 @@ class Turns:
     """cycle(now: rospy.Time) is called `frequency()` times a second of ROS time from run()'s thread.
 
     went_back(): before the first cycle after the clock jumped back. stalled(): once each time the clock stands
-    still for STALLED seconds.
+    still for STALLED seconds. failed(error): a cycle raised; the next one comes all the same.
     """
 
-    def __init__(self, cycle: Callable, frequency: Callable[[], float], went_back: Callable, stalled: Callable):
-        self._cycle, self._frequency, self._went_back, self._stalled = cycle, frequency, went_back, stalled
+    def __init__(self, cycle: Callable, frequency: Callable[[], float], went_back: Callable, stalled: Callable,
+                 failed: Callable):
+        self._cycle, self._frequency = cycle, frequency
+        self._went_back, self._stalled, self._failed = went_back, stalled, failed
         self._requests: deque = deque()
         self._wake = get_rostime_cond()  # also notified by every /clock message
         self.missed = 0  # cycles left out because an earlier one took too long
@@ -67,8 +70,9 @@ class Turns:
         while not rospy.is_shutdown():
             now = rospy.get_rostime()
             if now < last:
-                self._went_back()
                 due = None
+                if not is_wallclock() or (last - now).to_sec() > ADJUSTED:
+                    self._went_back()
             if now != last:
                 heard, told = time.monotonic(), False
             elif not is_wallclock() and not told and time.monotonic() - heard > STALLED:
@@ -87,7 +91,10 @@ class Turns:
                 self.missed += 1
                 due = None
             due = now + period if due is None else due + period
-            self._cycle(now)
+            try:
+                self._cycle(now)
+            except Exception as error:
+                self._failed(error)
 
     def _serve(self, left: float) -> bool:
         """Do one request, unless it is long and would push the next cycle, `left` seconds away, too far."""
