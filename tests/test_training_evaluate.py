@@ -340,3 +340,19 @@ def test_store_and_traces(tmp_path):
     store.close()
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 1) is None
+
+
+def test_on_a_ray_cluster(tmp_path):
+    """The same rows from Ray actors as from processes."""
+    ray = pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+    assert run(command(tmp_path / "here")).returncode == 0
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+    try:
+        done = run(command(tmp_path / "there", "--ray-address", cluster.address))
+        assert done.returncode == 0, done.stderr
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert (tmp_path / "here" / "trials.csv").read_bytes() == (tmp_path / "there" / "trials.csv").read_bytes()
+    refused(run(command(tmp_path / "no", "--ray-address", "127.0.0.1:9")), "no Ray answers at 127.0.0.1:9")

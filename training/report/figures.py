@@ -44,7 +44,9 @@ def times(results: Results, folder: Path) -> Optional[str]:
     figure, axes = canvas(len(sets))
     shade = colors(results)
     for ax, name in zip(axes[0], sets):
-        ordered = results.by_difficulty(results.of_set(name))
+        base = results.cells[results.baseline]
+        ordered = sorted((w for w in results.of_set(name) if w in base and len(base[w].times)),
+                         key=lambda w: base[w].times.mean())
         for method in results.methods:
             points = [(n, results.cells[method][w].times.mean()) for n, w in enumerate(ordered)
                       if w in results.cells[method] and len(results.cells[method][w].times)]
@@ -54,9 +56,10 @@ def times(results: Results, folder: Path) -> Optional[str]:
             ax.plot(x, y, "o", ms=3.5, color=shade[method], alpha=0.7, label=method)
             if len(x) > 2:
                 ax.plot(x, np.polyval(np.polyfit(x, y, 1), x), "--", lw=1.4, color=shade[method])
-        ax.set(title="%s worlds" % name, xlabel="world, in the order of %s's time" % results.baseline,
+        ax.set(title="%s worlds" % name, xlabel="world, in the order of %s's mean" % results.baseline,
                ylabel="mean time of successful trials [s]", ylim=(0, None))
         ax.grid(alpha=0.25)
+        ax.xaxis.get_major_locator().set_params(integer=True)
         ax.legend()
     return _save(figure, folder, "times.png")
 
@@ -98,7 +101,8 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
         inside = regions == region
         map_.plot(trace["pose"][inside, 0], trace["pose"][inside, 1], ".", ms=4, color=color, label=label)
     _frame(map_, world, {method: trace})
-    map_.legend(fontsize=8, loc="lower left")
+    handles = [h for h in zip(*map_.get_legend_handles_labels()) if h[1] in [label for label, _ in REGIONS]]
+    map_.legend(*zip(*handles), fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False)
     map_.set_title("%s, %s" % (name, method))
     begins = 2.0 * np.arange(len(trace["theta"]) + 1)
     begins[-1] = max(trace["time"][-1], begins[-2])
@@ -165,5 +169,5 @@ def _file(name: str) -> str:
 
 
 def _save(figure, folder: Path, name: str) -> str:
-    figure.savefig(folder / name, dpi=DPI)
+    figure.savefig(folder / name, dpi=DPI, bbox_inches="tight")
     return name
