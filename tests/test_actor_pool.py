@@ -1,5 +1,4 @@
 """The actors: both kinds learn, dead ones are replaced, Ray's nodes may go, and the learner takes in what they send."""
-import os
 import signal
 import threading
 import time

@@ -108,7 +108,7 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
 
 def test_the_local_goal_is_seen_from_the_robot():
     episode = trial()
-    assert episode.outcome.phi == pytest.approx(-math.pi / 4, abs=0.02)      # the plan goes north-east, the robot looks north
+    assert episode.outcome.phi == pytest.approx(-math.pi / 4, abs=0.02)      # plan: north-east, robot: north
     episode.move_base.global_plan = np.zeros((0, 3))
     assert episode.decide(SPACE.theta0).phi == pytest.approx(0.0, abs=0.05)     # no plan: straight to the goal
 
@@ -174,11 +174,11 @@ def test_a_failure_pays_for_the_time_it_stands_still():
     assert Reward()(replace(STEP, timeout=True), 0)[1]["time"] == -1.0
 
 
-# -- the environment -----------------------------------------------------------------------------------------------------
+# -- the environment -------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def env():
-    import training.env     # noqa: F401: registers
-    made = gymnasium.make("applr_ros1/Navigation-v0", worlds="generated:0,generated:1", simulator="kinematic", limit=3)
+    import training.env
+    made = gymnasium.make(training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
     yield made
     made.close()
 

@@ -70,10 +70,11 @@ def test_resume_continues_to_the_same_numbers(whole, tmp_path):
 
 
 def kill_and_resume(out, times, steps, seed=0):
-    """Start the run, kill it at a random moment, resume, and so on; at last let it finish. Returns the kills' moments."""
+    """Start the run, kill it at a random moment, resume, and so on; at last let it finish."""
     rng, resume, moments = random.Random(seed), False, []
     for i in range(times + 1):
-        command = [sys.executable, "-m", "training.train", *toy(out, "--steps", str(steps), "--checkpoint-every", "0.1")]
+        command = [sys.executable, "-m", "training.train",
+                   *toy(out, "--steps", str(steps), "--checkpoint-every", "0.1")]
         if resume:
             command = [sys.executable, "-m", "training.train", "--resume", "--out", str(out)]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
@@ -104,8 +105,8 @@ def test_sigkill_at_random_moments_loses_nothing(tmp_path):
 
 def test_ctrl_c_saves_and_stops(tmp_path):
     out = tmp_path / "run"
-    process = subprocess.Popen([sys.executable, "-m", "training.train", *toy(out, "--steps", "1000000"), "__name:=train"],
-                               cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen([sys.executable, "-m", "training.train", *toy(out, "--steps", "1000000"),
+                                "__name:=train"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
     while not (out / "journal" / "000000.segment").exists():
         assert process.poll() is None
         time.sleep(0.02)

@@ -142,7 +142,7 @@ class _Threaded(Pool):
                 for slot in self._slots:
                     if slot.since is not None and now - slot.since > self.task_seconds:
                         self._replace(slot, "gave no answer for %d s" % self.task_seconds)
-        except Exception as error:      # noqa: BLE001: a thread must not die unheard
+        except Exception as error:       # a thread must not die unheard
             self._failed = "the actor pool failed: %s: %s" % (type(error).__name__, error)
 
     def _give(self, slot) -> None:
@@ -239,7 +239,7 @@ class Processes(_Threaded):
 
 
 class RayPool(_Threaded):
-    """Actors of Ray, on this machine or, with an address, on a cluster (whose nodes have this repo at the same path)."""
+    """Actors of Ray, here or, with an address, on a cluster (whose nodes have this repo at the same path)."""
 
     def __init__(self, settings, next_task, actors, address: Optional[str] = None, **more):
         super().__init__(settings, next_task, actors, **more)
@@ -285,7 +285,7 @@ class RayPool(_Threaded):
             return
         try:
             self._ray.kill(slot.actor)
-        except Exception:       # noqa: BLE001: it is dead, or its node is
+        except Exception:       # it is dead, or its node is
             pass
         slot.actor = slot.link = slot.since = None
 
@@ -320,7 +320,7 @@ def start_ray(address: Optional[str], actors: int):
     if not ray.is_initialized():
         try:
             ray.init(**options)
-        except Exception as error:      # noqa: BLE001: Ray raises many kinds
+        except Exception as error:      # Ray raises many kinds
             raise PoolError("Ray cannot be started%s: %s" % (
                 " at %s" % address if address else "", (str(error).splitlines() or [""])[0])) from None
     return ray

@@ -43,13 +43,13 @@ class TrainConfig:
     max_staleness: int = option(0, "refuse episodes of policies older than so many gradient steps; 0: take all, "
                                    "their age is reported")
     # -- worlds and robot
-    env: str = option("training.env:ApplrEnv", "the environment, MODULE:CLASS; another one than ours takes no arguments")
+    env: str = option("training.env:ApplrEnv", "the environment, MODULE:CLASS; one that is not ours gets no arguments")
     worlds: str = option("generated:train", "to train in: a specification, several with commas between them")
     simulator: str = option("kinematic", "to train in", choices=("kinematic", "pybullet"))
-    curriculum: float = option(0.0, "share of the steps over which harder worlds come in, easiest quarter first; 0: off")
+    curriculum: float = option(0.0, "share of the steps over which harder worlds come in, after the easiest quarter")
     start_xy: float = option(0.0, "the start is moved by up to this much [m]")
     start_yaw: float = option(0.0, "and turned by up to this much [rad]")
-    scan_noise: str = option("1", "multiplies the laser's noise; LOW,HIGH draws anew at each reset (so the next three)")
+    scan_noise: str = option("1", "multiplies the laser's noise; LOW,HIGH: drawn at each reset (so the next three)")
     latency: str = option("0", "of commands [s]")
     friction: str = option("1", "multiplies the wheels' friction")
     slip: str = option("1", "multiplies slip and drift")
@@ -79,10 +79,10 @@ class TrainConfig:
     capacity: int = option(0, "rows of the replay, one per observation; 0: a tenth more than --steps, so all of them")
     noise_start: float = option(0.5, "standard deviation of the exploration noise at the beginning")
     noise_end: float = option(0.02, "and at the end")
-    noise_steps: int = option(0, "transitions over which it falls; 0: the paper's 3.84 million, shortened in proportion "
+    noise_steps: int = option(0, "transitions over which it falls; 0: the paper's 3.84 million, in proportion "
                                  "where --steps is under 5 million (a deviation)")
     # -- offline
-    dataset: str = option("", "folder of a dataset (training/dataset.py): learn offline from it, or with --mix from both")
+    dataset: str = option("", "folder of a dataset (training/dataset.py): learn offline from it; --mix: from both")
     mix: bool = option(False, "take --dataset into the replay, then train online")
     updates: int = option(100_000, "gradient steps of offline learning")
     bc_alpha: float = option(0.0, "TD3+BC's alpha (2.5 in its paper); 0: plain TD3")
@@ -92,7 +92,8 @@ class TrainConfig:
     eval_count: int = option(0, "how many of them, evenly spread; 0: all")
     eval_trials: int = option(1, "trials in each")
     eval_every: int = option(50_000, "transitions (offline: gradient steps) between evaluations")
-    eval_simulator: str = option("", "of the evaluation; empty: the training's", choices=("", "kinematic", "pybullet"))
+    eval_simulator: str = option("", "of the evaluation; empty: the training's",
+                                 choices=("", "kinematic", "pybullet"))
     contact_seconds: float = option(5.0, "what a contact adds to a trial's time when the best actor is chosen [s]")
     tensorboard: bool = option(True, "write TensorBoard events")
 
@@ -146,7 +147,8 @@ class TrainConfig:
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""
-        return max(self.noise_end, self.noise_start - (self.noise_start - self.noise_end) * transitions / self.noise_steps)
+        fall = (self.noise_start - self.noise_end) * transitions / self.noise_steps
+        return max(self.noise_end, self.noise_start - fall)
 
     def _span(self, name):
         text = getattr(self, name)
@@ -163,8 +165,9 @@ class TrainConfig:
 _BOUNDS = (
     ("steps", 0, 10 ** 9), ("seed", 0, 2 ** 31 - 1), ("threads", 0, 1024), ("actors", 0, 10_000),
     ("publish_every", 1, 10 ** 9), ("max_staleness", 0, 10 ** 9), ("curriculum", 0.0, 1.0), ("start_xy", 0.0, 10.0),
-    ("start_yaw", 0.0, math.pi), ("actor_lr", 0.0, 1.0), ("critic_lr", 0.0, 1.0), ("gamma", 0.0, 1.0), ("n_step", 1, 100),
-    ("batch_size", 1, 65536), ("tau", 0.0, 1.0), ("target_noise", 0.0, 2.0), ("noise_clip", 0.0, 2.0),
+    ("start_yaw", 0.0, math.pi), ("actor_lr", 0.0, 1.0), ("critic_lr", 0.0, 1.0), ("gamma", 0.0, 1.0),
+    ("n_step", 1, 100), ("batch_size", 1, 65536), ("tau", 0.0, 1.0), ("target_noise", 0.0, 2.0),
+    ("noise_clip", 0.0, 2.0),
     ("policy_delay", 1, 100), ("updates_per_transition", 0.0, 100.0), ("warmup", 0, 10 ** 9), ("capacity", 0, 10 ** 8),
     ("noise_start", 0.0, 2.0), ("noise_end", 0.0, 2.0), ("noise_steps", 0, 10 ** 9), ("updates", 0, 10 ** 9),
     ("bc_alpha", 0.0, 1000.0), ("checkpoint_every", 0.0, 1e6), ("eval_count", 0, 100_000), ("eval_trials", 1, 1000),
@@ -178,8 +181,8 @@ def dashed(name: str) -> str:
 
 def parser() -> argparse.ArgumentParser:
     p = _Parser(prog="train.py", formatter_class=argparse.ArgumentDefaultsHelpFormatter, allow_abbrev=False,
-                description="Trains a parameter policy: TD3 with any number of actors (or --actors 0), or offline from a "
-                            "--dataset. Ctrl-C saves and stops; --resume goes on. Defaults are the paper's.")
+                description="Trains a parameter policy: TD3 with any number of actors (or --actors 0), or offline from "
+                            "a --dataset. Ctrl-C saves and stops; --resume goes on. Defaults are the paper's.")
     types = get_type_hints(TrainConfig)
     for f in fields(TrainConfig):
         flag, kind = "--" + dashed(f.name), types[f.name]

@@ -1,10 +1,10 @@
-"""Recorded experience for offline training: npz shards, a JSON manifest, checksums. bags_to_dataset writes it from bags,
-export_replay from a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
+"""Recorded experience for offline training: npz shards, a JSON manifest, checksums. bags_to_dataset makes it of bags,
+export_replay of a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
 
 manifest.json: {"format", "layout": {scan, rest, action}, "scan_step", "source", "transitions", "skipped",
-"shards": [{file, sha256, episodes, transitions}]}. A shard: scan (rows, 720) uint8 and rest (rows, 9) of all its episodes
-one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length (episodes,) of T, terminated (episodes,),
-info: JSON of the episodes' infos as bytes.
+"shards": [{file, sha256, episodes, transitions}]}. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its episodes
+one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length (episodes,) of T, terminated
+(episodes,), info: JSON of the episodes' infos as bytes.
 """
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class ApplrEnv(gymnasium.Env):
         return self.episode.observation(), self._info(outcome)
 
     def step(self, action):
-        """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap through it)."""
+        """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
         before = self.space.to_action(self.episode.outcome.theta)
         outcome = self.episode.decide(self.space.to_theta(action))
         change = float(np.abs(self.space.to_action(outcome.theta) - before).mean())

@@ -1,7 +1,7 @@
 """A trained actor for other programs: ONNX and TorchScript. python -m training.export actor.safetensors OUT_FOLDER
 
-Both take "observation" (n, 729) float32 and give "action" (n, 8) in [-1, 1]; the metadata travel along. What was written
-is read back and compared with the actor: a difference over 1e-5 is an error.
+Both take "observation" (n, 729) float32 and give "action" (n, 8) in [-1, 1]; the metadata travel along. The result is
+compared with the actor: a difference over 1e-5 is an error.
 """
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def to_onnx(actor: Actor) -> bytes:
         nodes, "applr_actor",
         [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["n", inputs])],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", outputs])], tensors)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], producer_name="applr_ros1", ir_version=8)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], producer_name="applr_ros1",
+                              ir_version=8)
     helper.set_model_props(model, _texts(actor))
     onnx.checker.check_model(model)
     return model.SerializeToString()

@@ -2,7 +2,7 @@
 
 A checkpoint is the networks plus a place in this journal, so that it costs little however large the replay is; and what
 came after the checkpoint is not lost when the process is killed, because the learner goes through it again. learner.py
-writes and reads it. A segment file is a row of records: "APTR", length, CRC-32, payload. The first one's payload is JSON.
+writes and reads it. A segment file is a row of records: "APTR", length, CRC-32, payload; the first is a JSON header.
 """
 from __future__ import annotations
 

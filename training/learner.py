@@ -25,7 +25,7 @@ FORMAT = "applr-checkpoint-1"
 @dataclass(frozen=True)
 class LearnerConfig:
     td3: TD3Config = TD3Config()
-    capacity: int = 5_500_000           # rows of the replay: the paper's five million transitions with their last states
+    capacity: int = 5_500_000           # rows of the replay: the paper's five million transitions, with last states
     updates_per_transition: float = 0.1     # one gradient step per ten transitions, as the authors' code
     warmup: int = 0                     # transitions before the first gradient step
     max_staleness: int = 0              # refuse trajectories of policies older than so many updates; 0: never

@@ -1,12 +1,12 @@
 """The global replay: a ring of observations from which n-step transitions are drawn. learner.py fills and samples it.
 
-One row holds s_t, theta and phi, a_t and r_t; s_{t+1} is the next row, so that no observation is stored twice. An
-episode of T transitions takes T + 1 rows, the last of which has no action. Scans lie as uint8 (Layout). The paper's five
-million transitions of 13 to an episode take 4.3 GB.
+One row holds s_t, a_t and r_t; s_{t+1} is the next row, so that no observation is stored twice. An episode of T
+transitions takes T + 1 rows, the last of which has no action. Scans lie as uint8 (Layout). The paper's five million
+transitions, 13 to an episode, take 4.3 GB.
 """
 from __future__ import annotations
 
-from typing import Dict, Set
+from typing import Dict
 
 import numpy as np
 import torch
@@ -133,7 +133,7 @@ class _Numbers:
     """A set of episode numbers in little memory: all below `next` but the missing ones."""
 
     def __init__(self, following: int = 0, missing=()):
-        self.next, self.missing = following, set(missing)       # type: int, Set[int]
+        self.next, self.missing = following, set(missing)
 
     MOST_MISSING = 10_000
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from training.episode import LIMIT, PERIOD, Outcome
 
-STANDING = 20       # steps of -1 that a robot pays at most which stands until the limit: their discounted sum, 1/(1-.95)
+STANDING = 20       # steps of -1 that a robot pays at most which stands until the limit: 1 / (1 - .95), discounted
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Evaluation while training: rounds of trials on held-out worlds, what came out, and the best actor. train.py holds one.
+"""Evaluation while training: rounds of trials on held-out worlds, and which actor was best. train.py holds one.
 
 The first round drives the planner's default parameters: the line in the learning curves, and what is to be beaten.
 """
@@ -16,7 +16,7 @@ THETA0 = -1     # number of the round that drives the default
 
 
 class Rounds:
-    """worlds: indices to drive; trials: in each. A round is due every `every` steps (transitions, or offline updates)."""
+    """worlds: indices to drive; trials: in each. A round is due every `every` steps (transitions; offline: updates)."""
 
     def __init__(self, folder, worlds: List[int], trials: int, every: int, seed: int, contact_seconds: float):
         self.path = Path(folder) / "evaluations.jsonl"

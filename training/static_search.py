@@ -80,7 +80,7 @@ class Trials:
 
 
 def search(trials: Trials, count: int, options) -> Dict[str, Any]:
-    """CMA-ES from theta_0. Returns {"theta": ..., "result": ..., "log": [a line per generation], "finalists": [...]}."""
+    """CMA-ES from theta_0. Returns {"theta", "result", "log": [a line per generation], "finalists", ...}."""
     import cma
     rng = np.random.default_rng(options.seed)
     strategy = cma.CMAEvolutionStrategy(
@@ -95,9 +95,11 @@ def search(trials: Trials, count: int, options) -> Dict[str, Any]:
         best = int(np.argmin([r["score"] for r in results]))
         mean = np.clip(strategy.result.xfavorite, -1.0, 1.0)
         log.append({"generation": generation, "worlds": worlds.tolist(), "sigma": float(strategy.sigma),
-                    "scores": [round(r["score"], 3) for r in results], "best": dict(results[best], **_named(candidates[best])),
+                    "scores": [round(r["score"], 3) for r in results],
+                    "best": dict(results[best], **_named(candidates[best])),
                     "mean": _named(mean), "seconds": round(time.monotonic() - began, 1)})
-        print("generation %d of %d: best %.2f s (success %.2f, contact %.2f), median %.2f s, sigma %.3f, %d trials, %d s" % (
+        print("generation %d of %d: best %.2f s (success %.2f, contact %.2f), median %.2f s, sigma %.3f, "
+              "%d trials, %d s" % (
             generation + 1, options.generations, results[best]["score"], results[best]["success"],
             results[best]["collided"], np.median([r["score"] for r in results]), strategy.sigma, trials.driven,
             time.monotonic() - began), flush=True)

@@ -7,22 +7,21 @@ best .safetensors, episodes.csv, evaluations.jsonl, curves.png, tensorboard/.
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 import time
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any, Dict, List, Optional
+from typing import Dict, List, Optional
 
 import numpy as np
 import safetensors.numpy
 
 from training.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
 from training.config import ConfigError, TrainConfig, parse
+from training.console import Board, ProgressLine, clock, describe
 from training.dataset import Dataset, DatasetError
 from training.learner import Learner
-from training.rounds import THETA0, Episodes, Rounds, draw_curves
+from training.rounds import Episodes, Rounds, draw_curves
 from training.storage import Lock, StorageError, make_folder, write_bytes, write_json
 from training.tasks import Tasks, easiest_first
 from training.td3 import LearnerError
@@ -54,8 +53,8 @@ class Training:
         write_json(self.folder / "config.json", dict(asdict(config), resume=False))
         self.extra = self._resume() if config.resume else {}
         self.episodes = self.episodes if config.resume else Episodes(self.folder, 0)
-        self.rounds = Rounds(self.folder, _spread(test_worlds, config.eval_count), config.eval_trials, config.eval_every,
-                             config.seed, config.contact_seconds)
+        self.rounds = Rounds(self.folder, _spread(test_worlds, config.eval_count), config.eval_trials,
+                             config.eval_every, config.seed, config.contact_seconds)
         order = easiest_first(train_worlds) if config.curriculum and train_worlds else None
         self.tasks = Tasks(config, len(train_worlds) if train_worlds else None, order, self.learner.replay.episodes_of)
         self.tasks.transitions = self.learner.transitions
@@ -248,12 +247,12 @@ class Training:
                   "refused": sum(learner.refused.values()), **losses}
         self.line.show(
             "{:,} of {:,} {}  {:.1f} transitions/s  {:.1f} updates/s  sigma {:.2f}  return {:.2f}  length {:.1f}  "
-            "success {:.2f}  contact {:.2f}  Q {:.2f}  policy age {:.0f} (max {}) updates  actors {}{}{}  {} left".format(
+            "success {:.2f}  contact {:.2f}  Q {:.2f}  policy age {:.0f} (max {})  actors {}{}{}  {} left".format(
                 counts[done], goal, done, rates["transitions"], rates["updates"], values["sigma"], values["return"],
                 values["length"], values["success"], values["collided"], losses.get("actor_q", float("nan")),
                 learner.staleness.mean, learner.staleness.most, self.pool.alive,
                 "  replaced %d" % self.pool.replaced if self.pool.replaced else "",
-                "  refused %d" % values["refused"] if values["refused"] else "", _clock(left)))
+                "  refused %d" % values["refused"] if values["refused"] else "", clock(left)))
         if self.board:
             self.board.scalars("training", values, self.steps)
 
@@ -262,7 +261,7 @@ class Training:
         print("%s after %s transitions and %s updates, %s; %s" % (
             "Stopped by %s and saved" % self.stopping if self.stopping else "Done",
             format(self.learner.transitions, ","), format(self.learner.td3.updates, ","),
-            _clock(time.monotonic() - self.began), self.folder))
+            clock(time.monotonic() - self.began), self.folder))
         if best:
             print("best actor: %s" % describe(best))
         for reason, count in sorted(self.learner.refused.items()):
@@ -272,69 +271,6 @@ class Training:
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = signal.Signals(number).name
-
-
-class Board:
-    """TensorBoard events, where the package is there."""
-
-    def __init__(self, folder, step: int):
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-            self.writer = SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=step)
-        except ImportError:
-            print("no TensorBoard here: its events are not written", file=sys.stderr)
-            self.writer = None
-
-    def scalars(self, prefix: str, values: Dict[str, Any], step: int) -> None:
-        for name, value in values.items():
-            if self.writer and isinstance(value, (int, float)) and np.isfinite(value):
-                self.writer.add_scalar("%s/%s" % (prefix, name), value, step)
-
-    def round(self, summary) -> None:
-        prefix = "default_dwa" if summary["round"] == THETA0 else "held_out"
-        names = ("return", "length", "success", "collided", "time_s", "score")
-        self.scalars(prefix, {name: summary.get(name) for name in names}, summary["step"])
-
-    def close(self) -> None:
-        if self.writer:
-            self.writer.close()
-
-
-class ProgressLine:
-    """One line that is written over on a terminal, and every half minute a new one elsewhere."""
-
-    def __init__(self):
-        self.terminal = sys.stdout.isatty()
-        self.every = 1.0 if self.terminal else 30.0
-        self._next = time.monotonic() + 1.0
-        self._last: Optional[Any] = None
-        self._shown = False
-
-    def due(self) -> bool:
-        return time.monotonic() >= self._next
-
-    def rates(self, now: float, counts: Dict[str, int]) -> Dict[str, float]:
-        before, self._last = self._last or (now, counts), (now, counts)
-        seconds = now - before[0]
-        return {name: (counts[name] - before[1][name]) / seconds if seconds > 0 else 0.0 for name in counts}
-
-    def show(self, text: str) -> None:
-        self._next = time.monotonic() + self.every
-        if self.terminal:
-            width = os.get_terminal_size().columns - 1 if sys.stdout.isatty() else 200
-            print("\r\x1b[K" + text[:width], end="", flush=True)
-            self._shown = True
-        else:
-            print(text, flush=True)
-
-    def say(self, text: str) -> None:
-        self.close()
-        print(text, flush=True)
-
-    def close(self) -> None:
-        if self._shown:
-            print()
-            self._shown = False
 
 
 def prepare(config: TrainConfig):
@@ -366,16 +302,6 @@ def prepare(config: TrainConfig):
     return settings, train, list(range(len(test))), ApplrEnv.layout
 
 
-def describe(summary) -> str:
-    who = "default DWA" if summary["round"] == THETA0 else "evaluation at %s" % format(summary["step"], ",")
-    text = "%s: return %.2f, length %.2f" % (who, summary["return"], summary["length"])
-    if "success" in summary:
-        text += ", success %.3f, contact %.3f, time %s s, score %.2f s" % (
-            summary["success"], summary["collided"],
-            "-" if summary["time_s"] is None else "%.2f" % summary["time_s"], summary["score"])
-    return text + " (%d trials)%s" % (summary["trials"], ", the best so far" if summary["best"] else "")
-
-
 def _with_rows(config: TrainConfig, dataset: Optional[Dataset]):
     from dataclasses import replace
     learner = config.learner()
@@ -389,12 +315,6 @@ def _spread(indices: List[int], count: int) -> List[int]:
     if not count or count >= len(indices):
         return indices
     return [indices[i] for i in np.linspace(0, len(indices) - 1, count).round().astype(int)]
-
-
-def _clock(seconds: float) -> str:
-    if not 0.0 <= seconds < 1e8:
-        return "?" if not seconds < 0.0 else "0:00:00"
-    return "%d:%02d:%02d" % (seconds // 3600, seconds // 60 % 60, seconds % 60)
 
 
 def _main_thread() -> bool:

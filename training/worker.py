@@ -1,8 +1,8 @@
 """What one actor does: drive an episode when told, with the newest policy, and hand it back as bytes.
 
-actor_pool.py runs it in this process, in processes of its own (python -m training.worker FD), or as Ray actors. It needs
-no torch. Messages are bytes: a task is JSON and perhaps weights (safetensors), an answer is "T" and a packed trajectory,
-"R" and a JSON result of an evaluation, or "E" and a JSON error. Nothing is unpickled.
+actor_pool.py runs it in this process, in processes of its own (python -m training.worker FD), or as Ray actors. It
+needs no torch. Messages are bytes: a task is JSON and perhaps weights (safetensors), an answer is "T" and a packed
+trajectory, "R" and an evaluation's JSON result, or "E" and a JSON error. Nothing is unpickled.
 """
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Worker:
             if weights:
                 self.policy = Policy(weights)
             return self.evaluate(task) if task["kind"] == "evaluate" else self.train(task)
-        except Exception as error:      # noqa: BLE001: whatever went wrong, the learner must hear of it in one line
+        except Exception as error:      # whatever went wrong, the learner must hear of it in one line
             text = "%s: %s" % (type(error).__name__, (str(error).splitlines() or [""])[0])
             return ERROR + json.dumps({"error": text, "task": task}).encode()
 

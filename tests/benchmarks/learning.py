@@ -1,6 +1,6 @@
 """Figures of learning: gradient steps of TD3, ours and stable-baselines3's in one run, and the actor's inference.
 
-Also, run by hand: `python -m tests.benchmarks.learning intake [cuda]`, transitions per second that the learner takes in;
+Also, run by hand: `python -m tests.benchmarks.learning intake [cuda]`, transitions/s that the learner takes in;
 `python -m tests.benchmarks.learning actors 1 2 4`, transitions per second that so many actors make.
 """
 import sys
@@ -88,7 +88,7 @@ def actor_inference():
 
 
 def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
-    """Transitions per second from packed bytes to the replay and the journal, with the paper's share of gradient steps."""
+    """Transitions/s from packed bytes to the replay and the journal, with the paper's share of gradient steps."""
     import tempfile
     from training.learner import Learner, LearnerConfig
     from training.trajectory import Layout
