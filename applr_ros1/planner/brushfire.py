@@ -54,27 +54,33 @@ def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
     """
     count = 0
     for y in range(ay0, ayn):
-        row = level[y + 1]
         inside = y0 <= y < yn
-        left = min(max(x0, ax0), axn) if inside else axn
-        right = max(min(xn, axn), left) if inside else axn
-        differing = 0
-        for x in range(ax0, left):
-            differing += row[x + 1] == SEED
-        for x in range(left, right):
-            differing += (base[y, x] == 254) != (row[x + 1] == SEED)
-        for x in range(right, axn):
-            differing += row[x + 1] == SEED
-        if differing == 0:
+        left = x0 if inside else axn
+        right = xn if inside else axn
+        differs = np.uint8(0)
+        levels = level[y + 1, left + 1:right + 1]
+        values = base[y, left:right]
+        for i in range(values.shape[0]):
+            differs |= np.uint8((values[i] == 254) != (levels[i] == SEED))
+        differs |= _any_seed(level[y + 1, ax0 + 1:left + 1]) | _any_seed(level[y + 1, right + 1:axn + 1])
+        if differs == 0:
             continue
-        if count + differing > changed.shape[0]:
-            return -1
         for x in range(ax0, axn):
             seed = left <= x < right and base[y, x] == 254
-            if seed != (row[x + 1] == SEED):
+            if seed != (level[y + 1, x + 1] == SEED):
+                if count == changed.shape[0]:
+                    return -1
                 changed[count] = (y + 1) * level.shape[1] + x + 1
                 count += 1
     return count
+
+
+@njit(cache=True)
+def _any_seed(levels):
+    found = np.uint8(0)
+    for i in range(levels.shape[0]):
+        found |= np.uint8(levels[i] == SEED)
+    return found
 
 
 @njit(cache=True)
@@ -87,17 +93,33 @@ def wipe(level, cost, x0, y0, xn, yn):
 
 
 @njit(cache=True)
-def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, entries, following):
-    """Spread the `count` padded cells in `seeds`, in row order, over arrays that are NONE. False: queue too short."""
+def _enqueue(queue, used, entry, level):
+    """Append an entry (4 cell + direction) to a level's queue; returns the number of entries used.
+
+    queue (4, m) int32: entries, the next entry of the same level, each level's first and last entry. All in one array:
+    numba counts references per array, and with four of them a call costs more than its work.
+    """
+    queue[0, used] = entry
+    queue[1, used] = -1
+    if queue[2, level] < 0:
+        queue[2, level] = used
+    else:
+        queue[1, queue[3, level]] = used
+    queue[3, level] = used
+    return used + 1
+
+
+@njit(cache=True)
+def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, queue):
+    """Spread the `count` padded cells in `seeds`, in row order, over arrays that are NONE. False: `queue` too short."""
     width = level2.shape[1]
     level = level2.reshape(-1)
     side = 2 * reach + 1
     steps = (-1, -width, 1, width)
     deltas = (-1, -side, 1, side)
-    head = np.full(256, -1, np.int32)
-    tail = np.full(256, -1, np.int32)
+    queue[2, :256] = -1
     used = 0
-    room = entries.shape[0] - 4
+    room = queue.shape[1] - 4
     centre = reach * side + reach
     for i in range(count):
         c = seeds[i]
@@ -111,20 +133,13 @@ def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, ent
             c = seeds[i] + steps[k]
             b = step_level[4 * centre + k]
             if b != 0 and level[c] == NONE:
-                entries[used] = 4 * c + k
-                following[used] = -1
-                if head[b] < 0:
-                    head[b] = used
-                else:
-                    following[tail[b]] = used
-                tail[b] = used
-                used += 1
+                used = _enqueue(queue, used, 4 * c + k, b)
     for b in range(2, NONE):
-        e = head[b]
+        e = queue[2, b]
         while e >= 0:
-            c = entries[e] >> 2
-            k = entries[e] & 3
-            e = following[e]
+            c = queue[0, e] >> 2
+            k = queue[0, e] & 3
+            e = queue[1, e]
             if level[c] != NONE:
                 continue
             if used > room:
@@ -137,14 +152,7 @@ def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, ent
                 t = step_level[4 * code + j]
                 q = c + steps[j]
                 if t != 0 and level[q] == NONE:
-                    entries[used] = 4 * q + j
-                    following[used] = -1
-                    if head[t] < 0:
-                        head[t] = used
-                    else:
-                        following[tail[t]] = used
-                    tail[t] = used
-                    used += 1
+                    used = _enqueue(queue, used, 4 * q + j, t)
     return True
 
 
@@ -186,24 +194,23 @@ def _fell(level, link, cost, steps, root, lost, count):
 
 
 @njit(cache=True)
-def repair(changed, count, level2, link, cost, step_level, level_cost, reach, entries, following, lost):
+def repair(changed, count, level2, link, cost, step_level, level_cost, reach, queue, lost):
     """Take the padded cells in `changed` in or out as seeds and evaluate again what depends on them.
 
-    Returns False when a queue is too short: the arrays are then to be rebuilt.
+    Returns False when `queue` or `lost` (m,) int64 is too short: the arrays are then to be rebuilt.
     """
     width = level2.shape[1]
     level = level2.reshape(-1)
     side = 2 * reach + 1
     steps = (-1, -width, 1, width)
     deltas = (-1, -side, 1, side)
-    head = np.full(256, -1, np.int32)
-    tail = np.full(256, -1, np.int32)
+    queue[2, :256] = -1
     used = 0
-    room = entries.shape[0] - 8
+    room = queue.shape[1] - 8
     lost_room = lost.shape[0] - 4 * side * side
     centre = reach * side + reach
     fallen = 0
-    for i in range(count):          # a changed seed that is now NONE or was never one begins: mark it by its level
+    for i in range(count):
         c = changed[i]
         begins = level[c] != SEED
         if level[c] != NONE:
@@ -220,19 +227,11 @@ def repair(changed, count, level2, link, cost, step_level, level_cost, reach, en
                 b = step_level[4 * centre + k]
                 q = c + steps[k]
                 if b != 0 and level[q] >= b:
-                    entries[used] = 4 * q + k
-                    following[used] = -1
-                    if head[b] < 0:
-                        head[b] = used
-                    else:
-                        following[tail[b]] = used
-                    tail[b] = used
-                    used += 1
+                    used = _enqueue(queue, used, 4 * q + k, b)
     done = 0
     b = 2
     while True:
-        # every cell that has fallen asks its neighbours
-        while done < fallen:
+        while done < fallen:         # every cell that has fallen asks its neighbours
             c = lost[done]
             done += 1
             if level[c] != NONE:
@@ -246,22 +245,15 @@ def repair(changed, count, level2, link, cost, step_level, level_cost, reach, en
                     if t != 0:
                         if t < b:
                             b = t
-                        entries[used] = 4 * c + k
-                        following[used] = -1
-                        if head[t] < 0:
-                            head[t] = used
-                        else:
-                            following[tail[t]] = used
-                        tail[t] = used
-                        used += 1
-        while b < NONE and head[b] < 0:
+                        used = _enqueue(queue, used, 4 * c + k, t)
+        while b < NONE and queue[2, b] < 0:
             b += 1
         if b == NONE:
             return True
-        e = head[b]
-        head[b] = following[e]
-        c = entries[e] >> 2
-        k = entries[e] & 3
+        e = queue[2, b]
+        queue[2, b] = queue[1, e]
+        c = queue[0, e] >> 2
+        k = queue[0, e] & 3
         n = c - steps[k]
         if level[c] < b or level[n] == WALL or level[n] == NONE:
             continue
@@ -286,11 +278,4 @@ def repair(changed, count, level2, link, cost, step_level, level_cost, reach, en
             t = step_level[4 * code + j]
             q = c + steps[j]
             if t != 0 and level[q] >= t:
-                entries[used] = 4 * q + j
-                following[used] = -1
-                if head[t] < 0:
-                    head[t] = used
-                else:
-                    following[tail[t]] = used
-                tail[t] = used
-                used += 1
+                used = _enqueue(queue, used, 4 * q + j, t)

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from applr_ros1.planner import footprint as footprints
-from applr_ros1.planner.grid import FREE, UNKNOWN, roll, size_in_meters, world_to_map, world_to_map_enforce_bounds
-from applr_ros1.planner.inflation_layer import InflationLayer, InflationParameters
-from applr_ros1.planner.obstacle_layer import ObstacleLayer, ObstacleParameters
+from . import footprint as footprints
+from .grid import FREE, UNKNOWN, roll, size_in_meters, world_to_map, world_to_map_enforce_bounds
+from .inflation_layer import InflationLayer, InflationParameters
+from .obstacle_layer import ObstacleLayer, ObstacleParameters
 
 
 class CostmapError(ValueError):
@@ -89,8 +89,8 @@ class Costmap:
         ox, oy = self.origin.tolist()
         x0 = world_to_map_enforce_bounds(bounds[0], ox, self.resolution, nx)
         y0 = world_to_map_enforce_bounds(bounds[1], oy, self.resolution, ny)
-        xn = min(nx, world_to_map_enforce_bounds(bounds[2], ox, self.resolution, nx) + 1)
-        yn = min(ny, world_to_map_enforce_bounds(bounds[3], oy, self.resolution, ny) + 1)
+        xn = world_to_map_enforce_bounds(bounds[2], ox, self.resolution, nx) + 1
+        yn = world_to_map_enforce_bounds(bounds[3], oy, self.resolution, ny) + 1
         return None if xn < x0 or yn < y0 else (x0, y0, xn, yn)
 
     def _refresh(self, pose, window):

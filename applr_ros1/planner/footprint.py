@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.grid import LETHAL, UNKNOWN, walk_line, world_to_map
+from .grid import LETHAL, UNKNOWN, walk_line, world_to_map
 
 OFF_MAP = -3.0
 ON_UNKNOWN = -2.0

@@ -32,13 +32,11 @@ def map_to_world(mx, my, ox, oy, resolution):
     return ox + (mx + 0.5) * resolution, oy + (my + 0.5) * resolution
 
 
-@njit(cache=True)
 def world_to_map_no_bounds(w, o, resolution):
     """Cell index of the coordinate w along one axis, truncated towards zero and not clipped."""
     return int((w - o) / resolution)
 
 
-@njit(cache=True)
 def world_to_map_enforce_bounds(w, o, resolution, n):
     """Cell index of the coordinate w along one axis, clipped into 0 .. n - 1. costmap_2d.cpp:233."""
     if w < o:

@@ -4,16 +4,16 @@ Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp: obstacles pas
 distance, first in first out, so a distance transform would give other bytes. brushfire.py does the spreading.
 """
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner import brushfire
-from applr_ros1.planner.grid import LETHAL, UNKNOWN, cell_distance, shift
+from . import brushfire
+from .grid import LETHAL, UNKNOWN, cell_distance
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
-FEW = 256                # so many changed obstacles are repaired, more are spread anew
+FEW = 4096               # so many changed obstacle cells are repaired, more are spread anew
 
 
 @dataclass
@@ -23,6 +23,10 @@ class InflationParameters:
     cost_scaling_factor: float = 10.0    # [1/m]
     enabled: bool = True
     inflate_unknown: bool = False
+
+    def __post_init__(self):            # the kernels are compiled for these types alone
+        for field in fields(self):
+            setattr(self, field.name, type(field.default)(getattr(self, field.name)))
 
 
 def cost_at(distance, resolution, inscribed_radius, weight):
@@ -50,7 +54,7 @@ class InflationLayer:
         self._cost = np.zeros((ny + 2, nx + 2), np.uint8)
         self._columns = np.zeros(nx, np.uint8)
         self._changed = np.empty(FEW, np.int64)
-        self._queue = np.empty((2, 1 << 16), np.int32)
+        self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
         self._spread = None          # rectangle in which obstacles were spread last, None: nothing to build on
         self._make_tables()
@@ -115,12 +119,22 @@ class InflationLayer:
             self._forget()
             return
         width = self._nx + 2
-        block = (slice(y0 - r + 1, yn + r + 1), slice(x0 - r + 1, xn + r + 1))
-        target = (slice(y0 - r + 1 - cy, yn + r + 1 - cy), slice(x0 - r + 1 - cx, xn + r + 1 - cx))
+        first = min(y0, y0 - cy) - r + 1
+        last = max(yn, yn - cy) + r + 1
+        k = cy * width + cx
         for grid, empty in ((self._level, brushfire.NONE), (self._cost, 0), (self._link.reshape(-1, width), 0)):
-            moved = grid[block].copy()
-            grid[block] = empty
-            grid[target] = moved
+            rows = grid[first:last].reshape(-1)
+            if k > 0:
+                rows[:-k] = rows[k:]
+                rows[-k:] = empty
+            else:
+                rows[-k:] = rows[:k].copy()
+                rows[:-k] = empty
+        walls = self._level[first:last]
+        n = abs(cx)
+        walls[:, 1:n + 1] = brushfire.NONE
+        walls[:, width - 1 - n:] = brushfire.NONE
+        walls[:, 0] = walls[:, -1] = brushfire.WALL
         self._spread = (x0 - cx, y0 - cy, xn - cx, yn - cy)
 
     def _forget(self):
@@ -157,7 +171,7 @@ class InflationLayer:
                      max(before[2], rect[2]), max(before[3], rect[3]))
             count = brushfire.seed_changes(base, self._level, *rect, *union, self._changed)
             if count >= 0 and brushfire.repair(self._changed, count, self._level, self._link, self._cost.reshape(-1),
-                                               self._step_level, self._level_cost, self.reach, *self._queue,
+                                               self._step_level, self._level_cost, self.reach, self._queue,
                                                self._lost):
                 return
             brushfire.wipe(self._level, self._cost, *self._around(union, self.reach))
@@ -165,9 +179,9 @@ class InflationLayer:
         ys, xs = np.nonzero(base[y0:yn, x0:xn] == LETHAL)
         seeds = (ys + y0 + 1) * (self._nx + 2) + xs + x0 + 1
         while not brushfire.rebuild(seeds, len(seeds), self._level, self._link, self._cost.reshape(-1),
-                                    self._step_level, self._level_cost, self.reach, *self._queue):
+                                    self._step_level, self._level_cost, self.reach, self._queue):
             brushfire.wipe(self._level, self._cost, *self._around(rect, self.reach))
-            self._queue = np.empty((2, 2 * self._queue.shape[1]), np.int32)
+            self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
 
     def _update_anew(self, master, base, window):
         """For a reach beyond brushfire's levels: spread everything, as C++ does in each update."""
@@ -185,36 +199,43 @@ class InflationLayer:
 
 @njit(cache=True)
 def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
-    """Inflated value of every cell [x0, xn) x [y0, yn) into the master; returns the rectangle of changes or None."""
-    for x in range(x0, xn):
-        columns[x] = 0
+    """Inflated value of every cell [x0, xn) x [y0, yn) into the master; returns the rectangle of changes or None.
+
+    columns (nx,) is scratch. Rows are sliced so that the inner loop compiles to vector instructions.
+    """
+    lowest = np.uint8(0 if inflate_unknown else 252)      # what does not exceed it leaves an unknown cell unknown
+    unknown = np.uint8(UNKNOWN)
+    touched = columns[x0:xn]
+    touched[:] = 0
     first = -1
     last = -1
     for y in range(y0, yn):
+        olds = base[y, x0:xn]
+        news = cost[y + 1, x0 + 1:xn + 1]
+        row = master[y, x0:xn]
         differs = np.uint8(0)
-        for x in range(x0, xn):
-            old = base[y, x]
-            new = cost[y + 1, x + 1]
-            grown = max(old, new)
-            if old == UNKNOWN:
-                grown = new if new >= 253 or (inflate_unknown and new > 0) else old
-            difference = np.uint8(grown ^ master[y, x])
+        for i in range(row.shape[0]):
+            old = olds[i]
+            new = news[i]
+            spread = new if new > lowest else unknown
+            grown = spread if old == unknown else max(old, new)
+            difference = np.uint8(grown ^ row[i])
             differs |= difference
-            columns[x] |= difference
-            master[y, x] = grown
+            touched[i] |= difference
+            row[i] = grown
         if differs != 0:
             if first < 0:
                 first = y
             last = y
     if first < 0:
         return None
-    left = x0
-    while columns[left] == 0:
+    left = 0
+    while touched[left] == 0:
         left += 1
-    right = xn
-    while columns[right - 1] == 0:
+    right = touched.shape[0]
+    while touched[right - 1] == 0:
         right -= 1
-    return left, first, right, last + 1
+    return x0 + left, first, x0 + right, last + 1
 
 
 @njit(cache=True)

@@ -3,13 +3,13 @@
 Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step; the layer has its own grid.
 """
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
 
-from applr_ros1.planner.footprint import fill_footprint
-from applr_ros1.planner.grid import (FREE, LETHAL, UNKNOWN, cell_distance, roll, size_in_meters, world_to_map,
+from .footprint import fill_footprint
+from .grid import (FREE, LETHAL, UNKNOWN, cell_distance, roll, size_in_meters, world_to_map,
                                      world_to_map_no_bounds)
 
 OVERWRITE = 0
@@ -29,6 +29,10 @@ class ObstacleParameters:
     source_max_height: float = 2.0
     marking: bool = True
     clearing: bool = True
+
+    def __post_init__(self):            # the kernels are compiled for these types alone
+        for field in fields(self):
+            setattr(self, field.name, type(field.default)(getattr(self, field.name)))
 
 
 class ObstacleLayer:
@@ -262,17 +266,22 @@ def _clear_rays(flat, nx, ny, ox, oy, res, points, hits, sx, sy, x0, y0, raytrac
 def _merge(layer, master, base, default, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
     empty = np.uint8(default)
     for y in range(ay0, ayn):
-        inside = y0 <= y < yn
-        left = x0 if inside else axn
-        right = xn if inside else axn
-        for x in range(ax0, left):
-            base[y, x] = master[y, x]
+        if not y0 <= y < yn:
+            _copy(master[y, ax0:axn], base[y, ax0:axn])
+            continue
+        _copy(master[y, ax0:x0], base[y, ax0:x0])
+        _copy(master[y, xn:axn], base[y, xn:axn])
+        values = layer[y, x0:xn]
+        target = base[y, x0:xn]
         if merging:
-            for x in range(left, right):
-                value = layer[y, x]
-                base[y, x] = value if value != UNKNOWN else empty
+            for i in range(values.shape[0]):
+                target[i] = values[i] if values[i] != UNKNOWN else empty
         else:
-            for x in range(left, right):
-                base[y, x] = empty
-        for x in range(right, axn):
-            base[y, x] = master[y, x]
+            for i in range(values.shape[0]):
+                target[i] = empty
+
+
+@njit(cache=True)
+def _copy(source, target):
+    for i in range(source.shape[0]):
+        target[i] = source[i]
