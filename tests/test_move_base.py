@@ -1,5 +1,4 @@
-"""MoveBase in a closed loop with an ideal robot: goals reached and given up, recoveries, requests between steps."""
-import copy
+"""MoveBase in a closed loop with an ideal robot: goals reached and given up, recoveries, sensors, frequencies."""
 import math
 
 import numpy as np
@@ -7,30 +6,10 @@ import pytest
 
 from applr_ros1.planner import move_base as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
-from applr_ros1.planner.parameters import JACKAL, ParameterError
 from applr_ros1.planner.timer import Timer
-from toy_robot import ToyRobot, ring, run
+from toy_robot import ToyRobot, quick, ring, run, start
 
-PLANNER = "TrajectoryPlannerROS"
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
-
-
-def quick(**changes):
-    """The Jackal's tree with small maps and short patience."""
-    tree = copy.deepcopy(JACKAL)
-    for name, size in (("global_costmap", 20), ("local_costmap", 6)):
-        tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
-    tree.update(planner_patience=1.0, controller_patience=1.0)
-    tree.update(changes)
-    return tree
-
-
-def start(goal, robot=None, tree=None, before=0.1):
-    """(move_base, robot) that have looked for a moment and then got the goal."""
-    robot, made = robot or ToyRobot(), MoveBase(tree or quick())
-    run(made, robot, before)
-    made.set_goal(goal, robot.time)
-    return made, robot
 
 
 def sealed(tree=None):
@@ -291,114 +270,3 @@ def test_timer_keeps_phase_bears_jitter_and_starts_anew():
     assert timer.due(1.0) and not timer.due(1.02)  # the clock went back
     timer.set_frequency(0.0)
     assert not timer.due(2.0)
-
-
-# -- requests ----------------------------------------------------------------------------------------------------
-def test_reset_equals_a_fresh_object():
-    tree = quick()
-    used, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
-    used.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
-    used.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
-    run(used, robot, 3.0)
-    used.reset(0.0)
-    fresh = MoveBase(tree)
-    assert not used.global_costmap.cells.any() and len(used.global_plan) == 0
-    drives = []
-    for made in (used, fresh):
-        robot, cycles = ToyRobot(circles=SLALOM), []
-        run(made, robot, 0.1)
-        made.set_goal((3.5, 0.0, 0.0), robot.time)
-        run(made, robot, 5.0, cycles=cycles)
-        drives.append(([c for _, c in cycles], made.global_costmap.cells.copy(), made.local_costmap.cells.copy()))
-    assert drives[0][0] == drives[1][0]
-    assert (drives[0][1] == drives[1][1]).all() and (drives[0][2] == drives[1][2]).all()
-
-
-def test_reset_may_keep_what_was_reconfigured():
-    made = MoveBase(quick())
-    made.reconfigure(PLANNER, {"max_vel_x": 1.3})
-    made.reset(0.0, restore=False)
-    assert made.configuration(PLANNER)["max_vel_x"] == 1.3
-    made.reset(0.0)
-    assert made.configuration(PLANNER)["max_vel_x"] == 0.5
-
-
-def test_reconfigure_takes_effect_in_the_next_cycle():
-    made, robot = start((6.0, 0.0, 0.0))
-    run(made, robot, 1.0)
-    assert made.reconfigure(PLANNER, {"max_vel_x": 1e9})["max_vel_x"] == 20.0
-    made.reconfigure(PLANNER, {"max_vel_x": 1.2})
-    run(made, robot, 1.0)
-    assert robot.twist[0] == pytest.approx(1.2)
-
-
-@pytest.mark.parametrize("server, values", [
-    (PLANNER, {"max_vel_x": math.nan, "vx_samples": 3}), ("", {"controller_frequency": 0.0}),
-    ("local_costmap", {"width": 2 ** 31 - 1}), ("local_costmap", {"footprint": "junk", "update_frequency": 1.0})])
-def test_reconfigure_refuses_whole_requests(server, values):
-    made = MoveBase(quick())
-    before = made.configuration(server)
-    with pytest.raises(ParameterError) as refused:
-        made.reconfigure(server, values)
-    assert made.configuration(server) == before and "\n" not in str(refused.value)
-
-
-def test_reconfigured_inflation_shows_and_nothing_is_wiped():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
-    run(made, robot, 0.2)
-    lethal, inflated = made.global_costmap.cells == 254, (made.global_costmap.cells > 0).sum()
-    robot.circles = robot.circles[:0]  # gone, but beyond what the next scans clear
-    made.reconfigure("global_costmap/inflater_layer", {"inflation_radius": 0.6})
-    made.reconfigure("global_costmap", {"publish_frequency": 1.0})
-    run(made, robot, 0.1)
-    assert (made.global_costmap.cells > 0).sum() > 1.3 * inflated
-    assert ((made.global_costmap.cells == 254) == lethal).all()
-    made.reconfigure("local_costmap", {"width": 8})
-    assert made.local_costmap.size == (160, 120)
-
-
-def test_maps_may_be_resized_while_driving():
-    made, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=[(1.5, 1.0, 0.2)]))
-    for server, values in (("local_costmap", {"width": 5, "height": 7}), ("local_costmap", {"resolution": 0.1}),
-                           ("global_costmap", {"origin_x": -3.0}), ("global_costmap", {"height": 16})):
-        run(made, robot, 0.5)
-        made.reconfigure(server, values)
-    assert made.local_costmap.cells.shape == (70, 50) and made.global_costmap.cells.shape == (320, 400)
-    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
-
-
-def test_footprint_follows_its_server_and_its_topic():
-    made = MoveBase(quick())
-    made.reconfigure("local_costmap", {"footprint_padding": 0.0})
-    assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
-    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
-    assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
-    made.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
-    assert made.local_costmap.circumscribed_radius == pytest.approx(0.4)
-
-
-def test_make_plan_frees_the_robots_place_and_looks_near_the_goal():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(2.0, 0.0, 0.1)])
-    run(made, robot, 0.2)
-    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0  # in the obstacle
-    near = made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
-    assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
-    assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
-    made.reconfigure("", {"make_plan_add_unreachable_goal": False})
-    assert tuple(made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(near[-2, :2])
-    assert len(made.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
-    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # ends
-
-
-def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
-    run(made, robot, 0.2)
-    made.clear_costmaps()
-    assert not made.local_costmap.cells.any() and not made.global_costmap.cells.any()
-    run(made, robot, 0.1, scans=False)
-    assert (made.local_costmap.cells == 254).any()
-
-
-def test_parameters_that_cannot_be_run_are_named():
-    with pytest.raises(ParameterError, match="controller_frequency"):
-        MoveBase(quick(controller_frequency=0))

@@ -1,8 +1,11 @@
 """A robot and a laser made up for tests of MoveBase: it does exactly what it is told, among round obstacles."""
+import copy
 import math
 
 import numpy as np
 
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters import JACKAL
 from applr_ros1.planner.scan import LaserScan
 
 BEAMS, ANGLE_MIN, ANGLE_MAX = 720, -2.35619, 2.35619
@@ -67,3 +70,22 @@ def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, c
         if cycle.result and until_result:
             return cycle.result
     return None
+
+
+# -- MoveBase with small maps ------------------------------------------------------------------------------------
+def quick(**changes):
+    """The Jackal's tree with small maps and short patience."""
+    tree = copy.deepcopy(JACKAL)
+    for name, size in (("global_costmap", 20), ("local_costmap", 6)):
+        tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
+    tree.update(planner_patience=1.0, controller_patience=1.0)
+    tree.update(changes)
+    return tree
+
+
+def start(goal, robot=None, tree=None, before=0.1):
+    """(move_base, robot) that have looked for a moment and then got the goal."""
+    robot, made = robot or ToyRobot(), MoveBase(tree or quick())
+    run(made, robot, before)
+    made.set_goal(goal, robot.time)
+    return made, robot

@@ -27,7 +27,10 @@ def warm_up() -> None:
             pose = 0.01 * step, 0.0, 0.3 * step
             sensor = pose[0] + 0.12 * math.cos(pose[2]), pose[1] + 0.12 * math.sin(pose[2]), pose[2]
             scan = LaserScan(now, -2.35, 4.7 / 719, 0.1, 30.0, ranges, sensor)
-            move_base.step(now, pose, (0.1, 0.0), scan)
+            cycle = move_base.step(now, pose, (0.1, 0.0), scan)
+            if cycle.controlled:  # what is only shown has kernels too
+                len(move_base.local_planner.local_plan)
+                move_base.local_planner.cost_cloud(move_base.local_costmap)
             now += 0.05
     for behaviour in move_base.recoveries:
         behaviour.start(now, pose)
