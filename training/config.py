@@ -34,7 +34,7 @@ class TrainConfig:
     steps: int = option(PAPER_STEPS, "transitions (two-second decisions) to collect in all; the paper's 5 million")
     seed: int = option(0, "of everything drawn at random")
     device: str = option("auto", "where the learner computes: cpu, cuda, auto")
-    threads: int = option(0, "of the learner on the CPU; 0 leaves it to torch")
+    threads: int = option(0, "of the learner on the CPU; 0: the cores that the actors leave, at least one")
     # -- actors
     actors: int = option(0, "episodes driven at once; 0: one after the other in this process, the same in every run")
     pool: str = option("ray", "what the actors are", choices=("ray", "processes"))

@@ -7,6 +7,7 @@ best .safetensors, episodes.csv, evaluations.jsonl, curves.png, tensorboard/.
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
 import time
@@ -45,9 +46,7 @@ class Training:
         if not config.resume and (self.folder / "config.json").exists():
             raise ConfigError("%s holds a run already: --resume goes on with it, another --out begins a new one"
                               % self.folder)
-        if config.threads:
-            import torch
-            torch.set_num_threads(config.threads)
+        set_threads(config)
         self.learner = Learner(layout, _with_rows(config, dataset), self.folder)
         self.dataset = dataset
         write_json(self.folder / "config.json", dict(asdict(config), resume=False))
@@ -300,6 +299,16 @@ def prepare(config: TrainConfig):
         env.step(env.action_space.low)
         env.close()
     return settings, train, list(range(len(test))), ApplrEnv.layout
+
+
+def set_threads(config: TrainConfig) -> None:
+    """The learner's threads on the CPU: as asked, else the cores that actors on this machine leave. More threads than
+    free cores wait for each other and learn many times slower."""
+    import torch
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    elif config.actors and not config.ray_address:
+        torch.set_num_threads(max(1, (os.cpu_count() or 1) - config.actors))
 
 
 def _with_rows(config: TrainConfig, dataset: Optional[Dataset]):
