@@ -19,6 +19,7 @@ from training import config as options  # noqa: E402
 from training.config import ConfigError, TrainConfig, parse  # noqa: E402
 from training.dataset import Dataset, DatasetError, Writer, export_replay  # noqa: E402
 from training.learner import Learner  # noqa: E402
+from training.rounds import Rounds  # noqa: E402
 from training.train import Training, main  # noqa: E402
 from training.trajectory import Layout, Trajectory, unpack  # noqa: E402
 from training.worker import Policy  # noqa: E402
@@ -252,6 +253,28 @@ def test_an_environment_that_always_fails_ends_the_run_in_one_line(tmp_path, cap
     arguments[1] = "tests.toy_env:Broken"
     assert main(arguments) == 1
     assert "20 episodes in a row failed, the last with RuntimeError: the wheels came off" in capsys.readouterr().err
+
+
+def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
+    """Its times are no rivals of the first one's."""
+    def drive(rounds, step, seconds):
+        for number in iter(lambda: rounds.due(step), None):
+            tasks = rounds.begin(number, step, step)
+            for task in tasks:
+                summary = rounds.add({"task": task, "return": -seconds, "length": 5, "success": seconds < 100,
+                                      "collided": task["world"] == 1, "time_s": seconds, "timeout": False})
+            yield summary
+    first = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="kinematic")
+    assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
+    (summary,) = drive(first, 130, 10.0)
+    assert summary["round"] == 1 and summary["score"] == 12.0 and summary["best"]
+    assert [s["best"] for s in drive(first, 210, 11.0)] == [False]
+    again = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="kinematic")
+    assert again.best["step"] == 130 and again.default["time_s"] == 20.0 and again.due(299) is None
+    other = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="pybullet")
+    summaries = list(drive(other, 310, 100.0))
+    assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
+    assert summaries[1]["time_s"] is None and summaries[1]["score"] == 102.0
 
 
 def test_help_names_every_option_and_noise_is_the_papers():

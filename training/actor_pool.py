@@ -43,7 +43,7 @@ class Pool:
         self._lock = threading.Lock()
 
     def publish(self, version: int, weights: bytes) -> None:
-        """The newest policy; actors get it with their next task."""
+        """The newest policy; actors get it with their next task. They wait for the first."""
         with self._lock:
             self.version, self._weights = version, weights
 
@@ -130,7 +130,7 @@ class _Threaded(Pool):
         try:
             while not self._stop.is_set():
                 for slot in self._slots:
-                    if slot.since is None and self._answers.qsize() < self._waiting:
+                    if slot.since is None and self.version >= 0 and self._answers.qsize() < self._waiting:
                         self._give(slot)
                 for slot, answer in self._collect(0.1):
                     if answer is None:

@@ -16,12 +16,14 @@ THETA0 = -1     # number of the round that drives the default
 
 
 class Rounds:
-    """worlds: indices to drive; trials: in each. A round is due every `every` steps (transitions; offline: updates)."""
+    """worlds: indices to drive; trials: in each; setting: which worlds and simulator, in words. A round is due every
+    `every` steps (transitions; offline: updates)."""
 
-    def __init__(self, folder, worlds: List[int], trials: int, every: int, seed: int, contact_seconds: float):
+    def __init__(self, folder, worlds: List[int], trials: int, every: int, seed: int, contact_seconds: float,
+                 setting: str = ""):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
-        self.contact_seconds = contact_seconds
+        self.contact_seconds, self.setting = contact_seconds, setting
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None       # of the round under way
         self._results: List[Dict[str, Any]] = []
@@ -53,25 +55,31 @@ class Rounds:
             self._results.append(result)
         if self._open > 0:
             return None
-        summary = dict(self._summary(), round=self.number, step=self.step, version=self.version)
+        summary = dict(self._summary(), round=self.number, step=self.step, version=self.version,
+                       setting=self.setting)
         self.number = None
         if "score" not in summary:
             raise StorageError("every trial of an evaluation failed; see the messages above")
         summary["best"] = summary["round"] != THETA0 and summary["score"] < min(
-            [r["score"] for r in self.history if r["round"] != THETA0], default=float("inf"))
+            [r["score"] for r in self.here if r["round"] != THETA0], default=float("inf"))
         self.history.append(summary)
         _write(self.path, self.history)
         return summary
+
+    @property
+    def here(self) -> List[Dict[str, Any]]:
+        """The rounds of the present setting: another simulator's times are no rivals."""
+        return [r for r in self.history if r["setting"] == self.setting]
 
     # -- what ----------------------------------------------------------------------------------------
     @property
     def default(self) -> Optional[Dict[str, Any]]:
         """The default parameters' summary."""
-        return next((r for r in self.history if r["round"] == THETA0), None)
+        return next((r for r in self.here if r["round"] == THETA0), None)
 
     @property
     def best(self) -> Optional[Dict[str, Any]]:
-        return next((r for r in reversed(self.history) if r["best"]), None)
+        return next((r for r in reversed(self.here) if r["best"]), None)
 
     def _summary(self) -> Dict[str, Any]:
         """Means over the round's trials. score [s]: mean time, a failure counting its limit, a contact some seconds."""
@@ -163,7 +171,7 @@ def draw_curves(path, episodes: Episodes, rounds: Rounds, window: int = 100) -> 
     import io
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     rows = np.array(episodes.rows, dtype=np.float64).reshape(-1, 5)
-    dots = [r for r in rounds.history if r["round"] != THETA0]
+    dots = [r for r in rounds.here if r["round"] != THETA0]
     for axes, (name, column, label) in zip(figure.subplots(1, 2), (
             ("length", 2, "episode length [two-second decisions]"), ("return", 1, "episode return"))):
         if len(rows):

@@ -34,6 +34,7 @@ class Trials:
             self.pool = Processes(settings, self._next, actors)
         else:
             self.pool = RayPool(settings, self._next, actors, address or None)
+        self.pool.publish(0, b"")       # no policy: the tasks say what to drive
 
     def _next(self, slot):
         return self.queue.pop(0) if self.queue else {"kind": "idle"}

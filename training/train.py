@@ -53,7 +53,8 @@ class Training:
         self.extra = self._resume() if config.resume else {}
         self.episodes = self.episodes if config.resume else Episodes(self.folder, 0)
         self.rounds = Rounds(self.folder, _spread(test_worlds, config.eval_count), config.eval_trials,
-                             config.eval_every, config.seed, config.contact_seconds)
+                             config.eval_every, config.seed, config.contact_seconds, setting="%s, %s" % (
+                                 config.eval_worlds, config.eval_simulator or config.simulator))
         order = easiest_first(train_worlds) if config.curriculum and train_worlds else None
         self.tasks = Tasks(config, len(train_worlds) if train_worlds else None, order, self.learner.replay.episodes_of)
         self.tasks.transitions = self.learner.transitions

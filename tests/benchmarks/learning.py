@@ -114,6 +114,7 @@ def actor_rate(actors, seconds=20.0):
     tasks = Tasks(TrainConfig(warmup=10 ** 9).resolved(), 250)
     settings = {"env": "training.env:ApplrEnv", "train": {}, "evaluate": {}}
     pool = Processes(settings, tasks.next, actors)
+    pool.publish(0, b"")
     try:
         came, begun = 0, None
         while begun is None or time.perf_counter() - begun < seconds:
