@@ -18,8 +18,8 @@ CYCLE = 0.05            # simulated seconds between commands, and between scans
 
 
 def sim_speed(name, seconds=20.0, scans=False, repeats=3):
-    """Simulated seconds per wall second of simulator `name`, driven to and fro on the course at 20 Hz, in contact now and
-    then; with a scan per cycle if `scans`. The best of `repeats`."""
+    """Simulated seconds per wall second of simulator `name`, driven to and fro on the course at 20 Hz, in contact
+    now and then; with a scan per cycle if `scans`. The best of `repeats`."""
     simulator, world = sim_bridge.make(name), worlds.load(WORLD)
     cycles, best = int(seconds / CYCLE), 0.0
     _drive(simulator, world, 10, scans)
