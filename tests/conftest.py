@@ -1,12 +1,88 @@
-"""For all tests: a run in which no test passed is a failure; what needs Python 3.10 is left out on Noetic's 3.8."""
+"""For all tests: a run in which no test passed is a failure; what needs Python 3.10 is left out on Noetic's 3.8; each
+file that starts ROS nodes has a process, and so a ROS master, of its own.
+
+rospy knows one master and one node name per process. Where several files with ROS tests are collected, each is
+therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. Alone, a file
+runs here.
+"""
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+CHILD = "APPLR_TESTS_OF_ONE_FILE"
+HERE = Path(__file__).parent
+USES_ROS = re.compile(r"^\s*(from|import) (rospy|%s)\b" % "|".join(
+    path.stem for path in HERE.glob("*.py") if "import rospy" in path.read_text(encoding="utf-8")), re.MULTILINE)
+LONGEST = 900       # seconds for one file
+
 if sys.version_info < (3, 10):
     needs_training = re.compile(r"^\s*(from|import) (training|torch|gymnasium|ray)\b", re.MULTILINE)
-    collect_ignore = [path.name for path in Path(__file__).parent.glob("test_*.py")
+    collect_ignore = [path.name for path in HERE.glob("test_*.py")
                       if needs_training.search(path.read_text(encoding="utf-8"))]
+
+
+class FileInOwnProcess(pytest.Item):
+    """All selected tests of one file, run by another pytest."""
+
+    def __init__(self, tests, **options):
+        super().__init__(**options)
+        self.tests, self.output = tests, ""
+
+    def runtest(self):
+        command = [sys.executable, "-m", "pytest", "--no-header", "-p", "no:cacheprovider", *self.tests]
+        try:
+            done = subprocess.run(command, env=dict(os.environ, **{CHILD: "1"}), cwd=self.config.rootpath,
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LONGEST,
+                                  check=False)
+        except subprocess.TimeoutExpired as late:
+            self.output = "not done within %d s\n%s" % (LONGEST, (late.stdout or b"").decode(errors="replace"))
+            raise FileFailed from None
+        self.output = done.stdout
+        last = done.stdout.strip().splitlines()[-1:]
+        self.config.stash[SUMMARIES].append("%s: %s" % (self.path.name, "".join(last).strip("= ")))
+        if done.returncode:
+            raise FileFailed
+
+    def repr_failure(self, excinfo, style=None):
+        return self.output if excinfo.errisinstance(FileFailed) else super().repr_failure(excinfo)
+
+    def reportinfo(self):
+        return self.path, None, "%d tests in a process of their own" % len(self.tests)
+
+
+class FileFailed(Exception):
+    """Some test of the file did not pass; the output says which."""
+
+
+SUMMARIES = pytest.StashKey()
+
+
+def pytest_configure(config):
+    config.stash[SUMMARIES] = []
+
+
+def pytest_collection_modifyitems(config, items):
+    if CHILD in os.environ or config.option.collectonly:
+        return
+    by_file = {}
+    for item in items:
+        by_file.setdefault(item.path, []).append(item)
+    apart = [path for path in by_file if USES_ROS.search(path.read_text(encoding="utf-8"))]
+    if len(apart) < 2:
+        return
+    items[:] = [item for item in items if item.path not in apart]
+    for path in apart:
+        items.append(FileInOwnProcess.from_parent(by_file[path][0].getparent(pytest.Module), name="own process",
+                                                  tests=[item.nodeid for item in by_file[path]]))
+
+
+def pytest_terminal_summary(terminalreporter):
+    for line in terminalreporter.config.stash[SUMMARIES]:
+        terminalreporter.write_line(line)
 
 
 def pytest_sessionfinish(session, exitstatus):
