@@ -1,0 +1,135 @@
+"""The planner's maps on courses like BARN's: the inflation of the local map, navfn on the global one, and what scan and
+maps cost in a control cycle. Called by run.py.
+
+Times are processor time. FORMAT.md of the golden set has the C++ figures: inflation of 200 x 200 cells 179 us, navfn
+on 800 x 800 cells 1,076 us.
+"""
+import math
+from time import process_time
+
+import numpy as np
+
+import worlds
+from applr_ros1.planner import footprint
+from applr_ros1.planner.costmap import Costmap
+from applr_ros1.planner.inflation_layer import InflationParameters
+from applr_ros1.planner.navfn import Navfn
+from applr_ros1.planner.scan import LaserScan, project
+from sim_bridge import jackal
+from sim_bridge.lidar import Lidar
+
+COURSES = (3, 60, 140, 250)         # of the built-in worlds, from sparse to dense
+SPEED = 0.5                         # [m/s] along the reference path
+PERIOD = 0.05
+REPEATS = 3                         # of each drive; the least time of an update counts
+JACKAL = footprint.pad(jackal.FOOTPRINT, 0.1)
+
+
+def inflation():
+    """One update of the inflation layer of the local map, 200 x 200 cells, r = .30, while driving."""
+    times, anew = [], []
+    for clouds, _ in map(_drive, COURSES):
+        runs = []
+        for _ in range(REPEATS):
+            local, _ = _maps()
+            local.inflation.update = _timed(local.inflation.update)
+            for pose, scan in clouds:
+                local.update(pose, project(scan))
+            runs.append(local.inflation.update.took)
+        times.append(np.min(runs, axis=0))
+        anew.append(_anew(local))
+    return 1e6 * np.mean(np.concatenate(times)), "us (whole map from nothing: %.0f us)" % (1e6 * np.mean(anew))
+
+
+def navfn():
+    """One plan on the global map, 800 x 800 cells, from the driving robot to the goal, the map changing meanwhile."""
+    times = []
+    for clouds, goal in map(_drive, COURSES):
+        runs = []
+        for _ in range(REPEATS):
+            _, world = _maps()
+            plan = _timed(Navfn().plan)
+            for pose, scan in clouds:
+                world.update(pose, project(scan))
+                plan(world, pose[:2], goal)
+            runs.append(plan.took)
+        times.append(np.min(runs, axis=0))
+    every = np.concatenate(times)
+    return 1e6 * np.mean(every), "us (mean over %d positions; median %.0f us)" % (len(every), 1e6 * np.median(every))
+
+
+def scan_and_maps():
+    """Projection of a scan and one update of both costmaps, per control cycle while driving."""
+    times = []
+    for clouds, _ in map(_drive, COURSES):
+        runs = []
+        for _ in range(REPEATS):
+            local, world = _maps()
+
+            def cycle(pose, scan):
+                cloud = project(scan)
+                local.update(pose, cloud)
+                world.update(pose, cloud)
+
+            cycle = _timed(cycle)
+            for pose, scan in clouds:
+                cycle(pose, scan)
+            runs.append(cycle.took)
+        times.append(np.min(runs, axis=0))
+    return 1e6 * np.mean(np.concatenate(times)), "us"
+
+
+def _maps():
+    """The Jackal's local and global costmap."""
+    inflated = InflationParameters(0.3)
+    return (Costmap(10, 10, 0.05, rolling=True, footprint=JACKAL, inflation=inflated),
+            Costmap(40, 40, 0.05, (-20, -20), footprint=JACKAL, inflation=inflated))
+
+
+def _timed(function):
+    """The function, with the processor time of each call appended to its `took`."""
+    def call(*arguments):
+        began = process_time()
+        result = function(*arguments)
+        call.took.append(process_time() - began)
+        return result
+    call.took = []
+    return call
+
+
+def _anew(costmap):
+    """Least time of inflating the whole map with nothing to build on."""
+    layer = costmap.inflation
+    base = np.where(costmap.cells == 254, 254, 0).astype(np.uint8)
+    took = []
+    for _ in range(10):
+        layer._forget()
+        began = process_time()
+        type(layer).update(layer, costmap.cells, base, (0, 0) + costmap.size)
+        took.append(process_time() - began)
+    return min(took)
+
+
+def _drive(number):
+    """[(pose, LaserScan)] in the frame of the start, along a built-in world's reference path; and the goal there."""
+    world = worlds.load("generated:%d" % number)
+    course, lidar, noise = world.course, Lidar(world.cylinders, world.boxes), np.random.default_rng(number)
+    start = np.array(course.start[:2])
+    path = np.vstack((start, course.path))
+    along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
+
+    def at(distance):
+        near = distance + np.linspace(-0.25, 0.25, 11)          # smoothed: the path follows a grid
+        return np.array([np.interp(near, along, path[:, axis]).mean() for axis in (0, 1)])
+
+    clouds = []
+    for distance in np.arange(0.0, along[-1], SPEED * PERIOD):
+        x, y = at(distance)
+        ahead = at(distance + 0.1)
+        yaw = math.atan2(ahead[1] - y, ahead[0] - x)
+        sensor = (x + jackal.LASER_OFFSET[0] * math.cos(yaw), y + jackal.LASER_OFFSET[0] * math.sin(yaw))
+        ranges = lidar.scan(*sensor, yaw) + noise.normal(0, jackal.SCAN_NOISE, jackal.BEAMS)
+        scan = LaserScan(0.0, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX,
+                         ranges.astype(np.float32), (sensor[0] - start[0], sensor[1] - start[1], yaw))
+        clouds.append(((x - start[0], y - start[1], yaw), scan))
+    return clouds, (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])
