@@ -17,7 +17,7 @@ pytest_plugins = ("move_base_stack",)
 # -- faults --------------------------------------------------------------------------------------------------------
 def stands_still_and_recovers(stack, words, break_it, mend_it, within=2.0):
     stack.client.send_goal(goal(4.0))
-    wait_for(lambda: stack.jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: stack.jackal.robot.twist[0] > 0.3, 10.0, "motion")
     said = len(stack.node.text)
     broken = time.time()
     break_it()
@@ -25,7 +25,7 @@ def stands_still_and_recovers(stack, words, break_it, mend_it, within=2.0):
     wait_for(lambda: words in stack.node.text[said:], 2.0, words)
     took = time.time() - broken
     mend_it()
-    wait_for(lambda: stack.jackal.robot.twist[0] > 0.3, 5.0, "motion again")
+    wait_for(lambda: stack.jackal.robot.twist[0] > 0.3, 10.0, "motion again")
     stack.client.cancel_all_goals()
     return took
 
@@ -114,18 +114,18 @@ def test_zero_velocity_at_shutdown_and_theta_0_without_policy_and_clock_faults(s
     assert servers[0].get_configuration()["vtheta_samples"] == 20
     assert servers[0].get_configuration()["sim_time"] == 1.5  # not one of the eight
     wait_for(lambda: servers[1].get_configuration()["inflation_radius"] == 0.3, 3.0, "theta_0")
-    assert stack.node.text.count("no sign of the applr node") == 1
+    wait_for(lambda: "no sign of the applr node" in stack.node.text, 3.0, "a line about it")
     for server in servers:
         server.close()
 
     # the clock stalls
     client.send_goal(goal(4.0))
-    wait_for(lambda: jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: jackal.robot.twist[0] > 0.3, 10.0, "motion")
     jackal.ticking = False
     wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), 3.0, "stop")
     assert "/clock has not moved" in stack.node.text
     jackal.ticking = True
-    wait_for(lambda: jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: jackal.robot.twist[0] > 0.3, 10.0, "motion")
 
     # the clock goes back: an episode begins anew
     jackal.clock = 3.0
@@ -137,7 +137,7 @@ def test_zero_velocity_at_shutdown_and_theta_0_without_policy_and_clock_faults(s
 
     # Ctrl-C while driving
     client.send_goal(goal(4.0))
-    wait_for(lambda: jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: jackal.robot.twist[0] > 0.3, 10.0, "motion")
     assert stack.node.end() == 0
     time.sleep(0.1)
     assert jackal.commands[-1][1:] == (0.0, 0.0), stack.node.text

@@ -48,7 +48,7 @@ def test_goal_is_reached_through_the_action(idle):
 
 def test_preempt(idle):
     idle.client.send_goal(goal(4.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
     idle.client.cancel_goal()
     assert finish(idle.client, 1.0) == (PREEMPTED, "")
     time.sleep(0.2)
@@ -127,7 +127,7 @@ def test_make_plan_and_its_refusal_while_driving(idle):
     assert make(here, goal(math.nan).target_pose, 1.0).plan.poses == []
     assert navfn(here, goal(99.0).target_pose, 0.0).plan.poses == []
     idle.client.send_goal(goal(4.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
     with pytest.raises(rospy.ServiceException, match="inactive"):
         make(here, there, 0.0)
     assert len(navfn(here, there, 0.0).plan.poses) > 30
@@ -139,7 +139,7 @@ def test_requests_hammered_while_driving(idle):
     from nav_msgs.srv import GetPlan
     from std_srvs.srv import Empty
     idle.client.send_goal(goal(3.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
     idle.jackal.commands.clear()
     calls, over = [0, 0], time.time() + 2.5
 
@@ -164,7 +164,7 @@ def test_requests_hammered_while_driving(idle):
 # -- maps ----------------------------------------------------------------------------------------------------------
 def test_costmaps_footprints_and_cloud(idle):
     import rospy
-    from geometry_msgs.msg import Polygon, PolygonStamped
+    from geometry_msgs.msg import Point32, Polygon, PolygonStamped
     from map_msgs.msg import OccupancyGridUpdate
     from nav_msgs.msg import OccupancyGrid
     from sensor_msgs.msg import PointCloud2
@@ -190,5 +190,18 @@ def test_costmaps_footprints_and_cloud(idle):
     # the same name also takes an outline, as in C++
     publisher = rospy.Publisher("/move_base/global_costmap/footprint", Polygon, queue_size=1)
     wait_for(lambda: publisher.get_num_connections(), 5.0, "connection")
+    before = (np.array(world[-1].data) == 99).sum()
+    for side in (0.4, 0.165):
+        world.clear()
+        publisher.publish(Polygon([Point32(x, y, 0.0) for x, y in (
+            (-0.21, -side), (-0.21, side), (0.21, side), (0.21, -side))]))
+        time.sleep(0.2)
+        subscribers[0].unregister()
+        subscribers = (rospy.Subscriber("/move_base/global_costmap/costmap", OccupancyGrid, world.append),) \
+            + subscribers[1:]
+        wait_for(lambda: world, 5.0, "whole map")
+        if side == 0.4:
+            assert (np.array(world[-1].data) == 99).sum() > before  # a larger inscribed radius
+    publisher.unregister()
     for s in subscribers:
         s.unregister()

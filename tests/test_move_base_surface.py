@@ -106,7 +106,7 @@ def test_fifty_reconfigures_a_second_leave_no_gap(idle):
     clients = [Client(server, timeout=5.0) for server in (
         PLANNER, "/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")]
     idle.client.send_goal(goal(3.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 5.0, "motion")
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
     idle.jackal.commands.clear()
     took, over = [], time.time() + 2.5
     while time.time() < over:

@@ -273,7 +273,8 @@ def main() -> int:
         print("move_base: parameter %s" % problem, file=sys.stderr)
     if problems:
         return 1
-    logging.getLogger("rospy.internal").addFilter(_OwnFootprints())
+    for logger in ("rosout", "rospy.internal"):
+        logging.getLogger(logger).addFilter(_OwnFootprints())
     began = time.monotonic()
     warm_up()
     rospy.logdebug("kernels took %.1f s", time.monotonic() - began)
