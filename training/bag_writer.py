@@ -70,6 +70,14 @@ class BagWriter:
                        make("geometry_msgs/msg/Twist", self._vector(twist[0]), self._vector(0.0, 0.0, twist[1])),
                        zeros))
 
+    def command(self, time: float, v: float, w: float) -> None:
+        """What the base is told to drive [m/s, rad/s]."""
+        self._put(self.topics.command, "geometry_msgs/msg/Twist", time, self._vector(v), self._vector(0.0, 0.0, w))
+
+    def told(self, time: float, **what) -> None:
+        """Who demonstrates and where, as JSON; the teleoperation node says the same."""
+        self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
+
     def plan(self, time: float, plan) -> None:
         """plan (n, 3) in frame odom."""
         header = self._header(time, "odom")

@@ -36,6 +36,8 @@ class Topics:
     move_base: str = "/move_base"
     collision: str = "/sim_bridge/collision"
     applr: str = "/applr"
+    command: str = "/cmd_vel"
+    demonstration: str = "/demonstration"   # String: JSON of who demonstrated (teleop.py, demonstrate.py)
 
 
 @dataclass
@@ -81,7 +83,7 @@ class Recording:
         return kept
 
     def _messages(self, topic, at_least=0, wanted=None):
-        with _open(self.path) as reader:
+        with open_bag(self.path) as reader:
             connections = [c for c in reader.connections if c.topic == topic]
             packed = (p for p in (reader.messages(connections) if connections else ()) if len(p[2]) >= at_least)
             for i, (connection, _, raw) in enumerate(packed):
@@ -103,7 +105,7 @@ def read(path, topics: Topics = Topics()) -> Recording:
     path = Path(path)
     recording = Recording(path, topics)
     try:
-        with _open(path) as reader:
+        with open_bag(path) as reader:
             _fill(recording, reader)
     except BagError:
         raise
@@ -121,7 +123,7 @@ def read(path, topics: Topics = Topics()) -> Recording:
     return recording
 
 
-def _open(path: Path) -> AnyReader:
+def open_bag(path: Path) -> AnyReader:
     """A reader of a .bag file, or of a ROS 2 folder (with metadata.yaml) or .mcap file in it."""
     if not path.exists():
         raise BagError("%s: not there" % path)

@@ -17,6 +17,7 @@ from applr_ros1.nodes.applr_topics import Topics
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import ActorError
+from applr_ros1.policy.appld import AppldError
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
@@ -191,7 +192,7 @@ def make_method(mode, policy, parameters, seed):
     """The method for `mode`. When its file cannot be used: one line, and the planner drives on theta_0."""
     try:
         return methods.make(mode, policy=policy, parameters=parameters, seed=seed), ""
-    except (ActorError, SpaceError) as e:
+    except (ActorError, AppldError, SpaceError) as e:
         if mode not in methods.METHODS:
             raise
         return methods.make("dwa"), str(e)

@@ -49,7 +49,7 @@ def parse(words, known):
 
 
 def check(values):
-    """Raise ArgumentError, WorldError, SpaceError or ActorError, each of one line, if the stack cannot start so.
+    """Raise ArgumentError, WorldError, SpaceError, ActorError or AppldError, of one line, if the stack cannot start so.
 
     values: {name: text} for every argument of the launch file.
     """

@@ -9,6 +9,8 @@ import os
 import numpy as np
 
 from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.appld import Appld as Contexts
+from applr_ros1.policy.appld import Published
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
 
@@ -48,6 +50,20 @@ class Applr(Method):
         return self.actor.theta(obs)
 
 
+class Appld(Method):
+    """The paper's second baseline: the set of the context that the scan shows. policy: an APPLD file, "" for the
+    shipped one, or "published" for the authors' sets (chosen by a rule of ours: see policy/appld.py). Raises
+    AppldError (one line) when it cannot be used."""
+
+    def __init__(self, space=SPACE, policy="", **options):
+        super().__init__(space)
+        self.contexts = Published(space) if policy == "published" else Contexts.load(
+            policy or shipped("appld.safetensors"), space)
+
+    def theta(self, obs):
+        return self.contexts.theta(obs)
+
+
 class Fixed(Method):
     """One set of parameters. parameters: a JSON file {name: value}; names left out keep theta_0."""
     static = True
@@ -71,25 +87,26 @@ class Random(Method):
         return self.space.to_theta(self.rng.uniform(-1.0, 1.0, len(self.space)))
 
 
-METHODS = {"dwa": Default, "applr": Applr, "fixed": Fixed, "random": Random}
+METHODS = {"dwa": Default, "applr": Applr, "appld": Appld, "fixed": Fixed, "random": Random}
 
 
 def make(name, space=SPACE, **options):
-    """The method called `name`. Raises SpaceError for an unknown name, that or ActorError for bad files."""
+    """The method called `name`. Raises SpaceError for an unknown name; SpaceError, ActorError or
+    AppldError for bad files."""
     if name not in METHODS:
         raise SpaceError(f"mode {name!r} is unknown: give {', '.join(sorted(METHODS))}")
     return METHODS[name](space=space, **options)
 
 
-def shipped():
-    """Path of the actor that comes with the package: beside the code, or below share/ of an install space."""
+def shipped(name="applr.safetensors"):
+    """Path of a model that comes with the package: beside the code, or below share/ of an install space."""
     package = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
     prefix = os.path.join(package, *[os.pardir] * 4)
     for folder in (package, os.path.join(prefix, "share", "applr_ros1", "applr_ros1")):
-        path = os.path.normpath(os.path.join(folder, "models", "applr.safetensors"))
+        path = os.path.normpath(os.path.join(folder, "models", name))
         if os.path.exists(path):
             return path
-    return os.path.join(package, "models", "applr.safetensors")
+    return os.path.join(package, "models", name)
 
 
 def read_parameters(path, space=SPACE):

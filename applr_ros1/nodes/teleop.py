@@ -1,0 +1,197 @@
+"""The teleoperation node: a person drives the simulated or the real robot, and the drive becomes a bag to learn from
+(python -m training.appld BAG). Run by scripts/teleop.py in a terminal.
+
+Publishes cmd_vel (20 Hz) and /demonstration (who drives, latched). Parameters: ~input keyboard or joystick; ~joystick a
+device such as /dev/input/js0, or "" for the topic joy; ~button held to drive (4), ~axis_forward (1), ~axis_turn (0);
+~speed, ~turn; ~record a .bag. No goal should be active meanwhile: move_base commands the same robot (goal:=none).
+"""
+import json
+import math
+import os
+import signal
+import sys
+import threading
+import time
+
+import rosbag
+import rospy
+from geometry_msgs.msg import Twist
+from sensor_msgs.msg import Joy
+from std_msgs.msg import String
+
+from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, Pilot
+
+PERIOD = 0.05           # s of wall time between commands
+TOPICS = ("/front/scan", "/odometry/filtered", "/cmd_vel", "/demonstration", "/tf", "/tf_static", "/imu/data",
+          "/move_base/current_goal", "/sim_bridge/current_world", "/sim_bridge/collision")
+
+
+class TeleopError(ValueError):
+    """A wrong parameter, or hands that cannot be heard; one line."""
+
+
+class Recorder:
+    """Writes TOPICS into a bag as they come. It is PATH.active until it is closed, as rosbag record has it."""
+
+    def __init__(self, path, topics=TOPICS):
+        self.path, self.error, self.count = path, "", 0
+        if os.path.exists(path):
+            raise TeleopError("record is %s: it is there already; give another name" % path)
+        try:
+            self._bag = rosbag.Bag(path + ".active", "w")
+        except OSError as error:
+            raise TeleopError("record is %s: cannot be written (%s)" % (path, error.strerror or error)) from None
+        self._lock = threading.Lock()
+        self._heard = [rospy.Subscriber(topic, rospy.AnyMsg, self._write, topic, queue_size=100, buff_size=2 ** 24)
+                       for topic in topics]
+
+    def _write(self, message, topic):
+        header, now = message._connection_header, rospy.Time.now()
+        with self._lock:
+            if self._bag is None or self.error or not now:
+                return
+            try:
+                kind = type("Heard", (), {"_md5sum": header["md5sum"], "_full_text": header["message_definition"]})
+                self._bag.write(topic, (header["type"], message._buff, header["md5sum"], kind), now, raw=True)
+                self.count += 1
+            except Exception as error:      # a full disk, or a publisher that sends no definition
+                self.error = "%s: not recorded any more (%s)" % (self.path, str(error).splitlines()[0])
+
+    def close(self):
+        for subscriber in self._heard:
+            subscriber.unregister()
+        with self._lock:
+            bag, self._bag = self._bag, None
+            bag.close()
+        os.rename(self.path + ".active", self.path)
+
+
+class Hands:
+    """Keyboard, joystick device or topic joy, as one thing: hear(pilot, now) → False to end."""
+
+    def __init__(self, kind, device, button, forward, turn):
+        self.kind, self.keyboard, self.joystick, self._joy = kind, None, None, None
+        self.button, self.forward, self.turn = button, forward, turn
+        if kind == "keyboard":
+            self.keyboard = Keyboard()
+        elif device:
+            self.joystick = Joystick(device)
+        else:
+            rospy.Subscriber("joy", Joy, self._on_joy, queue_size=1)
+
+    def _on_joy(self, message):
+        self._joy = message
+
+    def hear(self, pilot, now):
+        if self.keyboard:
+            return all([pilot.key(key, now) for key in self.keyboard.keys()])
+        if self.joystick:
+            self.joystick.read()
+            stick = self.joystick
+            pilot.stick(stick.axes.get(self.forward, 0.0), stick.axes.get(self.turn, 0.0),
+                        stick.buttons.get(self.button, 0), now)
+            return True
+        message, self._joy = self._joy, None
+        if message is not None:
+            pilot.stick(_at(message.axes, self.forward), _at(message.axes, self.turn),
+                        _at(message.buttons, self.button), now)
+        return True
+
+    def __enter__(self):
+        if self.keyboard:
+            self.keyboard.__enter__()
+        return self
+
+    def __exit__(self, *exc):
+        if self.keyboard:
+            self.keyboard.__exit__(*exc)
+        if self.joystick:
+            self.joystick.close()
+
+
+def _at(values, number):
+    return values[number] if 0 <= number < len(values) else 0.0
+
+
+def drive(pilot, hands, publisher, recorder, clock=time.monotonic):
+    """Until the person ends it. Whatever happens, the last command is to stand. Raises TeleopError."""
+    last = clock()
+    try:
+        while not rospy.is_shutdown():
+            now = clock()
+            if not hands.hear(pilot, now):
+                return
+            if recorder and recorder.error:
+                raise TeleopError(recorder.error)
+            publisher.publish(_twist(*pilot.command(now, min(now - last, 0.2))))
+            last = now
+            time.sleep(PERIOD)
+    except OSError as error:
+        raise TeleopError("%s is gone (%s)" % (hands.kind, error.strerror or error)) from None
+    finally:
+        publisher.publish(_twist(0.0, 0.0))
+        time.sleep(0.1)         # so that it goes out, and into the bag
+
+
+def _twist(v, w):
+    message = Twist()
+    message.linear.x, message.angular.z = v, w
+    return message
+
+
+def _number(name, default, low, high):
+    value = rospy.get_param("~" + name, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) \
+            or not low <= value <= high:
+        raise TeleopError("%s is %r: give a number from %g to %g" % (name, value, low, high))
+    return value
+
+
+def _hands():
+    kind, device = rospy.get_param("~input", "keyboard"), str(rospy.get_param("~joystick", ""))
+    if kind not in ("keyboard", "joystick"):
+        raise TeleopError("input is %s: give keyboard or joystick" % kind)
+    numbers = [int(_number(name, default, 0, 63)) for name, default in (("button", 4), ("axis_forward", 1),
+                                                                        ("axis_turn", 0))]
+    try:
+        return Hands(kind, device, *numbers)
+    except OSError as error:
+        what = "joystick %s cannot be opened (%s)" % (device, error.strerror) if device else str(error)
+        raise TeleopError(what) from None
+
+
+def main():
+    """Exit status 0; 1 and one line for a mistake."""
+    rospy.init_node("teleop", disable_signals=True)     # rospy's own would shut the topics before the robot stands
+    signal.signal(signal.SIGTERM, _interrupt)
+    recorder = None
+    try:
+        pilot = Pilot(_number("speed", 0.5, 0.05, 2.0), _number("turn", 1.0, 0.1, 4.0))
+        path = str(rospy.get_param("~record", ""))
+        if path and not path.endswith(".bag"):
+            raise TeleopError("record is %s: give the path of a file that ends in .bag" % path)
+        with _hands() as hands:
+            who = rospy.Publisher("/demonstration", String, queue_size=1, latch=True)
+            who.publish(json.dumps({"demonstrator": "a person, by %s" % hands.kind}))
+            publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
+            recorder = Recorder(os.path.abspath(path)) if path else None
+            if hands.keyboard:
+                print(HELP, flush=True)
+            rospy.loginfo("teleop: ready, %s%s", hands.kind, ", recording %s" % path if path else "")
+            drive(pilot, hands, publisher, recorder)
+    except KeyboardInterrupt:
+        pass
+    except TeleopError as error:
+        print("teleop: %s" % error, file=sys.stderr)
+        return 1
+    finally:
+        if recorder:
+            recorder.close()
+            print("teleop: %s has %d messages; learn from it: rosrun applr_ros1 appld.py %s --out FILE.safetensors"
+                  % (recorder.path, recorder.count, recorder.path), flush=True)
+        rospy.signal_shutdown("teleop has ended")
+    return 0
+
+
+def _interrupt(*_):
+    raise KeyboardInterrupt

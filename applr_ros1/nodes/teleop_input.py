@@ -1,0 +1,126 @@
+"""What a person's hands say, for the teleoperation node (teleop.py): keys or a joystick as wanted velocities, smoothed.
+Nothing here knows ROS; time is an argument."""
+import os
+import select
+import struct
+import sys
+import termios
+import tty
+
+KEYS = {"i": (1, 0), "u": (1, 1), "o": (1, -1), "j": (0, 1), "l": (0, -1), "k": (0, 0), " ": (0, 0),
+        ",": (-1, 0), "m": (-1, -1), ".": (-1, 1)}      # forward, left; as teleop_twist_keyboard has them
+FASTER = {"w": (1.1, 1.0), "x": (1 / 1.1, 1.0), "e": (1.0, 1.1), "c": (1.0, 1 / 1.1), "q": (1.1, 1.1),
+          "z": (1 / 1.1, 1 / 1.1)}
+QUIT = "\x1b\x03\x04"           # Esc, Ctrl-C, Ctrl-D
+HELP = """  u i o     forward, with turns      w / x  speed more / less
+  j k l     turn, stop               e / c  turn rate more / less
+  m , .     back, with turns         Esc    end (and close the bag)
+hold a key to drive; the robot stops when it is let go"""
+HELD = 0.6                      # s for which a key or a stick counts after it was last heard: a terminal repeats late
+SPEED, TURN = (0.05, 2.0), (0.1, 4.0)                   # what may be set [m/s, rad/s]
+GAIN, BRAKE, TURN_GAIN = 1.0, 2.0, 6.0                  # of the smoothed command [m/s^2, m/s^2, rad/s^2]
+DEAD = 0.08                     # of a stick's way that counts as none
+
+
+class Pilot:
+    """Wanted and smoothed velocities. speed [m/s] and turn [rad/s]: what a key, or the whole way of a stick, gives."""
+
+    def __init__(self, speed=0.5, turn=1.0):
+        self.speed, self.turn = _within(speed, SPEED), _within(turn, TURN)
+        self.v = self.w = 0.0
+        self._wanted, self._heard = (0.0, 0.0), float("-inf")
+
+    def key(self, key, now):
+        """A key was heard at time `now` [s]. Returns False for one that ends."""
+        if key in QUIT:
+            self._wanted = (0.0, 0.0)
+            return False
+        if key in FASTER:
+            faster, quicker = FASTER[key]
+            self.speed, self.turn = _within(self.speed * faster, SPEED), _within(self.turn * quicker, TURN)
+        elif key in KEYS:
+            self._wanted, self._heard = KEYS[key], now
+        return True
+
+    def stick(self, forward, left, held, now):
+        """A joystick at time `now`: forward and left in [-1, 1]; it counts while the dead man's button is held."""
+        live = held and abs(forward) <= 1.001 and abs(left) <= 1.001        # NaN is neither
+        self._wanted = (_dead(forward), _dead(left)) if live else (0.0, 0.0)
+        self._heard = now
+
+    def command(self, now, dt):
+        """(v, w) [m/s, rad/s] for the time now, `dt` [s] after the last one."""
+        forward, left = self._wanted if now - self._heard < HELD else (0.0, 0.0)
+        if not (forward or left):
+            self._wanted = (0.0, 0.0)
+        v, w = forward * self.speed, left * self.turn
+        gain = GAIN if abs(v) > abs(self.v) and v * self.v >= 0.0 else BRAKE
+        self.v += max(-gain * dt, min(gain * dt, v - self.v))
+        self.w += max(-TURN_GAIN * dt, min(TURN_GAIN * dt, w - self.w))
+        return self.v, self.w
+
+
+class Keyboard:
+    """The terminal, key by key. Context manager; raises OSError where standard input is no terminal."""
+
+    def __init__(self, stream=sys.stdin):
+        self.file = stream.fileno()
+        if not os.isatty(self.file):
+            raise OSError("standard input is no terminal: start it with rosrun in one, or take _input:=joystick")
+
+    def __enter__(self):
+        self._before = termios.tcgetattr(self.file)
+        tty.setcbreak(self.file)
+        return self
+
+    def __exit__(self, *exc):
+        termios.tcsetattr(self.file, termios.TCSADRAIN, self._before)
+
+    def keys(self):
+        """What was typed since the last call."""
+        typed = b""
+        while select.select([self.file], [], [], 0.0)[0]:
+            more = os.read(self.file, 64)
+            if not more:
+                return QUIT[0]          # the terminal is gone
+            typed += more
+        text = typed.decode("ascii", "ignore")
+        return "" if text.startswith("\x1b[") else text     # an arrow key is not Esc
+
+
+class Joystick:
+    """A Linux joystick device (/dev/input/js0), read directly. axes, buttons: {number: value}, an axis in [-1, 1] with
+    forward and left positive, as ROS's joy node has them."""
+    EVENT = struct.Struct("<IhBB")
+
+    def __init__(self, path):
+        self.path = path
+        self.file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        self.axes, self.buttons = {}, {}
+
+    def read(self):
+        """Takes in what happened since the last call. Raises OSError when the device is gone."""
+        while True:
+            try:
+                data = os.read(self.file, 64 * self.EVENT.size)
+            except BlockingIOError:
+                return
+            for at in range(0, len(data) - self.EVENT.size + 1, self.EVENT.size):
+                _, value, kind, number = self.EVENT.unpack_from(data, at)
+                if kind & 0x02:
+                    self.axes[number] = -value / 32767.0
+                elif kind & 0x01:
+                    self.buttons[number] = value
+            if len(data) < 64 * self.EVENT.size:
+                return
+
+    def close(self):
+        os.close(self.file)
+
+
+def _dead(value):
+    return float(value) if abs(value) > DEAD else 0.0
+
+
+def _within(value, bounds):
+    return min(bounds[1], max(bounds[0], float(value)))

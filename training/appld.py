@@ -1,0 +1,166 @@
+"""APPLD, the paper's second baseline, from demonstrations to a file that drives: rosrun applr_ros1 appld.py, or
+python -m training.appld. Changepoints cut the demonstrations into contexts, CMA-ES finds each context's parameters,
+a small network learns to tell the context from the scan. The file is for evaluate.py (appld:FILE) and mode:=appld."""
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any, Dict, List
+
+import numpy as np
+
+from applr_ros1.policy import appld as runtime
+from applr_ros1.policy.parameter_space import SPACE
+from training import appld_classifier, appld_fit, contexts
+from training.bags import BagError, Topics, find
+from training.demonstration import Demonstration, read
+from training.storage import StorageError, make_folder, write_bytes
+
+
+def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[str, Any]:
+    """Writes the APPLD file `out`, its log beside it (OUT_log.json) and a card (OUT.md); returns the log."""
+    began = time.monotonic()
+    found = contexts.find(demonstrations, options.contexts, options.penalty)
+    for s in found.segments:
+        d = demonstrations[s.demonstration]
+        say("%s %5.1f to %5.1f s: context %s" % (d.name, d.time[s.first], d.time[s.last - 1], found.names[s.context]))
+    fits = _fits(demonstrations, found, options, say)
+    labels = [np.full(s.last - s.first, s.context) for s in found.segments]
+    scans = [demonstrations[s.demonstration].ranges[s.first:s.last] for s in found.segments]
+    weights, classifier = appld_classifier.train(appld_classifier.inputs(np.concatenate(scans)),
+                                                 np.concatenate(labels), len(found.names), options.seed, options.steps)
+    say("classifier: %.3f of the instants right, %s of those held out" % (classifier["accuracy"],
+                                                                          classifier["held_out"]))
+    log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
+    sets = {name: f.theta for name, f in zip(found.names, fits)}
+    try:
+        make_folder(Path(out).parent)
+        short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
+        runtime.save(out, sets, weights, {"training": json.dumps(short)})
+    except OSError as error:
+        raise StorageError("%s: cannot be written (%s)" % (out, error.strerror or error)) from None
+    stem = str(Path(out).with_suffix(""))
+    write_bytes(stem + "_log.json", (json.dumps(log, indent=1) + "\n").encode())
+    write_bytes(stem + ".md", _card(log).encode())
+    return log
+
+
+def _fits(demonstrations, found, options, say) -> List[appld_fit.Fit]:
+    copies: List[List[appld_fit.Stretch]] = [[] for _ in found.names]
+    for number, d in enumerate(demonstrations):
+        spans = [s for s in found.segments if s.demonstration == number]
+        for s, stretch in zip(spans, appld_fit.stretches(d, spans, options.longest)):
+            copies[s.context].append(stretch)
+    fits = []
+    for k, (name, own) in enumerate(zip(found.names, copies)):
+        def tell(now, name=name):
+            if options.verbose:
+                say("  %s: %d replays, loss %.4f" % (name, now.evaluations, now.loss))
+        fits.append(appld_fit.fit(own, options.evaluations, options.seed + k, tell))
+        last = fits[-1]
+        say("context %s: loss %.4f (theta_0: %.4f), rms %.2f m/s %.2f rad/s, %d replays of %d instants: %s"
+            % (name, last.loss, last.loss_theta0, *last.error, last.evaluations, last.instants,
+               json.dumps(_short(last.theta))))
+    return fits
+
+
+def _short(theta) -> Dict[str, float]:
+    return {name: round(value, 3) for name, value in SPACE.as_dict(theta).items()}
+
+
+def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str, Any]:
+    return {
+        "command": "python -m training.appld " + " ".join(options.given),
+        "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
+        "segments": [{"demonstration": s.demonstration, "from_s": round(float(demonstrations[s.demonstration]
+                      .time[s.first]), 2), "instants": s.last - s.first, "context": found.names[s.context]}
+                     for s in found.segments],
+        "contexts": [{"name": name, "features": dict(zip(contexts.FEATURES, mean.round(3).tolist())),
+                      "parameters": SPACE.as_dict(f.theta), "loss": round(f.loss, 5),
+                      "loss_theta0": round(f.loss_theta0, 5), "rms_v_w": f.error, "rms_v_w_theta0": f.error_theta0,
+                      "replays": f.evaluations, "instants": f.instants, "search": f.log}
+                     for name, mean, f in zip(found.names, found.means, fits)],
+        "classifier": classifier, "turn_weight": appld_fit.TURN_WEIGHT, "pull": appld_fit.PULL,
+        "seconds": round(seconds, 1)}
+
+
+def _card(log) -> str:
+    """A model card in Markdown."""
+    shown = ["%s (%s, %.1f s)" % (d["bag"], ", ".join("%s: %s" % (k, v) for k, v in d.items()
+                                                       if k not in ("bag", "seconds")), d["seconds"])
+             for d in log["demonstrations"]]
+    lines = ["# APPLD: contexts and parameters from demonstrations", "",
+             "Method `appld:FILE` of evaluate.py, and launch mode `appld`. Made by", "", "    " + log["command"], "",
+             "from:", ""] + ["- " + text for text in shown] + [
+             "", "A demonstration by a script is no person's: it knows the map, and its taste in speed is ours.", "",
+             "| context | %s | rms of v, w (θ₀) |" % " | ".join(SPACE.names), "|---" * (len(SPACE) + 2) + "|"]
+    for c in log["contexts"]:
+        values = " | ".join("%g" % round(v, 3) for v in c["parameters"].values())
+        lines.append("| %s | %s | %.2f m/s, %.2f rad/s (%.2f, %.2f) |"
+                     % (c["name"], values, *c["rms_v_w"], *c["rms_v_w_theta0"]))
+    found = log["classifier"]
+    lines += ["", "Names tell a context from the others by the medians of speed and room, no more. rms: the planner's "
+              "commands about the demonstrated ones, over %s instants of 50 ms, the planner put in the demonstrator's "
+              "place each time." % " + ".join(str(c["instants"]) for c in log["contexts"]), "",
+              "Classifier: 720 beams → %d → %d, numpy at run time. It is right in %.1f %% of the instants it learnt "
+              "from; trained without every fifth two seconds, in %s of those."
+              % (appld_classifier.HIDDEN, len(log["contexts"]), 100.0 * found["accuracy"],
+                 "none" if found["held_out"] is None else "%.1f %%" % (100.0 * found["held_out"])), ""]
+    return "\n".join(lines)
+
+
+def parse(arguments) -> argparse.Namespace:
+    p = argparse.ArgumentParser(prog="appld.py", description=__doc__,
+                                formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p.add_argument("bags", nargs="+", help="demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and commands")
+    p.add_argument("--out", required=True, help="the file to write (.safetensors); log and card go beside it")
+    p.add_argument("--contexts", type=int, default=4, help="at most so many; 0: each segment is one, as in the APPLD "
+                                                           "paper")
+    p.add_argument("--penalty", type=float, default=3.0, help="of a changepoint: more gives fewer segments")
+    p.add_argument("--evaluations", type=int, default=200, help="replays of each context in the search")
+    p.add_argument("--longest", type=int, default=120, help="instants of 50 ms of a segment that are replayed")
+    p.add_argument("--steps", type=int, default=1500, help="of the classifier's training")
+    p.add_argument("--seed", type=int, default=0, help="of everything drawn")
+    p.add_argument("--scan", default=Topics.scan, help="topic of the scans")
+    p.add_argument("--odometry", default=Topics.odometry, help="topic of the odometry")
+    p.add_argument("--command", default=Topics.command, help="topic of the velocity commands")
+    p.add_argument("--verbose", action="store_true", help="a line for each generation of the search")
+    given = [a for a in arguments if ":=" not in a]     # ROS remapping arguments are ignored
+    options = p.parse_args(given)
+    options.given = [_plain(a) for a in given]
+    return options
+
+
+def _plain(word: str) -> str:
+    """A path as it goes into the card: without this machine's folders."""
+    return Path(word).name if word.startswith(("/", "~")) else word
+
+
+def main(arguments=None) -> int:
+    """Exit status 0; 1 with one line when there is no file."""
+    options = parse(sys.argv[1:] if arguments is None else arguments)
+    try:
+        if not options.out.endswith(".safetensors"):
+            raise ValueError("--out %s: give a name that ends in .safetensors" % options.out)
+        if options.contexts < 0 or min(options.evaluations, options.longest, options.steps) < 1:
+            raise ValueError("--contexts must be 0 or more, --evaluations, --longest and --steps 1 or more")
+        bags = find(options.bags)
+        if not bags:
+            raise BagError("%s: no bags there" % ", ".join(options.bags))
+        topics = Topics(scan=options.scan, odometry=options.odometry, command=options.command)
+        log = learn([read(bag, topics) for bag in bags], options.out, options)
+    except (ValueError, StorageError) as error:
+        print("appld.py: %s" % error, file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; nothing was written", file=sys.stderr)
+        return 130
+    print("%s: %d contexts in %.0f s" % (options.out, len(log["contexts"]), log["seconds"]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
