@@ -10,7 +10,7 @@ from applr_ros1.policy.parameter_space import SPACE
 
 SERVERS = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
            "global_inflation": "global_costmap/inflater_layer"}
-PERIODS = 3
+PERIODS = 2.5  # without a heartbeat: back on theta_0 within three periods of the node's death
 
 
 class Guard:
