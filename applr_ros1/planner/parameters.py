@@ -272,8 +272,8 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
         _double("reset_distance", 1.84, 0.0, INF, 1.84, "m", "Set from local_costmap/circumscribed_radius."),
     ),
     "applr": (
-        _double("period", 2.0, 0.0, INF, None, "s", "Time between decisions of the applr node; theta_0 comes back within three "
-                "of them if it dies."),
+        _double("period", 2.0, 0.0, INF, None, "s",
+                "Time between decisions of the applr node; theta_0 comes back within three if it dies."),
     ),
     "rotate_recovery": (
         _double("sim_granularity", 0.017, 0.0, INF, None, "rad",
