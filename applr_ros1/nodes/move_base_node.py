@@ -188,7 +188,10 @@ class MoveBaseNode:
         self._goal_relay.publish(goal)
 
     def _take_footprint(self, name, message) -> None:
-        self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
+        try:
+            self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
+        except ValueError as problem:
+            rospy.logerr("%s/footprint: %s: not used", name, problem)
 
     def _make_plan(self, request):
         if self.goals.active or self.move_base.goal is not None:

@@ -15,8 +15,6 @@ from dynamic_reconfigure.encoding import decode_config, encode_config, encode_de
 from dynamic_reconfigure.msg import Config, ConfigDescription
 from dynamic_reconfigure.srv import Reconfigure
 
-from applr_ros1.planner.parameters import ParameterError
-
 CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner"}
 CONFIGS.update({costmap + layer: config for costmap in ("global_costmap", "local_costmap") for layer, config in (
     ("", "Costmap2D"), ("/inflater_layer", "InflationPlugin"), ("/obstacles_layer", "ObstaclePlugin"))})
@@ -46,7 +44,7 @@ class ReconfigureServer:
     """One server, under ~<name>/ (the node itself for "").
 
     apply(values) -> dict is called for each request, from the service's thread; it returns everything in force or
-    raises ParameterError. now() -> dict returns what is in force.
+    raises ValueError. now() -> dict returns what is in force.
     """
 
     def __init__(self, name: str, apply: Callable[[Dict], Dict], now: Dict[str, Any], mirror: ParameterMirror):
@@ -86,7 +84,7 @@ class ReconfigureServer:
         with self._one_request:
             try:
                 inforce = self._apply({name: value for name, value in values.items() if name in self._names})
-            except ParameterError as problem:
+            except ValueError as problem:
                 rospy.logerr("%s refused a change: %s", self._ns, problem)
                 raise rospy.ServiceException(str(problem)) from None
             self.show(inforce)

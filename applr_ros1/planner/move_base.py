@@ -356,10 +356,10 @@ class MoveBase:
         changed = {name for name in new if new[name] != old[name]}
         if server in COSTMAPS:
             self._check_size(server, new)
-        self._config.accept(server, new)
         if server == "TrajectoryPlannerROS":
             self.local_planner.reconfigure(new)
-        elif server == "" and changed:
+        self._config.accept(server, new)
+        if server == "" and changed:
             self._take_frequencies()
         elif server in COSTMAPS and changed:
             self._reconfigure_costmap(server, changed)
