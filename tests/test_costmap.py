@@ -103,6 +103,12 @@ def test_sizes():
             Costmap(size, 1.0, resolution)
 
 
+def test_a_pose_that_is_none():
+    for pose in ((math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
+        with pytest.raises(CostmapError, match="finite"):
+            local().update(pose)
+
+
 def test_first_roll_of_the_jackals_local_map():
     costmap = local()
     costmap.update(HERE)

@@ -162,7 +162,7 @@ def test_clearing_outside_a_square_leaves_its_inside():
     made.cells[:] = 254
     made.clear_outside((0.025, 0.025, 0.0), 0.5)
     inside = np.argwhere(made.cells == 254)
-    assert inside.min() == 16 and inside.max() == 24 and len(inside) == 81      # the corner rows and columns are outside
+    assert inside.min() == 16 and inside.max() == 24 and len(inside) == 81      # corner rows and columns are outside
     assert (made.cells[made.cells != 254] == 255).all()
     made.cells[:] = 254
     made.clear_outside((0.025, 0.025, 0.0), 0.5, inverted=True)

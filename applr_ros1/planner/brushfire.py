@@ -11,6 +11,8 @@ Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx +
   cost (uint8)   the cost that goes with the level, 0 for NONE
 Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues.
 """
+from functools import lru_cache
+
 import numpy as np
 from numba import njit
 
@@ -21,28 +23,24 @@ MAX_REACH = 25           # [cells] beyond it levels do not fit; InflationLayer t
 CODE = 4095
 
 
-def tables(reach, cost_of):
-    """(step_level, level_cost): where a step leads and what it costs.
+@lru_cache(maxsize=64)
+def tables(reach):
+    """(step_level, distances) for a reach in cells.
 
     step_level (codes * 4,) uint8: level of the cell one step in direction k from offset code c, at [4 c + k]; 0 if
-    beyond `reach` [cells] or not further from the source. level_cost (256,) uint8. cost_of(d): cost at d cells.
+    that is beyond `reach` or not further from the source. distances: in cells, by level from SEED on.
     """
     side = 2 * reach + 1
-    axis = np.arange(-reach, reach + 1)
-    distance = np.hypot(axis[:, None].astype(np.float64), axis[None, :].astype(np.float64))
-    values = np.unique(distance[distance <= reach])
+    axis = np.arange(-reach - 1, reach + 2, dtype=np.float64)
+    distance = np.hypot(axis[:, None], axis[None, :])
+    distances = np.unique(distance[distance <= reach])
+    level = np.where(distance <= reach, np.searchsorted(distances, distance) + SEED, 0)
     step_level = np.zeros((side, side, 4), np.uint8)
-    level = np.searchsorted(values, distance) + 1
-    level[distance > reach] = 0
+    inner = slice(1, side + 1)
     for k, (dx, dy) in enumerate(((-1, 0), (0, -1), (1, 0), (0, 1))):
-        for y in range(side):
-            for x in range(side):
-                tx, ty = x + dx, y + dy
-                if 0 <= tx < side and 0 <= ty < side and distance[ty, tx] > distance[y, x]:
-                    step_level[y, x, k] = level[ty, tx]
-    level_cost = np.zeros(256, np.uint8)
-    level_cost[1:1 + len(values)] = [cost_of(d) for d in values.tolist()]
-    return step_level.reshape(-1), level_cost
+        ahead = slice(1 + dy, side + 1 + dy), slice(1 + dx, side + 1 + dx)
+        step_level[:, :, k] = np.where(distance[ahead] > distance[inner, inner], level[ahead], 0)
+    return step_level.reshape(-1), tuple(distances.tolist())
 
 
 @njit(cache=True)
@@ -87,9 +85,8 @@ def _any_seed(levels):
 def wipe(level, cost, x0, y0, xn, yn):
     """Nothing reaches the cells [x0, xn) x [y0, yn) any more."""
     for y in range(y0 + 1, yn + 1):
-        for x in range(x0 + 1, xn + 1):
-            level[y, x] = NONE
-            cost[y, x] = 0
+        level[y, x0 + 1:xn + 1] = NONE
+        cost[y, x0 + 1:xn + 1] = 0
 
 
 @njit(cache=True)

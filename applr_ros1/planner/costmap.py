@@ -3,6 +3,7 @@
 Called by MoveBase (one local rolling map, one global map), the planners and the tests. Follows
 costmap_2d/layered_costmap.cpp; every value of the master after any sequence of updates is the C++ one's.
 """
+import math
 from collections import deque
 from dataclasses import replace
 
@@ -64,6 +65,8 @@ class Costmap:
     def update(self, robot_pose, scan=None):
         """One layered update for the robot's pose (x, y, yaw). `scan`: a new PointCloud, None: the last one again."""
         x, y, yaw = (float(v) for v in robot_pose)
+        if not math.isfinite(x + y + yaw):
+            raise CostmapError("costmap update at the pose %g %g %g: the pose must be finite" % (x, y, yaw))
         pose = (x, y, yaw)
         nx, ny = self.size
         if scan is not None:

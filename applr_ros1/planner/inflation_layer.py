@@ -5,6 +5,7 @@ distance, first in first out, so a distance transform would give other bytes. br
 """
 import math
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -38,6 +39,13 @@ def cost_at(distance, resolution, inscribed_radius, weight):
     return int(252 * math.exp(-1.0 * weight * (distance * resolution - inscribed_radius)))
 
 
+@lru_cache(maxsize=8)
+def _level_costs(distances, resolution, inscribed_radius, weight):
+    """Costs (uint8) by level of brushfire, for the distances in cells of the levels from SEED on."""
+    costs = [cost_at(d, resolution, inscribed_radius, weight) for d in distances]
+    return np.array([0] * brushfire.SEED + costs, dtype=np.uint8)
+
+
 class InflationLayer:
     """Keeps the tables, what is due, and the spread of the obstacles of the last update."""
 
@@ -56,26 +64,24 @@ class InflationLayer:
         self._changed = np.empty(FEW, np.int64)
         self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
+        self._seen = self._entries = None       # for reaches that cannot be repaired
         self._spread = None          # rectangle in which obstacles were spread last, None: nothing to build on
         self._make_tables()
 
     def _make_tables(self):
         p = self.parameters
+        self._forget()
         self.reach = cell_distance(p.inflation_radius, self.resolution)
         self._incremental = self.reach <= brushfire.MAX_REACH
-
-        def cost_of(distance):
-            return cost_at(distance, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
-
-        self._forget()
         if self._incremental:
-            self._step_level, self._level_cost = brushfire.tables(self.reach, cost_of)
+            self._step_level, distances = brushfire.tables(self.reach)
         else:
             axis = np.arange(self.reach + 2, dtype=np.float64)
             distance = np.hypot(axis[:, None], axis[None, :])
-            values = np.unique(distance[distance <= self.reach])
-            self._bin = np.where(distance <= self.reach, np.searchsorted(values, distance), -1).astype(np.int32)
-            self._bin_cost = np.array([cost_of(d) for d in values.tolist()], dtype=np.uint8)
+            distances = tuple(np.unique(distance[distance <= self.reach]).tolist())
+            self._bin = np.where(distance <= self.reach, np.searchsorted(distances, distance), -1).astype(np.int32)
+        self._level_cost = _level_costs(distances, self.resolution, self.inscribed_radius,
+                                        p.cost_scaling_factor)
 
     def configure(self, parameters):
         """Take new parameters; a full pass becomes due where the C++ layer asks for one."""
@@ -164,24 +170,27 @@ class InflationLayer:
                       *self._around(seeds_in, self.reach))
 
     def _spread_obstacles(self, base, rect):
+        """Have the obstacles of `base` within the rectangle spread, from those of the last time where possible."""
         before, self._spread = self._spread, rect
         self._spread_reach = self.reach
+        grids = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
         if before is not None:
             union = (min(before[0], rect[0]), min(before[1], rect[1]),
                      max(before[2], rect[2]), max(before[3], rect[3]))
             count = brushfire.seed_changes(base, self._level, *rect, *union, self._changed)
-            if count >= 0 and brushfire.repair(self._changed, count, self._level, self._link, self._cost.reshape(-1),
-                                               self._step_level, self._level_cost, self.reach, self._queue,
-                                               self._lost):
+            if count >= 0 and brushfire.repair(self._changed, count, *grids, self._queue, self._lost):
                 return
             brushfire.wipe(self._level, self._cost, *self._around(union, self.reach))
-        x0, y0, xn, yn = rect
-        ys, xs = np.nonzero(base[y0:yn, x0:xn] == LETHAL)
-        seeds = (ys + y0 + 1) * (self._nx + 2) + xs + x0 + 1
-        while not brushfire.rebuild(seeds, len(seeds), self._level, self._link, self._cost.reshape(-1),
-                                    self._step_level, self._level_cost, self.reach, self._queue):
-            brushfire.wipe(self._level, self._cost, *self._around(rect, self.reach))
-            self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
+        seeds = self._changed
+        while True:
+            count = brushfire.seed_changes(base, self._level, *rect, *rect, seeds)
+            if count >= 0 and brushfire.rebuild(seeds, count, *grids, self._queue):
+                return
+            if count < 0:
+                seeds = np.empty(2 * len(seeds), np.int64)
+            else:
+                self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
+                brushfire.wipe(self._level, self._cost, *self._around(rect, self.reach))
 
     def _update_anew(self, master, base, window):
         """For a reach beyond brushfire's levels: spread everything, as C++ does in each update."""
@@ -189,10 +198,10 @@ class InflationLayer:
         x0, y0, xn, yn = rect
         before = master[y0:yn, x0:xn].copy()
         master[y0:yn, x0:xn] = base[y0:yn, x0:xn]
-        if not hasattr(self, "_entries"):
+        if self._entries is None:
             self._seen = np.zeros(master.shape, np.uint8)
             self._entries = np.empty((5 * master.size, 4), np.int32)
-        _inflate(master, self._seen, self._entries, self._bin, self._bin_cost, self.parameters.inflate_unknown,
+        _inflate(master, self._seen, self._entries, self._bin, self._level_cost, self.parameters.inflate_unknown,
                  *self._around(window, self.reach))
         return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
 
@@ -239,10 +248,10 @@ def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
 
 
 @njit(cache=True)
-def _inflate(master, seen, entries, bin_of, cost_of, inflate_unknown, x0, y0, xn, yn):
+def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0, xn, yn):
     """entries (m, 4): x, y, source (as x + nx y), next entry of the same bin."""
     ny, nx = master.shape
-    bins = cost_of.shape[0]
+    bins = level_cost.shape[0] - 1
     head = np.full(bins, -1, np.int64)
     tail = np.full(bins, -1, np.int64)
     used = 0
@@ -269,7 +278,7 @@ def _inflate(master, seen, entries, bin_of, cost_of, inflate_unknown, x0, y0, xn
                 seen[y, x] = 1
                 sx = source % nx
                 sy = source // nx
-                new = cost_of[b]
+                new = level_cost[b + 1]
                 old = master[y, x]
                 if old == UNKNOWN:
                     if new >= 253 or (inflate_unknown and new > 0):
