@@ -28,7 +28,8 @@ def test_parse_reads_values_as_the_cpp_node_does():
 
 
 @pytest.mark.parametrize("text", ["[[0,0],[1,1]]", "[[0,0],[1,1],[2]]", "[[0,0],[1,1],[2,'a']]", "__import__('os')",
-                                  "[[", "[1,2,3]", "[[0,0,0],[1,1,1],[2,2,2]]", "[[0,0],[1,1],[2,1e999]]", "7", "(" * 500])
+                                  "[[", "[1,2,3]", "[[0,0,0],[1,1,1],[2,2,2]]", "[[0,0],[1,1],[2,1e999]]", "7",
+                                  "(" * 500])
 def test_parse_refuses_in_one_line(text):
     with pytest.raises(footprints.FootprintError) as refusal:
         footprints.parse(text)
