@@ -15,6 +15,7 @@ import numpy as np
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.parameter_space import SPACE
 from training import appld_classifier, appld_fit, contexts
+from training.appld_card import card
 from training.bags import BagError, Topics, find
 from training.demonstration import Demonstration, read
 from training.storage import StorageError, make_folder, write_bytes
@@ -44,7 +45,7 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
         raise StorageError("%s: cannot be written (%s)" % (out, error.strerror or error)) from None
     stem = str(Path(out).with_suffix(""))
     write_bytes(stem + "_log.json", (json.dumps(log, indent=1) + "\n").encode())
-    write_bytes(stem + ".md", _card(log).encode())
+    write_bytes(stem + ".md", card(log).encode())
     return log
 
 
@@ -87,31 +88,6 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
         "seconds": round(seconds, 1)}
 
 
-def _card(log) -> str:
-    """A model card in Markdown."""
-    shown = ["%s (%s, %.1f s)" % (d["bag"], ", ".join("%s: %s" % (k, v) for k, v in d.items()
-                                                       if k not in ("bag", "seconds")), d["seconds"])
-             for d in log["demonstrations"]]
-    lines = ["# APPLD: contexts and parameters from demonstrations", "",
-             "Method `appld:FILE` of evaluate.py, and launch mode `appld`. Made by", "", "    " + log["command"], "",
-             "from:", ""] + ["- " + text for text in shown] + [
-             "", "A demonstration by a script is no person's: it knows the map, and its taste in speed is ours.", "",
-             "| context | %s | rms of v, w (θ₀) |" % " | ".join(SPACE.names), "|---" * (len(SPACE) + 2) + "|"]
-    for c in log["contexts"]:
-        values = " | ".join("%g" % round(v, 3) for v in c["parameters"].values())
-        lines.append("| %s | %s | %.2f m/s, %.2f rad/s (%.2f, %.2f) |"
-                     % (c["name"], values, *c["rms_v_w"], *c["rms_v_w_theta0"]))
-    found = log["classifier"]
-    lines += ["", "Names tell a context from the others by the medians of speed and room, no more. rms: the planner's "
-              "commands about the demonstrated ones, over %s instants of 50 ms, the planner put in the demonstrator's "
-              "place each time." % " + ".join(str(c["instants"]) for c in log["contexts"]), "",
-              "Classifier: 720 beams → %d → %d, numpy at run time. It is right in %.1f %% of the instants it learnt "
-              "from; trained without every fifth two seconds, in %s of those."
-              % (appld_classifier.HIDDEN, len(log["contexts"]), 100.0 * found["accuracy"],
-                 "none" if found["held_out"] is None else "%.1f %%" % (100.0 * found["held_out"])), ""]
-    return "\n".join(lines)
-
-
 def parse(arguments) -> argparse.Namespace:
     p = argparse.ArgumentParser(prog="appld.py", description=__doc__,
                                 formatter_class=argparse.ArgumentDefaultsHelpFormatter)
@@ -120,9 +96,9 @@ def parse(arguments) -> argparse.Namespace:
     p.add_argument("--contexts", type=int, default=4, help="at most so many; 0: each segment is one, as in the APPLD "
                                                            "paper")
     p.add_argument("--penalty", type=float, default=3.0, help="of a changepoint: more gives fewer segments")
-    p.add_argument("--evaluations", type=int, default=200, help="replays of each context in the search")
-    p.add_argument("--longest", type=int, default=120, help="instants of 50 ms of a segment that are replayed")
-    p.add_argument("--steps", type=int, default=1500, help="of the classifier's training")
+    p.add_argument("--evaluations", type=int, default=150, help="replays of each context in the search")
+    p.add_argument("--longest", type=int, default=100, help="instants of 50 ms of a segment that are replayed")
+    p.add_argument("--steps", type=int, default=500, help="of the classifier's training")
     p.add_argument("--seed", type=int, default=0, help="of everything drawn")
     p.add_argument("--scan", default=Topics.scan, help="topic of the scans")
     p.add_argument("--odometry", default=Topics.odometry, help="topic of the odometry")

@@ -21,7 +21,7 @@ def inputs(ranges: np.ndarray) -> np.ndarray:
 
 
 def train(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0,
-          steps: int = 1500) -> Tuple[Dict[str, np.ndarray], Dict[str, float]]:
+          steps: int = 500) -> Tuple[Dict[str, np.ndarray], Dict[str, float]]:
     """Weights for policy/appld.py, and how well they tell contexts. scans: (n, 720) of `inputs`; labels: (n,) int.
 
     Result: accuracy over all instants; "held_out": of a network trained without every fifth block of two seconds, on

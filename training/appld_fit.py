@@ -14,7 +14,7 @@ from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 from training.contexts import Segment
 from training.demonstration import Demonstration
-from training.episode import SERVERS, laser_pose
+from training.episode import CONTROL_PERIOD, SERVERS, laser_pose
 
 TURN_WEIGHT = 0.25      # of (rad/s)^2 beside (m/s)^2: H = diag(1, 1/4)
 PULL = 1e-3             # towards theta_0, in the action's unit squared: decides where nothing else does
@@ -54,12 +54,18 @@ def apply(planner: MoveBase, theta) -> None:
 
 
 def step(planner: MoveBase, d: Demonstration, i: int):
-    """The planner's command (v, w) in instant i: it sees the demonstrator's pose, twist and scan. (0, 0) for none."""
-    now, pose = 1.0 + float(d.time[i]), tuple(d.pose[i].tolist())
+    """The planner's command (v, w) in instant i: it sees the demonstrator's pose, twist and scan, and its own clock.
+    (0, 0) for none."""
+    now, pose = clock(i), tuple(d.pose[i].tolist())
     scan = LaserScan(now, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX,
                      d.ranges[i], laser_pose(pose))
     cycle = planner.step(now, pose, tuple(d.twist[i].tolist()), scan)
     return cycle.command or (0.0, 0.0)
+
+
+def clock(i: int) -> float:
+    """The planner's time in instant i [s]: an instant is a cycle, whatever the laser's beat was."""
+    return 1.0 + i * CONTROL_PERIOD
 
 
 def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[Stretch]:
@@ -68,7 +74,7 @@ def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[
     planner, found = MoveBase(), []
     apply(planner, SPACE.theta0)
     step(planner, d, 0)
-    planner.set_goal(d.goal, 1.0 + float(d.time[0]))
+    planner.set_goal(d.goal, clock(0))
     first = {s.first: s for s in spans}
     for i in range(len(d.time)):
         if i in first:
@@ -76,7 +82,7 @@ def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[
             found.append(Stretch(d, i, last, copy.deepcopy(planner)))
         step(planner, d, i)
         if planner.goal is None:        # it gave up, or arrived: the demonstration goes on
-            planner.set_goal(d.goal, 1.0 + float(d.time[i]))
+            planner.set_goal(d.goal, clock(i))
     return found
 
 

@@ -22,7 +22,8 @@ MAX_INSTANTS = 36_000   # half an hour
 
 @dataclass
 class Demonstration:
-    """Instants of 50 ms, one for each cycle of the planner, from the first command to the last.
+    """Instants of 50 ms (by the laser's beat, a little more or less), one for each cycle of the planner, from the first
+    command to the last.
 
     time (n,) [s]; ranges (n, 720) float32 [m]; pose (n, 3) x, y, yaw and twist (n, 2) v, w of the odometry;
     command (n, 2) v [m/s], w [rad/s]; goal (x, y, yaw) in the odometry's frame; source: who demonstrated, and where
@@ -74,9 +75,12 @@ def _hear(reader, topics: Topics, heard) -> None:
 
 def _scan(heard, at, message):
     when = stamp(message)
-    # a scan for each planner cycle is enough: laser and planner do not beat alike
-    if heard["scan"] and when - heard["scan"][-1][0] < 0.9 * CONTROL_PERIOD * SECOND:
+    # one for each planner cycle is enough; laser and planner do not beat alike, so the nearest to the beat
+    period = int(CONTROL_PERIOD * SECOND)
+    due = heard.get("due", when)
+    if when < due - period // 5:
         return
+    heard["due"] = max(due + period, when + period // 2)
     check_scan(len(message.ranges), message.angle_min, message.angle_increment)
     if len(heard["scan"]) >= MAX_INSTANTS:
         raise BagError("longer than %d minutes of scans; cut it (rosbag filter)" % (MAX_INSTANTS / 1200))
