@@ -74,8 +74,8 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     appld_fit.apply(replayed, theta)
     d.command[30:60] = [appld_fit.step(replayed, d, i) for i in range(30, 60)]
     assert appld_fit.loss([stretch], theta)[0] == 0.0
-    found = appld_fit.fit([stretch], 60, seed=0)
-    assert found.loss < 0.5 * found.loss_theta0 and found.evaluations <= 70
+    found = appld_fit.fit([stretch], 30, seed=0)
+    assert found.loss < 0.5 * found.loss_theta0 and found.evaluations <= 41
     assert found.theta[0] > 0.7
 
 
@@ -85,7 +85,7 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
     ranges[:, 500:] = 0.4                   # a wall on one side, always the same
     scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
-    weights, result = appld_classifier.train(scans, labels, 2, steps=100)
+    weights, result = appld_classifier.train(scans, labels, 2, steps=60)
     assert result["accuracy"] > 0.98 and result["held_out"] > 0.98
     net = runtime.Appld({"a": SPACE.theta0, "b": SPACE.high}, weights)
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
