@@ -9,6 +9,7 @@ world named by parameter ~world). Parameters: ~world ~simulator ~seed ~real_time
 
 One thread simulates; callbacks only leave what they heard. ROS time never goes back, not even at a reset.
 """
+import gc
 import sys
 import threading
 import time
@@ -237,6 +238,8 @@ def main():
     except (ValueError, OSError) as error:
         print("sim_bridge: %s" % error, file=sys.stderr, flush=True)
         return 1
+    gc.collect()
+    gc.freeze()     # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
     try:
         bridge.spin()
     except rospy.ROSInterruptException:

@@ -9,6 +9,7 @@ import numpy as np
 
 RETRY = 0.25        # s between attempts
 REFUSALS = 3        # attempts at a set that a server refuses; the next decision is another set
+PATIENCE = 5        # failed looks for the servers, a second apart, before it is said: both start at the same time
 SETTLE = 1.0        # s after which an abandoned call can no longer come through unseen
 
 
@@ -66,14 +67,17 @@ class Applier:
             return self._condition.wait_for(lambda: self._wanted is None and self._check_at is None, seconds)
 
     def _run(self):
+        missed = 0
         while not self._stopped:
             try:
                 if self.client.connected:
                     self._turn()
                 else:
                     trouble = self.client.connect()
+                    missed += bool(trouble)
                     if trouble:
-                        self._on_trouble(trouble)
+                        if missed >= PATIENCE:
+                            self._on_trouble(trouble)
                         self._pause(4 * RETRY)
             except Exception as e:      # whatever it is, the thread that talks to the planner stays
                 self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")

@@ -3,6 +3,7 @@
 Run by scripts/applr.py beside any TrajectoryPlannerROS move_base. It decides while a goal is active; between goals
 the planner has theta_0, on which every course starts. README.md lists its topics and parameters.
 """
+import gc
 import math
 import sys
 import threading
@@ -183,7 +184,7 @@ class ApplrNode:
             trouble = self.trouble or self.degraded
         lost = bool(self.degraded) or self._failures >= LOST_AFTER or theta is None
         self.topics.diagnostics(now, trouble, lost, dict(
-            {name: self.counts[name] for name in COUNTS}, method=type(self.method).__name__.lower(),
+            {name: self.counts[name] for name in COUNTS}, method=self.method.mode,
             goal=self._goal or "none", decision_age_s=f"{age:.2f}",
             servers=", ".join(sorted(self.client.servers.values())) or "none"))
 
@@ -218,6 +219,8 @@ def main():
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble
-    rospy.loginfo("applr: ready, mode %s, a decision every %g s", type(method).__name__.lower(), period)
+    rospy.loginfo("applr: ready, mode %s, a decision every %g s", method.mode, period)
+    gc.collect()
+    gc.freeze()     # what is loaded by now stays; it need not be looked through again
     node.spin()
     return 0

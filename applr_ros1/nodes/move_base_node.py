@@ -4,6 +4,7 @@ Started by scripts/move_base.py. Messages come in as data, one thread (turns.py)
 """
 from __future__ import annotations
 
+import gc
 import logging
 import math
 import sys
@@ -281,5 +282,8 @@ def main() -> int:
     began = time.monotonic()
     warm_up()
     rospy.logdebug("kernels took %.1f s", time.monotonic() - began)
-    MoveBaseNode(tree).serve()
+    node = MoveBaseNode(tree)
+    gc.collect()
+    gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms
+    node.serve()
     return 0

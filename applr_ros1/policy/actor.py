@@ -113,7 +113,8 @@ def _read(path):
         raise ActorError(f"{path}: truncated ({len(data)} bytes); copy the file again")
     (length,) = struct.unpack("<Q", data[:8])
     if length > MAX_HEADER:
-        raise ActorError(f"{path}: not a safetensors file (its header would be {length} bytes)")
+        raise ActorError(f"{path}: not a safetensors file (its header would be {length} bytes); "
+                         "give a file that train.py wrote")
     try:
         header = json.loads(data[8:8 + length].decode("utf-8")).get("__metadata__") or {}
         metadata = {key: _value(text) for key, text in header.items()}
@@ -123,9 +124,10 @@ def _read(path):
         why = str(e).splitlines()[0]
         raise ActorError(f"{path}: truncated or damaged ({why}); copy the file again") from None
     if metadata.get("format") != FORMAT:
-        raise ActorError(f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r})")
+        raise ActorError(f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r}); "
+                         "give a file that train.py wrote")
     if metadata.get("sha256") != checksum(weights):
-        raise ActorError(f"{path}: checksum of the weights is wrong; the file was damaged or changed")
+        raise ActorError(f"{path}: checksum of the weights is wrong; the file was damaged or changed, copy it again")
     return weights, metadata
 
 
@@ -162,11 +164,12 @@ def _layers(weights, inputs, outputs, path):
 
 def _compare(path, what, found, expected):
     if not isinstance(found, dict):
-        raise ActorError(f"{path}: its metadata name no {what}; it was not written by this package")
+        raise ActorError(f"{path}: its metadata name no {what}; it was not written by this package, "
+                         "give a file that train.py wrote")
     for key, value in expected.items():
         if found.get(key) != value:
             raise ActorError(f"{path}: made for another {what}: {key} is {_short(found.get(key))}, "
-                             f"here {_short(value)}")
+                             f"here {_short(value)}; train one for this {what}")
 
 
 def _short(value):

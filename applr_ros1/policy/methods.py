@@ -16,7 +16,9 @@ from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
 class Method:
     """One way to choose theta. Static methods hold one set: it is applied once, and what a person changes
-    later stands. options: what the launch file gives (`policy`, `parameters`, `seed`)."""
+    later stands. mode: what the launch argument calls it. options: what the launch file gives (`policy`,
+    `parameters`, `seed`)."""
+    mode = ""
     static = False
 
     def __init__(self, space=SPACE, **options):
@@ -32,6 +34,7 @@ class Method:
 
 class Default(Method):
     """The paper's baseline: the planner on theta_0, all the way."""
+    mode = "dwa"
     static = True
 
     def theta(self, obs):
@@ -41,6 +44,7 @@ class Default(Method):
 class Applr(Method):
     """The learned policy. policy: path of an actor file, "" for the shipped one. Raises ActorError (one line)
     when it cannot be used."""
+    mode = "applr"
 
     def __init__(self, space=SPACE, policy="", **options):
         super().__init__(space)
@@ -54,6 +58,7 @@ class Appld(Method):
     """The paper's second baseline: the set of the context that the scan shows. policy: an APPLD file, "" for the
     shipped one, or "published" for the authors' sets (chosen by a rule of ours: see policy/appld.py). Raises
     AppldError (one line) when it cannot be used."""
+    mode = "appld"
 
     def __init__(self, space=SPACE, policy="", **options):
         super().__init__(space)
@@ -66,10 +71,14 @@ class Appld(Method):
 
 class Fixed(Method):
     """One set of parameters. parameters: a JSON file {name: value}; names left out keep theta_0."""
+    mode = "fixed"
     static = True
 
     def __init__(self, space=SPACE, parameters="", **options):
         super().__init__(space)
+        if not parameters:
+            raise SpaceError("mode fixed has no set of parameters: give parameters:=FILE, JSON such as "
+                             '{"max_vel_x": 1.0}')
         self.values = read_parameters(parameters, space)
 
     def theta(self, obs):
@@ -78,6 +87,7 @@ class Fixed(Method):
 
 class Random(Method):
     """Uniform over the ranges: for trying the stack and for gathering data. seed: int."""
+    mode = "random"
 
     def __init__(self, space=SPACE, seed=0, **options):
         super().__init__(space)
@@ -87,7 +97,7 @@ class Random(Method):
         return self.space.to_theta(self.rng.uniform(-1.0, 1.0, len(self.space)))
 
 
-METHODS = {"dwa": Default, "applr": Applr, "appld": Appld, "fixed": Fixed, "random": Random}
+METHODS = {method.mode: method for method in (Default, Applr, Appld, Fixed, Random)}
 
 
 def make(name, space=SPACE, **options):
@@ -117,12 +127,13 @@ def read_parameters(path, space=SPACE):
         with open(path, encoding="utf-8") as f:
             values = json.load(f)
     except OSError as e:
-        raise SpaceError(f"{path or 'parameter file'}: cannot be read ({e.strerror or e}); "
+        raise SpaceError(f"{path}: cannot be read ({e.strerror or e}); "
                          'give a JSON file such as {"max_vel_x": 1.0}') from None
     except (ValueError, RecursionError) as e:
         if isinstance(e, SpaceError):
             raise
-        raise SpaceError(f"{path}: not JSON ({str(e).splitlines()[0]})") from None
+        raise SpaceError(f"{path}: not JSON ({str(e).splitlines()[0]}); "
+                         'give one object such as {"max_vel_x": 1.0}') from None
     if not isinstance(values, dict):
         raise SpaceError(f'{path}: give one object such as {{"max_vel_x": 1.0}}')
     try:
