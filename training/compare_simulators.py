@@ -1,50 +1,64 @@
 """Whether the kinematic simulator ranks parameters and worlds as pybullet does:
-`python -m training.compare_simulators`.
+`python -m training.compare_simulators --worlds generated:train --count 50 --sets 5`.
 
-Drives 50 worlds x 5 parameter sets in both (evaluate.py's trials, same seeds; continues where it was stopped) and
-writes one table: traversal times' ratio and correlation, agreement of failures, beside pybullet's agreement with
-itself on other seeds. A single trial is chaotic: that second column is the best that any simulator could reach.
+Drives the same worlds, parameter sets and seeds in both, as evaluate.py does (stopped, the same command continues), and
+writes them side by side: comparison.csv, a row per trial, and comparison.md, correlation and ratio of traversal times,
+agreement of failures, contacts. A single trial is chaotic: with --trials 2 or more, pybullet's agreement with itself on
+other seeds stands beside it, which is the best that any simulator could reach.
 """
 from __future__ import annotations
 
 import argparse
+import csv
+import io
 import os
 import sys
-from typing import Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 from scipy import stats
 
+import worlds as worlds_package
 from applr_ros1.policy.parameter_space import SPACE
 from training import evaluate
-from training.storage import write_bytes
+from training.storage import StorageError, write_bytes
 from training.trial_store import TRIALS, read_rows
 from training.trials import COLUMNS
+from worlds import WorldError
 
-SETS = {        # what differs from theta_0
-    "default": {},
-    "brisk": {"max_vel_x": 1.0, "vx_samples": 12, "vtheta_samples": 40, "inflation_radius": 0.2},
-    "fast": {"max_vel_x": 2.0, "vx_samples": 12, "vtheta_samples": 40, "occdist_scale": 0.05, "inflation_radius": 0.1},
-    "nimble": {"max_vel_x": 0.8, "max_vel_theta": 3.14, "vtheta_samples": 40, "pdist_scale": 1.2},
-    "careful": {"max_vel_x": 0.4, "max_vel_theta": 1.0, "occdist_scale": 0.3, "gdist_scale": 1.5},
-}
-LIMIT = 100.0       # [s] what a failure counts as
+KNOWN = ("dwa", "fast_dwa")         # the first sets, theta_0 and Fast-DWA; those behind them are drawn
+LIMIT = 100.0                       # [s] what a failure counts as, where failures are ranked, too
 
-Cell = Tuple[str, str]      # world, method
+Cell = Tuple[str, str]              # world, set
 
 
-class Set:
-    """A method for evaluate.py: one of SETS, throughout."""
+class Drawn:
+    """A method for evaluate.py: set number N, uniform over the ranges, the same in every run."""
 
-    def __init__(self, name: str):
-        self.theta_ = SPACE.from_dict(SETS[name])
+    def __init__(self, number: str):
+        self.values = SPACE.to_theta(np.random.default_rng([0x5e75, int(number)]).uniform(-1.0, 1.0, len(SPACE)))
 
     def theta(self, context):
-        return self.theta_
+        return self.values
+
+    def describe(self) -> Dict[str, Any]:
+        return {"parameters": SPACE.as_dict(self.values)}
 
 
+def set_names(count: int) -> List[str]:
+    return [KNOWN[n] if n < len(KNOWN) else "random_%d" % (n - len(KNOWN) + 1) for n in range(count)]
+
+
+def spread(specs: List[str], count: int) -> List[str]:
+    """`count` of them, evenly spread; all for 0."""
+    if not count or count >= len(specs):
+        return specs
+    return [specs[i] for i in np.linspace(0, len(specs) - 1, count).round().astype(int)]
+
+
+# -- what was driven -------------------------------------------------------------------------------------------------
 def read(folder: str) -> Dict[Cell, np.ndarray]:
-    """{(world, set): (trials, 3) success, seconds (LIMIT for a failure), collided}."""
+    """{(world, set): (trials, 3) success, seconds (LIMIT for a failure), contact}, in the order of the trials."""
     found: Dict[Cell, List[Tuple[float, float, float]]] = {}
     for row in read_rows(os.path.join(folder, TRIALS), COLUMNS):
         success = row[4] == "True"
@@ -54,76 +68,152 @@ def read(folder: str) -> Dict[Cell, np.ndarray]:
 
 
 def agreement(a: Dict[Cell, np.ndarray], b: Dict[Cell, np.ndarray]) -> Dict[str, float]:
-    """Figures over the cells that both hold. Times are means per cell; those of successes where a ratio is taken."""
+    """Figures over the cells that both hold. Times are means over a cell's successes, of the cells that have one in
+    both; NaN where there are too few. Outcomes are compared trial by trial."""
     cells = sorted(set(a) & set(b))
-    all_a = np.array([a[c][:, 1].mean() for c in cells])
-    all_b = np.array([b[c][:, 1].mean() for c in cells])
     both = [c for c in cells if a[c][:, 0].any() and b[c][:, 0].any()]
-    good_a = np.array([a[c][a[c][:, 0] > 0, 1].mean() for c in both])
-    good_b = np.array([b[c][b[c][:, 0] > 0, 1].mean() for c in both])
-    pairs = [(x, y) for c in cells for x, y in zip(a[c][:, 0], b[c][:, 0])]
-    return {"cells": len(cells), "ratio": float(np.sum(good_b) / np.sum(good_a)),
-            "pearson": float(stats.pearsonr(good_a, good_b)[0]),
-            "spearman": float(stats.spearmanr(good_a, good_b)[0]),
-            "spearman_with_failures": float(stats.spearmanr(all_a, all_b)[0]),
-            "same_outcome": float(np.mean([x == y for x, y in pairs])),
-            "success_a": float(np.mean([a[c][:, 0].mean() for c in cells])),
-            "success_b": float(np.mean([b[c][:, 0].mean() for c in cells])),
-            "contact_a": float(np.mean([a[c][:, 2].mean() for c in cells])),
-            "contact_b": float(np.mean([b[c][:, 2].mean() for c in cells]))}
+    good_a, good_b = ([side[c][side[c][:, 0] > 0, 1].mean() for c in both] for side in (a, b))
+    pairs = np.array([(x, y) for c in cells for x, y in zip(a[c][:, 0], b[c][:, 0])]).reshape(-1, 2) > 0
+
+    def rate(side, column):
+        return float(np.mean([side[c][:, column].mean() for c in cells])) if cells else np.nan
+
+    return {"cells": len(cells), "compared": len(both),
+            "pearson": _correlation(stats.pearsonr, good_a, good_b),
+            "spearman": _correlation(stats.spearmanr, good_a, good_b),
+            "spearman_all": _correlation(stats.spearmanr, *([side[c][:, 1].mean() for c in cells] for side in (a, b))),
+            "ratio": float(np.sum(good_b) / np.sum(good_a)) if both else np.nan,
+            "trials": len(pairs), "same_outcome": float(np.mean(pairs[:, 0] == pairs[:, 1])) if len(pairs) else np.nan,
+            "both_failed": int((~pairs).all(1).sum()), "only_first_failed": int((~pairs[:, 0] & pairs[:, 1]).sum()),
+            "only_second_failed": int((pairs[:, 0] & ~pairs[:, 1]).sum()),
+            "success_first": rate(a, 0), "success_second": rate(b, 0),
+            "contact_first": rate(a, 2), "contact_second": rate(b, 2)}
+
+
+def _correlation(measure, x, y) -> float:
+    return float(measure(x, y)[0]) if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0 else np.nan
 
 
 def halves(a: Dict[Cell, np.ndarray]):
-    """The same simulator against itself: trials of even and of odd number."""
+    """A simulator against itself: trials of even and of odd number."""
     return {c: t[0::2] for c, t in a.items()}, {c: t[1::2] for c, t in a.items()}
 
 
-def table(pybullet: Dict[Cell, np.ndarray], kinematic: Dict[Cell, np.ndarray]) -> str:
-    """The comparison as Markdown: overall, then per parameter set."""
-    columns = [("kinematic against pybullet", agreement(pybullet, kinematic))]
-    if min(len(trials) for trials in pybullet.values()) > 1:
-        columns.append(("pybullet against itself (half the trials each)", agreement(*halves(pybullet))))
-    names = {"cells": "worlds x sets", "ratio": "mean time of successes, ratio",
-             "pearson": "correlation of mean times", "spearman": "rank correlation of mean times",
-             "spearman_with_failures": "rank correlation, failures as %g s" % LIMIT,
-             "same_outcome": "same outcome, trial by trial", "success_a": "success rate, first",
-             "success_b": "success rate, second", "contact_a": "trials with contact, first",
-             "contact_b": "trials with contact, second"}
-    lines = ["| | %s |" % " | ".join(title for title, _ in columns), "|---|%s" % ("---|" * len(columns))]
-    for key, name in names.items():
-        lines.append("| %s | %s |" % (name, " | ".join("%.4g" % figures[key] for _, figures in columns)))
-    lines += ["", "| set | success pybullet / kinematic | mean time of successes [s] | ratio | rank correlation |",
-              "|---|---|---|---|---|"]
-    for name in SETS:
-        a = {c: t for c, t in pybullet.items() if c[1] == name}
-        b = {c: t for c, t in kinematic.items() if c[1] == name}
-        if len(set(a) & set(b)) > 2:
-            figures = agreement(a, b)
-            times = [np.concatenate(list(side.values())) for side in (a, b)]
-            means = [side[side[:, 0] > 0, 1].mean() for side in times]
-            lines.append("| %s | %.3f / %.3f | %.1f / %.1f | %.3f | %.2f |" % (
-                name, figures["success_a"], figures["success_b"], means[0], means[1], figures["ratio"],
-                figures["spearman"]))
+# -- what is written -------------------------------------------------------------------------------------------------
+ROWS = {"cells": "worlds x sets", "compared": "of these with a success in both",
+        "pearson": "correlation of their times (Pearson)", "spearman": "rank correlation of their times (Spearman)",
+        "spearman_all": "rank correlation of all, failures as %g s" % LIMIT,
+        "ratio": "ratio of mean times, second / first",
+        "trials": "trials of each", "same_outcome": "same outcome, trial by trial", "both_failed": "failed in both",
+        "only_first_failed": "failed in the first only", "only_second_failed": "failed in the second only",
+        "success_first": "success rate, first", "success_second": "success rate, second",
+        "contact_first": "trials with contact, first", "contact_second": "trials with contact, second"}
+SETS_HEAD = ("set", "success", "with contact", "mean time of successes [s]", "ratio", "Pearson", "Spearman",
+             "same outcome")
+
+
+def markdown(first: str, second: str, a: Dict[Cell, np.ndarray], b: Dict[Cell, np.ndarray]) -> str:
+    """All, then set by set, then each cell's time side by side."""
+    columns = [("%s, then %s" % (first, second), agreement(a, b))]
+    if min(len(trials) for trials in a.values()) > 1:
+        columns.append(("%s against itself, half the trials each" % first, agreement(*halves(a))))
+    lines = _table([""] + [title for title, _ in columns],
+                   [[name] + [_said(figures[key]) for _, figures in columns] for key, name in ROWS.items()])
+    sets = list(dict.fromkeys(c[1] for c in a))
+    rows = []
+    for name in sets:
+        side_a, side_b = ({c: t for c, t in side.items() if c[1] == name} for side in (a, b))
+        f = agreement(side_a, side_b)
+        rows.append([name, "%s / %s" % (_said(f["success_first"]), _said(f["success_second"])),
+                     "%s / %s" % (_said(f["contact_first"]), _said(f["contact_second"])),
+                     "%s / %s" % (_mean(side_a), _mean(side_b)), _said(f["ratio"]), _said(f["pearson"]),
+                     _said(f["spearman"]), _said(f["same_outcome"])])
+    lines += ["", "Per set, %s / %s:" % (first, second), ""] + _table(SETS_HEAD, rows)
+    cells = list(dict.fromkeys(c[0] for c in a))
+    lines += ["", "Mean time of successes [s], %s / %s (– where no trial succeeded):" % (first, second), ""]
+    lines += _table(["world"] + sets, [[world] + ["%s / %s" % tuple(
+        _mean({c: side[c] for c in [(world, name)] if c in side}) for side in (a, b)) for name in sets]
+        for world in cells])
     return "\n".join(lines) + "\n"
 
 
+def side_by_side(first: str, second: str, folders: Sequence[str]) -> str:
+    """CSV: a row per trial that both drove."""
+    a, b = ({tuple(row[:4]): row[4:] for row in read_rows(os.path.join(f, TRIALS), COLUMNS)} for f in folders)
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    parts = ("success", "collided", "time_s")
+    writer.writerow(["world", "set", "trial", "seed"]
+                    + ["%s_%s" % (part, name) for name in (first, second) for part in parts])
+    for key in a:
+        if key in b:
+            writer.writerow(list(key) + [v for side in (a, b) for v in (side[key][0], side[key][1], side[key][3])])
+    return out.getvalue()
+
+
+def _table(head, rows) -> List[str]:
+    return ["| %s |" % " | ".join(row) for row in [head, ["---"] * len(head)] + rows]
+
+
+def _said(value) -> str:
+    return "–" if np.isnan(value) else "%d" % value if isinstance(value, int) else "%.3f" % value
+
+
+def _mean(side: Dict[Cell, np.ndarray]) -> str:
+    times = np.concatenate([t[t[:, 0] > 0, 1] for t in side.values()]) if side else np.zeros(0)
+    return "%.1f" % times.mean() if len(times) else "–"
+
+
+# -- the command -----------------------------------------------------------------------------------------------------
+def parse(arguments: Sequence[str] = None) -> argparse.Namespace:
+    whole = evaluate._whole
+    p = evaluate._Parser(prog="compare_simulators", description=__doc__, allow_abbrev=False,
+                         formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--worlds", default="generated:train", help="as for evaluate.py (default: generated:train)")
+    p.add_argument("--count", type=whole(0, 100_000), default=50,
+                   help="how many of them, evenly spread; 0: all (default: 50)")
+    p.add_argument("--sets", type=whole(1, 1000), default=5,
+                   help="parameter sets: theta_0, Fast-DWA, and random ones, always the same (default: 5)")
+    p.add_argument("--trials", type=whole(1, 100_000), default=1,
+                   help="of each set in each world and simulator (default: 1)")
+    p.add_argument("--workers", type=whole(1, 4096), default=2, help="processes (default: 2)")
+    p.add_argument("--seed", type=whole(0, 2 ** 31 - 1), default=0, help="of all trials (default: 0)")
+    p.add_argument("--out", default="results/simulators", help="folder (default: results/simulators)")
+    p.add_argument("--simulators", default="pybullet,kinematic",
+                   help="the two to compare (default: pybullet,kinematic)")
+    p.add_argument("--driver", default="training.trials:Driver", help=argparse.SUPPRESS)        # tests give a toy
+    options = p.parse_args(arguments)
+    options.simulators = options.simulators.split(",")
+    if len(options.simulators) != 2:
+        p.error("--simulators needs two names, like pybullet,kinematic")
+    return options
+
+
 def main(arguments: Sequence[str] = None) -> int:
-    parser = argparse.ArgumentParser(prog="compare_simulators", description=__doc__.splitlines()[0])
-    parser.add_argument("--worlds", default="generated:test", help="as for evaluate.py (default: generated:test)")
-    parser.add_argument("--trials", type=int, default=2, help="of each set in each world and simulator (default: 2)")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", default="results/simulators", help="folder for trials and comparison.md")
-    options = parser.parse_args(arguments)
-    methods = ",".join("%s=training.compare_simulators:Set:%s" % (name, name) for name in SETS)
-    for simulator in ("pybullet", "kinematic"):
-        status = evaluate.main(["--worlds", options.worlds, "--methods", methods, "--trials", str(options.trials),
-                                "--simulator", simulator, "--workers", str(options.workers), "--no-report",
-                                "--seed", str(options.seed), "--traces", "0",
-                                "--out", os.path.join(options.out, simulator)])
+    """Exit status 0; 1 and one line on stderr for a mistake; 130 after Ctrl-C."""
+    try:
+        return run(parse(arguments))
+    except (evaluate.UsageError, StorageError, WorldError) as error:
+        print("error: %s" % error, file=sys.stderr)
+        return 1
+
+
+def run(options: argparse.Namespace) -> int:
+    specs = [spec for part in options.worlds.split(",") for spec in worlds_package.specs(part.strip())]
+    chosen = ["%s=training.compare_simulators:Drawn:%s" % (n, n[7:]) if n not in KNOWN else n
+              for n in set_names(options.sets)]
+    first, second = options.simulators
+    folders = [os.path.join(options.out, first), os.path.join(options.out, second + "-2" * (first == second))]
+    for simulator, folder in zip((first, second), folders):
+        status = evaluate.main(["--worlds", ",".join(spread(specs, options.count)), "--methods", ",".join(chosen),
+                                "--trials", str(options.trials), "--simulator", simulator, "--traces", "0",
+                                "--workers", str(options.workers), "--seed", str(options.seed), "--no-report",
+                                "--driver", options.driver, "--out", folder])
         if status:
             return status
-    text = table(*(read(os.path.join(options.out, simulator)) for simulator in ("pybullet", "kinematic")))
+    names = [os.path.basename(folder) for folder in folders]
+    text = markdown(*names, *(read(folder) for folder in folders))
+    write_bytes(os.path.join(options.out, "comparison.csv"), side_by_side(*names, folders).encode())
     write_bytes(os.path.join(options.out, "comparison.md"), text.encode())
     print(text)
     return 0
