@@ -1,8 +1,9 @@
 """Bullet's side of the pybullet Jackal: loads pybullet quietly, builds ground, obstacles and robot.
 PybulletSimulator uses it.
 
-pybullet's traps, all met here: it prints a banner when imported; meshes from files are cached by name (ours
-come from memory); a world of single bodies is three times slower than one concave mesh.
+pybullet's traps, all met here: it prints a banner when imported; it never frees a mesh, so a mesh per world grows
+without end; a world of single bodies is several times slower than the same in compounds, and a compound keeps only its
+first 16 shapes.
 """
 import ctypes
 import math
@@ -16,7 +17,7 @@ from .simulator import SimulatorError
 
 GROUND_CONTACT = (3.0e4, 400.0)              # a tyre's stiffness [N/m] and damping [N s/m]
 OBSTACLE_TOP = 1.0                           # BARN's cylinders reach .5 m; the robot never sees over them
-_PER_MESH = 4000                             # obstacles in one mesh: Bullet's arrays are bounded
+_COMPOUND = 16                               # shapes in one body: createCollisionShapeArray drops what is more
 
 
 def load_pybullet():
@@ -52,16 +53,7 @@ def build_world(p, client, world, step):
                                 enableFileCaching=0, **on)
     ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
     p.changeDynamics(ground, -1, lateralFriction=0.0, **on)     # skid_steer.py pulls instead
-    outlines = [_ring(*cylinder) for cylinder in np.asarray(world.cylinders, dtype=float).reshape(-1, 3)]
-    outlines += [_corners(*box) for box in np.asarray(world.boxes, dtype=float).reshape(-1, 5)]
-    bodies = []
-    for start in range(0, len(outlines), _PER_MESH):
-        vertices, indices = _walls(outlines[start:start + _PER_MESH])
-        shape = p.createCollisionShape(p.GEOM_MESH, vertices=vertices, indices=indices,
-                                       flags=p.GEOM_FORCE_CONCAVE_TRIMESH, **on)
-        bodies.append(p.createMultiBody(0, shape, **on))
-        p.changeDynamics(bodies[-1], -1, lateralFriction=1.0, **on)
-    return bodies
+    return [_compound(p, on, part) for part in _parts(world)]
 
 
 def add_mover(p, client, mover):
@@ -114,30 +106,28 @@ def _upright(x, y):
     return (x, y, OBSTACLE_TOP / 2)
 
 
-def _ring(x, y, radius):
-    """(12 or more, 2) corners of a polygon that lies as much within as without the circle."""
-    n = 12 if radius <= 0.1 else min(48, 12 + int(40 * radius))
-    angles = (np.arange(n) + 0.5) * 2 * np.pi / n
-    reach = 2 * radius / (1 + math.cos(math.pi / n))
-    return np.column_stack([x + reach * np.cos(angles), y + reach * np.sin(angles)])
+def _parts(world):
+    """The static obstacles as (x, y, yaw, shape), near ones together, at most _COMPOUND at a time. shape: a radius,
+    or (size_x, size_y)."""
+    cylinders = np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist()
+    boxes = np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist()
+    obstacles = [(x, y, 0.0, radius) for x, y, radius in cylinders]
+    obstacles += [(x, y, yaw, (dx, dy)) for x, y, yaw, dx, dy in boxes]
+    obstacles.sort(key=lambda obstacle: (round(obstacle[1]), obstacle[0]))
+    return [obstacles[i:i + _COMPOUND] for i in range(0, len(obstacles), _COMPOUND)]
 
 
-def _corners(x, y, yaw, size_x, size_y):
-    c, s = math.cos(yaw), math.sin(yaw)
-    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (size_x / 2, size_y / 2)
-    return corners @ np.array([(c, s), (-s, c)]) + (x, y)
-
-
-def _walls(outlines):
-    """Vertices (lists of 3) and triangle indices of upright walls around counter-clockwise outlines, facing
-    outwards."""
-    vertices, indices, base = [], [], 0
-    for outline in outlines:
-        n = len(outline)
-        for z in (-0.1, OBSTACLE_TOP):
-            vertices.extend([float(x), float(y), z] for x, y in outline)
-        for i in range(n):
-            j = (i + 1) % n
-            indices.extend((base + i, base + j, base + n + j, base + i, base + n + j, base + n + i))
-        base += 2 * n
-    return vertices, indices
+def _compound(p, on, obstacles):
+    """One standing body of upright cylinders and boxes; its id."""
+    round_ones = [not isinstance(shape, tuple) for _, _, _, shape in obstacles]
+    shape = p.createCollisionShapeArray(
+        shapeTypes=[p.GEOM_CYLINDER if is_round else p.GEOM_BOX for is_round in round_ones],
+        radii=[shape if is_round else 0.0 for is_round, (_, _, _, shape) in zip(round_ones, obstacles)],
+        lengths=[OBSTACLE_TOP] * len(obstacles),
+        halfExtents=[(0, 0, 0) if is_round else (shape[0] / 2, shape[1] / 2, OBSTACLE_TOP / 2)
+                     for is_round, (_, _, _, shape) in zip(round_ones, obstacles)],
+        collisionFramePositions=[_upright(x, y) for x, y, _, _ in obstacles],
+        collisionFrameOrientations=[(0, 0, math.sin(yaw / 2), math.cos(yaw / 2)) for _, _, yaw, _ in obstacles], **on)
+    body = p.createMultiBody(0, shape, **on)
+    p.changeDynamics(body, -1, lateralFriction=1.0, **on)
+    return body
