@@ -9,6 +9,8 @@ def make(name: str, **randomisation) -> Simulator:
     """A simulator by name, "pybullet" or "kinematic". `randomisation`: see Randomisation. Imported on first
     use, so the kinematic one needs no pybullet."""
     if name == "kinematic":
+        if randomisation.pop("gui", False):
+            raise SimulatorError("gui is true but the kinematic simulator has no window: take pybullet")
         from .kinematic_simulator import KinematicSimulator
         return KinematicSimulator(**randomisation)
     if name == "pybullet":

@@ -43,9 +43,11 @@ class Bridge:
         if not 0 <= self.seed < 2 ** 31:
             raise SimulatorError("seed is %d: give 0 to 2147483647" % self.seed)
         name = rospy.get_param("~simulator", "pybullet")
-        options = dict(rospy.get_param("~randomisation", {}))
+        options = rospy.get_param("~randomisation", {})
+        if not isinstance(options, dict):
+            raise SimulatorError("randomisation is %r: give a dictionary such as {slip: 1.2}" % (options,))
         if rospy.get_param("~gui", False):
-            options["gui"] = True
+            options = dict(options, gui=True)
         world = worlds.load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **options)
         self._warm_up(world)
@@ -86,7 +88,7 @@ class Bridge:
 
     # -- the simulating thread ---------------------------------------------------------------------
     def spin(self):
-        pace, ticks = Pace(self.factor), 0
+        pace, ticks = Pace(), 0
         while not rospy.is_shutdown():
             ticks += 1
             with self.lock:
@@ -102,8 +104,10 @@ class Bridge:
                 self.topics.publish_clock(stamp)
             if self.factor == 0.0:
                 self._lock_step()
-                if not self.driven:
-                    pace.wait(TICK, IDLE_FACTOR)
+                if self.driven:
+                    pace.begin()
+                else:
+                    pace.wait(TICK, IDLE_FACTOR, False)
             else:
                 pace.wait(TICK, self.factor)
 
@@ -185,11 +189,15 @@ class Bridge:
 class Pace:
     """Keeps simulated and wall time in step."""
 
-    def __init__(self, factor):
-        self.next = time.monotonic()
+    def __init__(self):
         self.late, self.told = 0.0, 0.0
+        self.begin()
 
-    def wait(self, simulated, factor):
+    def begin(self):
+        """Count from now on."""
+        self.next = time.monotonic()
+
+    def wait(self, simulated, factor, tell=True):
         """Sleep until it is time. What is more than .2 s late is not caught up with, and said."""
         now = time.monotonic()
         self.next += simulated / factor
@@ -198,7 +206,7 @@ class Pace:
         elif now - self.next > 0.2:
             self.late += now - self.next
             self.next = now
-            if now - self.told > 10.0:
+            if tell and now - self.told > 10.0:
                 self.told = now
                 rospy.logwarn("sim_bridge: %.1f s lost so far: real_time_factor %g is too much for this "
                               "machine now", self.late, factor)

@@ -46,8 +46,9 @@ class Randomisation:
     def __post_init__(self):
         for name, value in vars(self).items():
             spans = name not in ("start_xy", "start_yaw")
-            low, high = value if spans and isinstance(value, (tuple, list)) else (value, value)
-            if not (isfinite(low) and isfinite(high) and 0 <= low <= high):
+            pair = value if spans and isinstance(value, (tuple, list)) else (value, value)
+            numbers = [bound for bound in pair if isinstance(bound, (int, float)) and isfinite(bound)]
+            if len(pair) != 2 or len(numbers) != 2 or not 0 <= numbers[0] <= numbers[1]:
                 raise SimulatorError("randomisation %s = %r: give a number >= 0%s" % (
                     name, value, " or a span (low, high)" if spans else ""))
 
@@ -80,10 +81,11 @@ class Simulator(ABC):
     """
 
     def __init__(self, **randomisation):
-        try:
-            self.randomisation = Randomisation(**randomisation)
-        except TypeError as error:
-            raise SimulatorError("%s; known: %s" % (error, ", ".join(vars(Randomisation())))) from None
+        known = list(vars(Randomisation()))
+        for name in randomisation:
+            if name not in known:
+                raise SimulatorError("randomisation %s is not known: give %s" % (name, ", ".join(known)))
+        self.randomisation = Randomisation(**randomisation)
         self.world = None
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)

@@ -70,7 +70,7 @@ def stack(ros, robot, tmp_path):
         client.close()
     for child in reversed(started):
         child.kill()
-    for name in ("/fake", "/use_sim_time"):
+    for name in ("/fake", "/applr", "/use_sim_time"):
         if rospy.has_param(name):
             rospy.delete_param(name)
 
@@ -254,7 +254,9 @@ def test_dwa_leaves_the_planner_alone(robot, stack):
 
 
 @pytest.mark.parametrize("parameters, line", [({"mode": "fast"}, "mode 'fast' is unknown"),
-                                              ({"mode": "dwa", "period": -1}, "period is -1")])
+                                              ({"mode": "dwa", "period": -1}, "period is -1"),
+                                              ({"mode": "random", "seed": "x"}, "seed is 'x'"),
+                                              ({"mode": "dwa", "scan_topic": 5}, "scan_topic is 5")])
 def test_wrong_parameters_end_the_node_in_one_line(robot, stack, parameters, line):
     node, _, _ = stack(fake=None, ready=False, **parameters)
     wait_for(lambda: not node.alive(), 10.0, "end")

@@ -116,6 +116,11 @@ def test_own_recoveries_bring_their_parameters():
     assert complete(tree)["wide"]["reset_distance"] == 7.0
 
 
+def test_planners_that_are_not_built_in_are_refused():
+    (line,) = check({"base_local_planner": "dwa_local_planner/DWAPlannerROS"})
+    assert line.startswith("base_local_planner is dwa_local_planner/DWAPlannerROS: only base_local_planner/Traj")
+
+
 class TestConfiguration:
     @pytest.fixture
     def config(self):

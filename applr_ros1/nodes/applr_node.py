@@ -199,22 +199,35 @@ def make_method(mode, policy, parameters, seed):
         return methods.make("dwa"), str(e)
 
 
+def _number(name, default, low, high):
+    """The private parameter `name`. SpaceError, one line, where it is no number from low to high."""
+    value = rospy.get_param("~" + name, default)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise SpaceError(f"{name} is {value!r}: give a number from {low} to {high}")
+    return value
+
+
+def _text(name, default):
+    """The private parameter `name`, a name of something; empty only where the default is."""
+    value = rospy.get_param("~" + name, default)
+    if not isinstance(value, str) or (default and not value):
+        raise SpaceError(f"{name} is {value!r}: give a text, for instance {default or 'a file'}")
+    return value
+
+
 def main():
     """Reads the private parameters and runs until shutdown. Returns the exit status."""
     rospy.init_node("applr")
-    period = rospy.get_param("~period", 2.0)
-    namespace = rospy.get_param("~move_base", "/move_base")
     try:
-        if isinstance(period, bool) or not isinstance(period, (int, float)) or not 0.1 <= period <= 60.0:
-            raise SpaceError(f"period is {period!r}: give seconds from 0.1 to 60")
-        method, trouble = make_method(rospy.get_param("~mode", "applr"), rospy.get_param("~policy", ""),
-                                      rospy.get_param("~parameters", ""), rospy.get_param("~seed", 0))
+        period, seed, namespace = _number("period", 2.0, 0.1, 60.0), _number("seed", 0, 0, 2**31 - 1), _text(
+            "move_base", "/move_base")
+        topics = (_text("scan_topic", "/front/scan"), _text("odom_topic", "/odometry/filtered"),
+                  _text("plan_topic", namespace + "/NavfnROS/plan"))
+        method, trouble = make_method(_text("mode", "applr"), _text("policy", ""), _text("parameters", ""), seed)
     except (SpaceError, ValueError) as e:
         print(f"applr: {e}", file=sys.stderr)
         return 1
-    inputs = Inputs(rospy.get_param("~scan_topic", "/front/scan"),
-                    rospy.get_param("~odom_topic", "/odometry/filtered"),
-                    rospy.get_param("~plan_topic", namespace + "/NavfnROS/plan"), namespace)
+    inputs = Inputs(*topics, namespace)
     node = ApplrNode(method, inputs, Topics(), float(period), namespace)
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")

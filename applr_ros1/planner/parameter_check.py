@@ -150,7 +150,10 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 
 def _check_whole(full):
-    """What only shows when several parameters are looked at together."""
+    """What only shows when several parameters are looked at together, and the plugins there are."""
+    for p in SERVERS[""]:
+        if p.name in ("base_global_planner", "base_local_planner") and full[p.name] != p.default:
+            raise ParameterError("%s is %s: only %s is built in, give that" % (p.name, full[p.name], p.default))
     for name in ("global_costmap", "local_costmap"):
         costmap = full[name]
         cells = costmap["width"] * costmap["height"] / costmap["resolution"] ** 2
