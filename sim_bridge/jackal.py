@@ -48,6 +48,7 @@ GRIP_LIMIT = 3.7                             # the tyres hold curves up to this 
 TYRE_CREEP = 0.02                            # slip speed at which a tyre has .7 of its full friction [m/s]
 GRIP_NOISE, GRIP_TIME = 0.10, 0.5            # uneven ground: each wheel's friction, relative sd; time [s]
 WHEEL_NOISE, WHEEL_TIME = 0.005, 0.5          # each side's speed, relative sd; correlation time [s]
+WHEEL_SHAKE = 0.01                           # each side's speed while it moves, absolute sd [m/s]
 
 # -- laser ----------------------------------------------------------------------------------------
 LASER_FRAME = "front_laser"
@@ -67,5 +68,7 @@ ODOMETRY_RATE = 50.0
 ODOM_SCALE_ERROR = 0.005                     # standard deviation of the wheels' scale, drawn at reset
 ODOM_HEADING_DRIFT = 0.002                   # standard deviation of the heading's error [rad] ...
 ODOM_HEADING_TIME = 60.0                     # ... and its correlation time [s]
+ODOM_HEADING_NOISE = 0.003                   # and of what changes from one reading to the next [rad]
+ODOM_SPEED_NOISE = 0.005                     # of the speed given with the pose [m/s]
 GYRO_NOISE = 0.005                           # [rad/s]
 ACCELEROMETER_NOISE = 0.005                  # [m/s^2]

@@ -16,6 +16,7 @@ class Odometry:
         self.twist = (0.0, 0.0)
         self.imu = (0.0, 0.0)
         self._gain = 1.0 + scale * jackal.ODOM_SCALE_ERROR * float(rng.standard_normal())
+        self._heading = yaw                                  # without the noise of a single reading
         self._error = 0.0                                    # of the heading [rad]; none at the start
         self._turned = 0.0                                   # frame odom against the world
         self._noise, self._next = rng.standard_normal(256).tolist(), 0
@@ -29,6 +30,7 @@ class Odometry:
     def set(self, pose, true_yaw):
         """From now on the pose is this one."""
         self.pose = tuple(map(float, pose))
+        self._heading = self.pose[2]
         self._turned = self.pose[2] - true_yaw
 
     def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
@@ -37,12 +39,14 @@ class Odometry:
         keep = exp(-duration / jackal.ODOM_HEADING_TIME)
         self._error = keep * self._error + (self.scale * jackal.ODOM_HEADING_DRIFT
                                             * sqrt(1.0 - keep * keep) * self._normal())
-        x, y, old = self.pose
+        x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
         turn = (yaw - old + pi) % (2 * pi) - pi
         ahead = wheel_speed * self._gain * duration
         middle = old + 0.5 * turn
-        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), (old + turn + pi) % (2 * pi) - pi)
+        self._heading = (old + turn + pi) % (2 * pi) - pi
+        seen = self._heading + self.scale * jackal.ODOM_HEADING_NOISE * self._normal()
+        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), (seen + pi) % (2 * pi) - pi)
         rate = yaw_rate + self.scale * jackal.GYRO_NOISE * self._normal()
-        self.twist = (wheel_speed * self._gain, yaw_rate)
+        self.twist = (wheel_speed * self._gain + self.scale * jackal.ODOM_SPEED_NOISE * self._normal(), rate)
         self.imu = (acceleration + self.scale * jackal.ACCELEROMETER_NOISE * self._normal(), rate)

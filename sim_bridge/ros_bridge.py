@@ -29,7 +29,7 @@ from .simulator import SimulatorError
 TICK = 0.01                     # simulated seconds between clocks; data every second one
 CONTROL_PERIOD = 0.05           # the planner's, for the lock-step of real_time_factor 0
 PATIENCE = 0.25                 # wall seconds the lock-step waits for a command
-IDLE_FACTOR = 5.0               # real_time_factor 0 while nobody commands
+IDLE_FACTOR = 1.0               # real_time_factor 0 while nobody commands: who plans then has its usual time
 
 
 class Bridge:

@@ -44,15 +44,16 @@ def turn_wheels(drive, v, w, table, noise, slip):
     drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
     rate = jackal.MAX_YAW_ACCELERATION * STEP
     drive[RAMP_W] = min(max(w, drive[RAMP_W] - rate), drive[RAMP_W] + rate)
-    shake = sqrt(1.0 - _KEEP_WHEEL * _KEEP_WHEEL) * jackal.WHEEL_NOISE * slip
+    shake = sqrt(1.0 - _KEEP_WHEEL * _KEEP_WHEEL) * slip
     for i in range(2):
         drive[WHEEL_NOISE + i] = _KEEP_WHEEL * drive[WHEEL_NOISE + i] + shake * noise[i]
     shake = sqrt(1.0 - _KEEP_GRIP * _KEEP_GRIP) * jackal.GRIP_NOISE * slip
     for i in range(4):
         drive[GRIP_NOISE + i] = _KEEP_GRIP * drive[GRIP_NOISE + i] + shake * noise[2 + i]
     ahead, side = _rims(drive[RAMP_V], drive[RAMP_W], table)
-    drive[LEFT] = (ahead - side) * (1.0 + drive[WHEEL_NOISE])
-    drive[RIGHT] = (ahead + side) * (1.0 + drive[WHEEL_NOISE + 1])
+    moving = jackal.WHEEL_SHAKE if drive[RAMP_V] != 0.0 or drive[RAMP_W] != 0.0 else 0.0
+    drive[LEFT] = ahead - side + (moving + jackal.WHEEL_NOISE * abs(ahead - side)) * drive[WHEEL_NOISE]
+    drive[RIGHT] = ahead + side + (moving + jackal.WHEEL_NOISE * abs(ahead + side)) * drive[WHEEL_NOISE + 1]
 
 
 @njit(cache=True)
