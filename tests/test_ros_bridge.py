@@ -275,6 +275,6 @@ def test_factor_zero_keeps_step_with_who_commands():
         assert max(gaps) < 0.11 and np.median(gaps) == pytest.approx(0.05, abs=0.012)
         assert (last - start) / 2.0 > 1.5
         time.sleep(1.0)
-        assert 1.0 < robot.heard["/clock"][-1].clock.to_sec() - last < 8.0
+        assert 0.4 < robot.heard["/clock"][-1].clock.to_sec() - last < 1.5
     finally:
         robot.close()
