@@ -14,7 +14,7 @@ import worlds
 from . import arguments, processes
 
 PICTURE = "applr_demo.png"
-LIMIT = 100.0           # simulated seconds: the fifty decisions of the paper's episodes
+LIMIT = 300.0            # simulated seconds: default DWA sometimes takes long to free itself
 UP_WITHIN = 300.0       # wall seconds for one part to come up; the first time its kernels are compiled
 STALLED_AFTER = 20.0    # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
