@@ -190,3 +190,9 @@ def test_journal_on_a_full_disk_stays_whole(tmp_path, monkeypatch):
         journal.append(b"second, which is long", {})
     monkeypatch.undo()
     assert list(Journal(tmp_path).read()) == [b"first"]
+
+
+def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
+    monkeypatch.setattr("training.replay.os.sysconf", lambda name: 4096 if "SIZE" in name else 2 ** 20)     # 4 GiB
+    with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
+        Replay(Layout(), 10 ** 8)

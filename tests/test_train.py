@@ -150,6 +150,8 @@ def one_line(capsys, arguments, status, pattern):
     (["--gamma", "1.5"], "--gamma is 1.5"),
     (["--actor-lr", "nan"], "finite"),
     (["--latency", "0.2,0.1"], "--latency"),
+    (["--latency", "100"], "--latency is '100': give a number from 0 to 2"),
+    (["--actors", "1", "--ray-address", "127.0.0.1:1"], "no Ray answers at 127.0.0.1:1"),
     (["--pool", "threads"], "invalid choice"),
     (["--mix"], "--mix needs"),
     (["--worlds", "generated:900"], "generated:900"),
@@ -162,10 +164,11 @@ def one_line(capsys, arguments, status, pattern):
 def test_bad_options_are_one_line(arguments, pattern, tmp_path, capsys):
     given = [] if "--worlds" in arguments or "--env" in arguments else ["--env", "tests.toy_env:Line"]
     where = [] if "--out" in arguments else ["--out", tmp_path / "run"]
-    status = 1 if any(a in arguments for a in ("--worlds", "--device", "--out", "--dataset")) \
+    status = 1 if any(a in arguments for a in ("--worlds", "--device", "--out", "--dataset", "--ray-address")) \
         and "--resume" not in arguments else 2
     one_line(capsys, [*given, *where, *arguments], status, pattern)
-    assert not (tmp_path / "run" / "checkpoint.json").exists()
+    for name in ("checkpoint.json", "config.json"):      # the right command may use the same folder
+        assert not (tmp_path / "run" / name).exists()
 
 
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):

@@ -15,6 +15,8 @@ from training.storage import StorageError, read_json
 from training.td3 import TD3Config
 
 PAPER_STEPS = 5_000_000
+MOST_ROWS = 10 ** 8
+MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}    # of what is randomised
 
 
 class ConfigError(ValueError):
@@ -128,7 +130,7 @@ class TrainConfig:
     def learner(self) -> LearnerConfig:
         td3 = TD3Config(hidden=tuple(self.layers()), **{f.name: getattr(self, f.name) for f in fields(TD3Config)
                                                         if f.name != "hidden"})
-        capacity = self.capacity or max(1000, int(1.1 * self.steps) + 1000)
+        capacity = self.capacity or min(MOST_ROWS, max(1000, int(1.1 * self.steps) + 1000))
         return LearnerConfig(td3=td3, capacity=capacity, updates_per_transition=self.updates_per_transition,
                              warmup=self.warmup, max_staleness=self.max_staleness, seed=self.seed, device=self.device)
 
@@ -154,11 +156,12 @@ class TrainConfig:
         text = getattr(self, name)
         try:
             numbers = [float(part) for part in str(text).split(",")]
-            if len(numbers) not in (1, 2) or not all(math.isfinite(n) and n >= 0 for n in numbers) \
+            if len(numbers) not in (1, 2) or not all(0 <= n <= MOST[name] for n in numbers) \
                     or numbers != sorted(numbers):
                 raise ValueError
         except ValueError:
-            raise ConfigError("--%s is %r: give a number >= 0, or LOW,HIGH" % (dashed(name), text)) from None
+            raise ConfigError("--%s is %r: give a number from 0 to %g, or LOW,HIGH"
+                              % (dashed(name), text, MOST[name])) from None
         return numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -168,7 +171,8 @@ _BOUNDS = (
     ("start_yaw", 0.0, math.pi), ("actor_lr", 0.0, 1.0), ("critic_lr", 0.0, 1.0), ("gamma", 0.0, 1.0),
     ("n_step", 1, 100), ("batch_size", 1, 65536), ("tau", 0.0, 1.0), ("target_noise", 0.0, 2.0),
     ("noise_clip", 0.0, 2.0),
-    ("policy_delay", 1, 100), ("updates_per_transition", 0.0, 100.0), ("warmup", 0, 10 ** 9), ("capacity", 0, 10 ** 8),
+    ("policy_delay", 1, 100), ("updates_per_transition", 0.0, 100.0), ("warmup", 0, 10 ** 9),
+    ("capacity", 0, MOST_ROWS),
     ("noise_start", 0.0, 2.0), ("noise_end", 0.0, 2.0), ("noise_steps", 0, 10 ** 9), ("updates", 0, 10 ** 9),
     ("bc_alpha", 0.0, 1000.0), ("checkpoint_every", 0.0, 1e6), ("eval_count", 0, 100_000), ("eval_trials", 1, 1000),
     ("eval_every", 1, 10 ** 9), ("contact_seconds", 0.0, 1e6))

@@ -6,12 +6,13 @@ transitions, 13 to an episode, take 4.3 GB.
 """
 from __future__ import annotations
 
+import os
 from typing import Dict
 
 import numpy as np
 import torch
 
-from training.td3 import Batch, decode, join
+from training.td3 import Batch, LearnerError, decode, join
 from training.trajectory import Layout, Trajectory, TrajectoryError
 
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3     # what a row's transition leads to
@@ -24,6 +25,7 @@ class Replay:
         if capacity < 2:
             raise ValueError("replay of %r rows is too small; give at least 2" % (capacity,))
         self.layout, self.capacity = layout, int(capacity)
+        _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
         self.rest = np.zeros((capacity, layout.rest), np.float32)
         self.action = np.zeros((capacity, layout.action), np.float32)
@@ -127,6 +129,14 @@ class Replay:
                      decode(self.action[rows], device), decode(reward, device), decode(discount, device),
                      join(decode(self.scan[following], device), decode(self.rest[following], device), step),
                      decode(noise, device))
+
+
+def _check_memory(rows: int, row: int) -> None:
+    """LearnerError where the replay, once full, would not fit this machine: better now than killed after days."""
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if rows * row > there:
+        raise LearnerError("a replay of %d rows takes %.1f GB, this machine has %.1f GB; give a smaller --capacity"
+                           % (rows, rows * row / 1e9, there / 1e9))
 
 
 class _Numbers:

@@ -184,7 +184,8 @@ def draw_curves(path, episodes: Episodes, rounds: Rounds, window: int = 100) -> 
             axes.axhline(rounds.default[name], color="tab:red", ls="--", label="default DWA, held-out worlds")
         axes.set(xlabel="transitions", ylabel=label)
         axes.grid(alpha=.3)
-    axes.legend(fontsize=8)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8)
     buffer = io.BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(buffer, format="png", dpi=110)

@@ -49,7 +49,6 @@ class Training:
         set_threads(config)
         self.learner = Learner(layout, _with_rows(config, dataset), self.folder)
         self.dataset = dataset
-        write_json(self.folder / "config.json", dict(asdict(config), resume=False))
         self.extra = self._resume() if config.resume else {}
         self.episodes = self.episodes if config.resume else Episodes(self.folder, 0)
         self.rounds = Rounds(self.folder, _spread(test_worlds, config.eval_count), config.eval_trials,
@@ -66,6 +65,7 @@ class Training:
         self._saved = time.monotonic()
         self._episode_errors: Dict[str, int] = {}
         self.pool = self._make_pool(settings)
+        write_json(self.folder / "config.json", dict(asdict(config), resume=False))     # from now on it is a run
 
     def _resume(self):
         """Back to where the run was: the checkpoint, and every trajectory taken since."""
