@@ -7,6 +7,7 @@ runs here.
 """
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +19,9 @@ HERE = Path(__file__).parent
 USES_ROS = re.compile(r"^\s*(from|import) (rospy|%s)\b" % "|".join(
     path.stem for path in HERE.glob("*.py") if "import rospy" in path.read_text(encoding="utf-8")), re.MULTILINE)
 LONGEST = 900       # seconds for one file
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:       # as a shell starts what it puts in the background:
+    signal.signal(signal.SIGINT, signal.default_int_handler)        # tests interrupt children, which would inherit it
 
 if sys.version_info < (3, 10):
     needs_training = re.compile(r"^\s*(from|import) (training|torch|gymnasium|ray)\b", re.MULTILINE)

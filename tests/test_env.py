@@ -239,7 +239,7 @@ def test_drives_a_course_with_the_real_planner():
     """Default parameters through one of the easy worlds."""
     from training.env import load_worlds
     episode = Episode(sim_bridge.make("kinematic"), MoveBase())
-    episode.reset(load_worlds("generated:3")[0], 1)
+    episode.reset(load_worlds("generated:2")[0], 1)
     outcomes = drive(episode)
     assert outcomes[-1].success and 11.0 < outcomes[-1].time_s < 100.0
     assert sum(o.progress_y for o in outcomes) == pytest.approx(5.925, abs=0.3)

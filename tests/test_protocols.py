@@ -65,16 +65,16 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path, simulator):
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_barn_challenge(tmp_path, simulator):
     """Its start, goal and limit; a collision ends the run; both versions of the metric in the report."""
-    base = worlds.load("generated:3")
+    base = worlds.load("generated:2")
     bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))      # from behind, faster
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
     sdf_writer.write(world, str(tmp_path / "hit.world"))
-    arguments = ["--worlds", "generated:3,%s" % (tmp_path / "hit.world"), "--methods", "dwa", "--simulator", simulator,
+    arguments = ["--worlds", "generated:2,%s" % (tmp_path / "hit.world"), "--methods", "dwa", "--simulator", simulator,
                  "--protocol", "barn-challenge"]
     rows, measures = drive(tmp_path / "out", *arguments)
     free, hit = rows
     assert free["success"] == "True" and free["collided"] == "False" and 18.0 < float(free["time_s"]) < 100.0
-    trace = read_trace(tmp_path / "out", "generated:3", "dwa", 0)
+    trace = read_trace(tmp_path / "out", "generated:2", "dwa", 0)
     assert np.allclose(trace["pose"][0], [-2.25, 3.0, np.pi / 2], atol=0.1)
     assert abs(np.hypot(*(trace["pose"][-1][:2] - (-2.25, 13.0))) - 1.0) < 0.1
     assert hit["collided"] == "True" and hit["success"] == "False" and hit["timeout"] == "False"
