@@ -111,6 +111,13 @@ class Bridge:
             else:
                 pace.wait(TICK, self.factor)
 
+    def spin_until_shutdown(self):
+        try:
+            self.spin()
+        except rospy.ROSException:
+            if not rospy.is_shutdown():         # a topic closed under its publisher is how a shutdown looks
+                raise
+
     def _take_command(self):
         with self.arrived:
             command, self.heard = self.heard, None
@@ -248,8 +255,9 @@ def main():
         return 1
     gc.collect()
     gc.freeze()     # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
-    try:
-        bridge.spin()
-    except rospy.ROSInterruptException:
-        pass
-    return 0
+    # Not in the main thread: rospy shuts down in the signal's handler there, which would wait for the very lock
+    # that an interrupted publish() holds.
+    spinning = threading.Thread(target=bridge.spin_until_shutdown, daemon=True)
+    spinning.start()
+    spinning.join()
+    return 0 if rospy.is_shutdown() else 1

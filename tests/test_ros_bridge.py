@@ -194,7 +194,7 @@ def test_set_pose_sets_what_the_odometry_believes(robot):
     truth = position(robot.next("/sim_bridge/ground_truth"))
     wait_for(robot.set_pose.get_num_connections, 5.0, "connection")
     robot.set_pose.publish(message)
-    robot.wait(lambda: position(robot.heard["/odometry/filtered"][-1]) == (1.0, 2.0))
+    robot.wait(lambda: position(robot.heard["/odometry/filtered"][-1]) == pytest.approx((1.0, 2.0), abs=0.01))
     assert position(robot.next("/sim_bridge/ground_truth")) == pytest.approx(truth, abs=1e-3)
     message.pose.pose.orientation.w = 0.0                               # no rotation at all
     robot.set_pose.publish(message)
