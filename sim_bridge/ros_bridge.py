@@ -115,7 +115,7 @@ class Bridge:
         try:
             self.spin()
         except rospy.ROSException:
-            if not rospy.is_shutdown():         # a topic closed under its publisher is how a shutdown looks
+            if not rospy.core.is_shutdown_requested():      # a topic closed under its publisher: a shutdown begins
                 raise
 
     def _take_command(self):
@@ -260,4 +260,4 @@ def main():
     spinning = threading.Thread(target=bridge.spin_until_shutdown, daemon=True)
     spinning.start()
     spinning.join()
-    return 0 if rospy.is_shutdown() else 1
+    return 0 if rospy.core.is_shutdown_requested() else 1
