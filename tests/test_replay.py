@@ -90,6 +90,20 @@ def test_batch_is_what_the_rows_say():
         assert float(batch.discount[i]) == pytest.approx(0.0 if k == 4 else 0.9)
 
 
+def test_mirror_turns_half_of_a_batch_left_for_right():
+    replay = Replay(SMALL, 50)
+    replay.add(episode(5, terminated=True))
+    plain, mirrored = (replay.sample(np.random.default_rng(0), 64, 1, 0.9, mirror=m) for m in (False, True))
+    for name in ("observation", "following"):
+        ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
+        np.testing.assert_array_equal(ours[32:], theirs[32:])
+        np.testing.assert_array_equal(ours[:32, :SMALL.scan], theirs[:32, :SMALL.scan][:, ::-1])
+        np.testing.assert_array_equal(ours[:32, SMALL.scan], -theirs[:32, SMALL.scan])
+        np.testing.assert_array_equal(ours[:32, SMALL.scan + 1:], theirs[:32, SMALL.scan + 1:])
+    for name in ("action", "reward", "discount", "noise"):
+        np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
+
+
 def broken(change):
     trajectory = episode(3)
     change(trajectory)

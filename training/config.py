@@ -77,6 +77,7 @@ class TrainConfig:
     noise_clip: float = option(TD3Config.noise_clip, "its bound")
     policy_delay: int = option(TD3Config.policy_delay, "critic steps per policy step")
     updates_per_transition: float = option(LearnerConfig.updates_per_transition, "gradient steps per transition")
+    mirror: bool = option(False, "half of each batch left for right, scan and local goal: twice the experience")
     warmup: int = option(0, "transitions with uniformly random actions before the first gradient step (paper: none)")
     capacity: int = option(0, "rows of the replay, one per observation; 0: a tenth more than --steps, so all of them")
     noise_start: float = option(0.5, "standard deviation of the exploration noise at the beginning")
@@ -132,7 +133,8 @@ class TrainConfig:
                                                         if f.name != "hidden"})
         capacity = self.capacity or min(MOST_ROWS, max(1000, int(1.1 * self.steps) + 1000))
         return LearnerConfig(td3=td3, capacity=capacity, updates_per_transition=self.updates_per_transition,
-                             warmup=self.warmup, max_staleness=self.max_staleness, seed=self.seed, device=self.device)
+                             warmup=self.warmup, mirror=self.mirror, max_staleness=self.max_staleness, seed=self.seed,
+                             device=self.device)
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --steps written out, so that a longer --steps at a --resume does not change it."""

@@ -28,6 +28,7 @@ class LearnerConfig:
     capacity: int = 5_500_000           # rows of the replay: the paper's five million transitions, with last states
     updates_per_transition: float = 0.1     # one gradient step per ten transitions, as the authors' code
     warmup: int = 0                     # transitions before the first gradient step
+    mirror: bool = False                # half of each batch mirrored: APPLR's observations only (Replay.sample)
     max_staleness: int = 0              # refuse trajectories of policies older than so many updates; 0: never
     seed: int = 0
     device: str = "cpu"
@@ -97,7 +98,8 @@ class Learner:
 
     def update(self) -> None:
         c = self.config.td3
-        self.td3.update(self.replay.sample(self.rng, c.batch_size, c.n_step, c.gamma, self.td3.device))
+        self.td3.update(self.replay.sample(self.rng, c.batch_size, c.n_step, c.gamma, self.td3.device,
+                                            self.config.mirror))
 
     # -- checkpoints -------------------------------------------------------------------------------
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:

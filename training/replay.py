@@ -119,16 +119,28 @@ class Replay:
         discount[terminal] = 0.0
         return total.astype(np.float32), discount.astype(np.float32), following
 
-    def sample(self, rng: np.random.Generator, size: int, n: int, gamma: float, device=torch.device("cpu")) -> Batch:
-        """A batch for TD3.update, noise included: all randomness of an update comes from `rng`."""
+    def sample(self, rng: np.random.Generator, size: int, n: int, gamma: float, device=torch.device("cpu"),
+               mirror: bool = False) -> Batch:
+        """A batch for TD3.update, noise included: all randomness of an update comes from `rng`.
+
+        mirror: half of the transitions as the robot's mirror image would have met them."""
         rows = self.draw(rng, size)
         reward, discount, following = self.look_ahead(rows, n, gamma)
         noise = rng.standard_normal((size, self.layout.action), dtype=np.float32)
         step = self.layout.step
-        return Batch(join(decode(self.scan[rows], device), decode(self.rest[rows], device), step),
+        mirrored = size // 2 if mirror else 0
+        return Batch(join(*self._decoded(rows, mirrored, device), step),
                      decode(self.action[rows], device), decode(reward, device), decode(discount, device),
-                     join(decode(self.scan[following], device), decode(self.rest[following], device), step),
-                     decode(noise, device))
+                     join(*self._decoded(following, mirrored, device), step), decode(noise, device))
+
+    def _decoded(self, rows: np.ndarray, mirrored: int, device):
+        """(scan, rest) of observations, the first `mirrored` left for right: beams in reverse, the local goal's angle
+        negated. The parameters are the same on both sides, and so are robot and planner."""
+        scan, rest = self.scan[rows], self.rest[rows]
+        if mirrored:
+            scan[:mirrored] = scan[:mirrored, ::-1].copy()
+            rest[:mirrored, 0] *= -1.0
+        return decode(scan, device), decode(rest, device)
 
 
 def _check_memory(rows: int, row: int) -> None:
