@@ -153,6 +153,25 @@ def test_same_seed_same_weights_and_state_round_trip():
     assert c.updates == 6
 
 
+def test_running_average_is_what_is_handed_out_and_travels_with_the_state():
+    rng = np.random.default_rng(0)
+    plain = TD3(10, 2, TD3Config(hidden=(64,)), seed=7)
+    td3 = TD3(10, 2, TD3Config(hidden=(64,), average=0.75), seed=7)
+    expected = td3.actor_weights()["0.weight"]
+    for batch in [_batch(rng, 64, 10, 2) for _ in range(6)]:
+        td3.update(batch)
+        plain.update(batch)
+        if td3.updates % 2 == 0:
+            expected = 0.75 * expected + 0.25 * plain.actor_weights()["0.weight"]
+    assert torch.equal(td3.actor.layers[0][0], plain.actor.layers[0][0])        # learning itself is the same
+    np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
+    again, late = (TD3(10, 2, TD3Config(hidden=(64,), average=0.75), seed=8) for _ in range(2))
+    again.load(*td3.state())
+    np.testing.assert_array_equal(again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"])
+    late.load(*plain.state())           # a run that had none so far
+    np.testing.assert_array_equal(late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"])
+
+
 def test_refuses_another_network_and_leaves_its_own():
     td3, other = TD3(10, 2, TD3Config(hidden=(32,))), TD3(10, 2, TD3Config(hidden=(64,)))
     before = td3.actor_weights()

@@ -34,6 +34,7 @@ class TD3Config:
     target_noise: float = 0.2       # standard deviation of the smoothing noise on target actions, of [-1, 1]
     noise_clip: float = 0.5
     policy_delay: int = 2
+    average: float = 0.0            # decay, per policy step, of the running average that is handed out; 0: none
     bc_alpha: float = 0.0           # > 0: TD3+BC (Fujimoto & Gu 2021), their alpha is 2.5
 
 
@@ -61,6 +62,7 @@ class TD3:
         self.critics = [MLP([observations + actions, *hidden, 1], rng, self.device) for _ in range(2)]
         self.actor_target = self.actor.copy()
         self.critic_targets = [critic.copy() for critic in self.critics]
+        self.actor_average = self.actor.copy() if config.average else None
         on_gpu = self.device.type == "cuda"
         self._critic_parameters = [p for critic in self.critics for p in critic.parameters]
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters, config.actor_lr, fused=True, capturable=on_gpu)
@@ -129,21 +131,28 @@ class TD3:
         online = [p for network, _ in pairs for p in network.parameters]
         target = [p for _, network in pairs for p in network.parameters]
         torch._foreach_lerp_(target, online, self.config.tau)
+        if self.actor_average is not None:
+            torch._foreach_lerp_(self.actor_average.parameters, self.actor.parameters, 1.0 - self.config.average)
 
     def report(self) -> Dict[str, float]:
         """Losses of the newest update as numbers (waits for the device)."""
         return {name: float(value) for name, value in self.losses.items()}
 
     # -- acting ------------------------------------------------------------------------------------
+    @property
+    def policy(self) -> MLP:
+        """The policy that drives: the running average of the learnt one where there is one (it sways less)."""
+        return self.actor_average or self.actor
+
     @torch.no_grad()
     def action(self, observation: np.ndarray) -> np.ndarray:
         """(n, observations) → (n, actions), without noise."""
         x = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        return torch.tanh(self.actor.forward(x)).cpu().numpy()
+        return torch.tanh(self.policy.forward(x)).cpu().numpy()
 
     def actor_weights(self) -> Dict[str, np.ndarray]:
         """The policy as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies."""
-        return {name: tensor.cpu().numpy().copy() for name, tensor in self.actor.state().items()}
+        return {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state().items()}
 
     # -- checkpoints -------------------------------------------------------------------------------
     def tensors(self) -> Dict[str, torch.Tensor]:
@@ -176,6 +185,9 @@ class TD3:
             raise LearnerError("%s holds a network of layers %s, this run's has %s; give the same --hidden"
                                % (what, shape, self.shape))
         mine = self.tensors()
+        if self.actor_average is not None and "actor_average/0.weight" not in arrays:       # an average begins here
+            arrays = dict(arrays, **{name.replace("actor/", "actor_average/"): value
+                                     for name, value in arrays.items() if name.startswith("actor/")})
         for name, tensor in mine.items():
             if name not in arrays or arrays[name].shape != tuple(tensor.shape):
                 raise LearnerError("%s: tensor %s is missing or has another shape" % (what, name))
@@ -196,9 +208,10 @@ class TD3:
         return self.device      # fused Adam keeps its step count beside the parameters
 
     def _networks(self):
-        return {"actor": self.actor, "critic1": self.critics[0], "critic2": self.critics[1],
-                "actor_target": self.actor_target, "critic1_target": self.critic_targets[0],
-                "critic2_target": self.critic_targets[1]}
+        networks = {"actor": self.actor, "critic1": self.critics[0], "critic2": self.critics[1],
+                    "actor_target": self.actor_target, "critic1_target": self.critic_targets[0],
+                    "critic2_target": self.critic_targets[1]}
+        return networks if self.actor_average is None else dict(networks, actor_average=self.actor_average)
 
     def _optimizers(self):
         return (("actor_adam", self.actor_optimizer, self.actor.parameters),
