@@ -79,8 +79,8 @@ class Appld:
 class Published:
     """The published parameter sets. Their classifier was never published: this rule of ours stands in for it, on the
     free space ahead and to the sides. `open` where nothing is near ahead, else `gap` between two near walls, `obstacle`
-    where something is close ahead, and `curve` in the rest. Chosen among three such rules by a few drives, no more (with
-    `obstacle` in the rest, most trials run out of time)."""
+    where something is close ahead, and `curve` in the rest. Chosen among three such rules by a few drives only
+    (with `obstacle` in the rest, most trials run out of time)."""
 
     names = list(PUBLISHED)
     AHEAD = 1.6     # [m], 45 degrees; freer counts as open
