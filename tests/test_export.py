@@ -51,5 +51,14 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     assert log["trials"] == 4 + len(log["finalists"]) and log["log"][0]["generation"] == 0
     assert log["finalists"][0]["theta"] == pytest.approx(SPACE.theta0.tolist())
     assert log["result"]["score"] == min(f["score"] for f in log["finalists"][1:])
+    more = tmp_path / "more.json"
+    assert static_search.main(["--worlds", "generated:140", "--generations", "1", "--population", "4", "--sigma", ".01",
+                               "--worlds-per-set", "1", "--actors", "0", "--out", str(more),
+                               "--start", str(tmp_path / "static_log.json")]) == 0
+    assert "generation 2 of 2" in capsys.readouterr().out
+    went_on = json.loads((tmp_path / "more_log.json").read_text())["log"]
+    assert [line["generation"] for line in went_on] == [0, 1] and went_on[0] == log["log"][0]
+    assert SPACE.to_action(went_on[1]["mean"]["theta"]) == pytest.approx(
+        np.clip(SPACE.to_action(log["log"][0]["mean"]["theta"]), -0.9, 0.9), abs=0.15)
     assert static_search.main(["--worlds", "generated:999", "--actors", "0", "--out", str(out)]) == 1
     assert capsys.readouterr().err.startswith("static_search.py: ")

@@ -14,12 +14,13 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+from applr_ros1.policy.methods import read_parameters
 from applr_ros1.policy.parameter_space import SPACE
 from training.actor_pool import InProcess, PoolError, Processes, RayPool
-from training.storage import StorageError, make_folder, write_bytes, write_json
+from training.storage import StorageError, make_folder, read_json, write_bytes, write_json
 
 FAILURE_SECONDS = 100.0
-FINALISTS = 6
+FINALISTS = 3
 
 
 class Trials:
@@ -80,15 +81,17 @@ class Trials:
                 "trials": len(results)}
 
 
-def search(trials: Trials, count: int, options) -> Dict[str, Any]:
-    """CMA-ES from theta_0. Returns {"theta", "result", "log": [a line per generation], "finalists", ...}."""
+def search(trials: Trials, count: int, options, keep=lambda log: None) -> Dict[str, Any]:
+    """CMA-ES. Returns {"theta", "result", "log": [a line per generation], "finalists", ...}. keep(log) is called after
+    each generation."""
     import cma
-    rng = np.random.default_rng(options.seed)
+    start, log = _start(options.start)
+    rng = np.random.default_rng([options.seed, len(log)])
     strategy = cma.CMAEvolutionStrategy(
-        SPACE.to_action(SPACE.theta0) * 0.9, 0.5,       # not from the very edge of the box
+        np.clip(SPACE.to_action(start), -0.9, 0.9), options.sigma,       # not from the very edge of the box
         {"bounds": [-1, 1], "popsize": options.population, "seed": options.seed + 1, "verbose": -9})
-    log, began = [], time.monotonic()
-    for generation in range(options.generations):
+    began, last = time.monotonic(), len(log) + options.generations
+    for generation in range(len(log), last):
         worlds = np.sort(rng.choice(count, min(count, options.worlds_per_set), replace=False))
         candidates = strategy.ask()
         results = trials.run(np.array(candidates), worlds, seed=options.seed + 1000 + generation)
@@ -98,10 +101,11 @@ def search(trials: Trials, count: int, options) -> Dict[str, Any]:
         log.append({"generation": generation, "worlds": worlds.tolist(), "sigma": float(strategy.sigma),
                     "scores": [round(r["score"], 3) for r in results],
                     "best": dict(results[best], **_named(candidates[best])),
-                    "mean": _named(mean), "seconds": round(time.monotonic() - began, 1)})
+                    "mean": _named(mean), "trials": trials.driven, "seconds": round(time.monotonic() - began, 1)})
+        keep(log)
         print("generation %d of %d: best %.2f s (success %.2f, contact %.2f), median %.2f s, sigma %.3f, "
               "%d trials, %d s" % (
-            generation + 1, options.generations, results[best]["score"], results[best]["success"],
+            generation + 1, last, results[best]["score"], results[best]["success"],
             results[best]["collided"], np.median([r["score"] for r in results]), strategy.sigma, trials.driven,
             time.monotonic() - began), flush=True)
     finalists = [line["mean"]["theta"] for line in log[-FINALISTS:]] + [log[-1]["best"]["theta"]]
@@ -114,6 +118,16 @@ def search(trials: Trials, count: int, options) -> Dict[str, Any]:
         results[0]["score"], results[best]["score"], results[best]["success"], results[best]["collided"], count))
     return {"theta": SPACE.as_dict(SPACE.clip(finalists[best])), "result": results[best], "theta0": results[0],
             "finalists": table, "log": log, "trials": trials.driven, "seconds": round(time.monotonic() - began, 1)}
+
+
+def _start(path: str):
+    """(theta, log so far) of an earlier search's log, or (theta, []) of a set, or theta_0."""
+    if not path:
+        return SPACE.theta0, []
+    content = read_json(path)
+    if isinstance(content, dict) and content.get("log"):
+        return np.array(content["log"][-1]["mean"]["theta"]), list(content["log"])
+    return read_parameters(path), []
 
 
 def _named(action) -> Dict[str, Any]:
@@ -133,6 +147,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--actors", type=int, default=2, help="trials driven at once; 0: in this process")
     p.add_argument("--pool", default="processes", choices=("ray", "processes"), help="what the actors are")
     p.add_argument("--ray-address", default="", help="HOST:PORT of a Ray cluster")
+    p.add_argument("--start", default="", help="where CMA-ES begins: a set {name: value}, or an earlier search's log, "
+                                               "which goes on from its mean; theta_0 where left out")
+    p.add_argument("--sigma", type=float, default=0.5, help="how widely it begins to look, of ranges from -1 to 1")
     p.add_argument("--seed", type=int, default=0, help="of everything drawn")
     p.add_argument("--out", default="applr_ros1/models/static.json",
                    help="the set, as {name: value}; the log goes beside it as NAME_log.json")
@@ -143,26 +160,28 @@ def main(arguments: Optional[List[str]] = None) -> int:
     arguments = [a for a in (sys.argv[1:] if arguments is None else arguments) if ":=" not in a]
     options = parser().parse_args(arguments)
     from training.env import load_worlds
-    trials = None
+    trials, command = None, "python -m training.static_search " + " ".join(arguments)
+    log = str(Path(options.out).with_suffix("")) + "_log.json"
     try:
         if min(options.generations, options.worlds_per_set) < 1 or options.population < 4 or options.actors < 0:
             raise ValueError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")
+        if not 0.0 < options.sigma <= 2.0:
+            raise ValueError("--sigma is %r: give more than 0, 2 at most" % options.sigma)
         make_folder(Path(options.out).parent)
         count = len(load_worlds(options.worlds))
         settings = {"env": "training.env:ApplrEnv", "train": {},
                     "evaluate": {"worlds": options.worlds, "simulator": options.simulator}}
         trials = Trials(settings, options.actors, options.pool, options.ray_address, options.contact_seconds)
-        found = search(trials, count, options)
-        found["command"] = "python -m training.static_search " + " ".join(arguments)
+        found = search(trials, count, options, lambda lines: write_json(log, {"command": command, "log": lines}))
         write_bytes(options.out, (json.dumps(found["theta"], indent=1) + "\n").encode())
-        write_json(str(Path(options.out).with_suffix("")) + "_log.json", found)
+        write_json(log, dict(found, command=command))
         print("%s: %s" % (options.out, found["theta"]))
         return 0
     except (ValueError, StorageError, PoolError) as error:
         print("static_search.py: %s" % error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("stopped; nothing was written", file=sys.stderr)
+        print("stopped; --start %s goes on from the last generation" % log, file=sys.stderr)
         return 130
     finally:
         if trials is not None:
