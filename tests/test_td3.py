@@ -85,10 +85,10 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
     assert (td3.actor.layers[0][0] - start).abs().max() > 1e-3       # it did move
 
 
-@pytest.mark.parametrize("alpha", [0.0, 2.5])
-def test_gradients_equal_autograd(alpha):
-    """The written-out gradient of the policy's loss, TD3+BC's term included."""
-    td3 = TD3(12, 3, TD3Config(hidden=(16, 16), bc_alpha=alpha), seed=1)
+@pytest.mark.parametrize("alpha, saturation", [(0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)])
+def test_gradients_equal_autograd(alpha, saturation):
+    """The written-out gradient of the policy's loss, TD3+BC's and the saturation's terms included."""
+    td3 = TD3(12, 3, TD3Config(hidden=(16, 16), bc_alpha=alpha, saturation=saturation), seed=1)
     batch = _batch(np.random.default_rng(0), 32, 12, 3)
     parameters = [p.clone().requires_grad_() for p in td3.actor.parameters]
 
@@ -97,11 +97,13 @@ def test_gradients_equal_autograd(alpha):
             x = torch.nn.functional.linear(x, layers[i], layers[i + 1])
             x = x.relu() if i + 2 < len(layers) else x
         return x
-    action = torch.tanh(mlp(batch.observation, parameters))
+    z = mlp(batch.observation, parameters)
+    action = torch.tanh(z)
     q = mlp(torch.cat((batch.observation, action), 1), td3.critics[0].parameters)
     loss = -q.mean()
     if alpha:
         loss = -alpha * q.mean() / q.abs().mean().detach() + torch.nn.functional.mse_loss(action, batch.action)
+    loss = loss + saturation * z.square().mean()
     loss.backward()
     with torch.no_grad():
         td3._update_actor(batch)

@@ -75,6 +75,8 @@ class TrainConfig:
     tau: float = option(TD3Config.tau, "how fast the targets follow")
     target_noise: float = option(TD3Config.target_noise, "smoothing noise on target actions")
     noise_clip: float = option(TD3Config.noise_clip, "its bound")
+    saturation: float = option(TD3Config.saturation, "cost of the policy's mean square output before tanh: keeps it "
+                                                     "off the ends of the ranges, where no gradient comes through")
     average: float = option(TD3Config.average, "hand out the policy's running average, with this decay per policy "
                                                "step, like .999; 0: the policy itself")
     policy_delay: int = option(TD3Config.policy_delay, "critic steps per policy step")
@@ -174,7 +176,7 @@ _BOUNDS = (
     ("publish_every", 1, 10 ** 9), ("max_staleness", 0, 10 ** 9), ("curriculum", 0.0, 1.0), ("start_xy", 0.0, 10.0),
     ("start_yaw", 0.0, math.pi), ("actor_lr", 0.0, 1.0), ("critic_lr", 0.0, 1.0), ("gamma", 0.0, 1.0),
     ("n_step", 1, 100), ("batch_size", 1, 65536), ("tau", 0.0, 1.0), ("target_noise", 0.0, 2.0),
-    ("noise_clip", 0.0, 2.0), ("average", 0.0, 0.999999),
+    ("noise_clip", 0.0, 2.0), ("average", 0.0, 0.999999), ("saturation", 0.0, 100.0),
     ("policy_delay", 1, 100), ("updates_per_transition", 0.0, 100.0), ("warmup", 0, 10 ** 9),
     ("capacity", 0, MOST_ROWS),
     ("noise_start", 0.0, 2.0), ("noise_end", 0.0, 2.0), ("noise_steps", 0, 10 ** 9), ("updates", 0, 10 ** 9),

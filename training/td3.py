@@ -35,6 +35,8 @@ class TD3Config:
     noise_clip: float = 0.5
     policy_delay: int = 2
     average: float = 0.0            # decay, per policy step, of the running average that is handed out; 0: none
+    saturation: float = 0.0         # cost of the mean square of the policy's outputs before tanh: keeps it off the
+    #                                 ends of the ranges, where tanh lets no gradient through
     bc_alpha: float = 0.0           # > 0: TD3+BC (Fujimoto & Gu 2021), their alpha is 2.5
 
 
@@ -112,7 +114,8 @@ class TD3:
 
     def _update_actor(self, batch: Batch) -> None:
         kept, kept_q = [], []
-        action = torch.tanh(self.actor.forward(batch.observation, kept))
+        z = self.actor.forward(batch.observation, kept)
+        action = torch.tanh(z)
         q = self.critics[0].forward(torch.cat((batch.observation, action), 1), kept_q)
         # Deterministic policy gradient (the paper's eq. 2): climb Q_1, leaving its own weights alone.
         weight = 1.0
@@ -122,7 +125,10 @@ class TD3:
         da = self.critics[0].input_gradient(kept_q, dq, slice(self.observations, None))
         if self.config.bc_alpha > 0.0:
             da += (action - batch.action) * (2.0 / action.numel())
-        gradients = self.actor.backward(kept, da * (1.0 - action * action))
+        dz = da * (1.0 - action * action)
+        if self.config.saturation > 0.0:
+            dz += z * (2.0 * self.config.saturation / z.numel())
+        gradients = self.actor.backward(kept, dz)
         _apply(self.actor_optimizer, self.actor.parameters, gradients)
         self.losses["actor_q"] = q.mean()
 
