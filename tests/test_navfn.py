@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from applr_ros1.planner.costmap import Costmap
 from applr_ros1.planner.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import Navfn
+from applr_ros1.planner.navfn_flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
 from applr_ros1.planner.scan import project
 from tests import map_scenes
 from tests.plain_navfn import plain_plan
@@ -76,6 +77,41 @@ def test_full_lists_lose_the_same_cells(seed, list_size):
     rng = np.random.default_rng(seed)
     costmap = costmap_of(world(rng, 40, 50, "arbitrary"))
     compare(Navfn(list_size), costmap, inside(rng, 50, 40), inside(rng, 50, 40) + (0.0,))
+
+
+@given(st.integers(0, 2 ** 32 - 1), st.sampled_from((10000, 10000, 25)))
+@settings(max_examples=25, deadline=None)
+def test_one_planner_on_a_changing_map(seed, list_size):
+    """Map, robot, goal and flag change between the plans of one planner; each equals the plain one, from nothing."""
+    rng = np.random.default_rng(seed)
+    ny, nx = (int(v) for v in rng.integers(20, 45, 2))
+    cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
+    costmap, planner = costmap_of(cells), Navfn(list_size)
+    robot, goal, allow_unknown = inside(rng, nx, ny, 0.1), inside(rng, nx, ny) + (0.0,), True
+    for _ in range(8):
+        compare(planner, costmap, robot, goal, 0.0, allow_unknown)
+        if rng.random() < 0.7:                              # the map changes about a point, as about a robot
+            x, y = (int(v) for v in rng.integers(0, (nx, ny)))
+            block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
+            cells[block] = world(rng, 9, 9, "arbitrary")[:cells[block].shape[0], :cells[block].shape[1]]
+            costmap.clear()
+            costmap.paint(cells)
+        if rng.random() < 0.5:
+            robot = inside(rng, nx, ny, 0.1)
+        if rng.random() < 0.2:
+            goal = inside(rng, nx, ny) + (0.0,)
+        if rng.random() < 0.2:
+            allow_unknown = not allow_unknown
+
+
+def test_a_listed_cell_keeps_its_cost():
+    """What the flood's field says of a listed cell: no push to it, its cost and its weight as before, all exact."""
+    weights = push_weights()
+    for cost in range(1, OBSTACLE):
+        listed = weights[cost] * LISTED
+        assert listed > 1e10 and np.rint(listed * COST) == cost and listed * UNLISTED == weights[cost]
+        assert weights[cost] == np.float32(0.707106781 * cost)
+    assert np.isinf(weights[OBSTACLE:]).all() and np.isinf(weights[OBSTACLE] * LISTED)
 
 
 def test_a_straight_line():

@@ -7,8 +7,10 @@ import numpy as np
 from numba import njit
 
 from .grid import world_to_map
-from .navfn_flood import LINE, LIST_SIZE, OBSTACLE, flood, push_weights, reset, scratch
+from .navfn_flood import LINE, LIST_SIZE, OBSTACLE, flood, make_field, push_weights, reset, scratch
 from .navfn_path import trace
+
+PUSH_WEIGHTS = push_weights()
 
 
 class Navfn:
@@ -22,14 +24,13 @@ class Navfn:
     def _attach(self, costmap, allow_unknown):
         """Begin with a costmap: everything is converted at the next plan."""
         nx, ny = costmap.size
-        lines = -(-nx * ny // (8 * LINE)) * 8
         self._costmap = costmap
         self._allow_unknown = allow_unknown
-        self._codes = np.full(nx * ny, OBSTACLE, np.uint16)
-        self._potential = np.full(LINE * lines, 1e10, np.float32)
-        self._lines = np.zeros(lines, np.uint8)
+        self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
+        self._field = make_field(nx * ny)
+        self._potential, self._weights = self._field[::2], self._field[1::2]
+        self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
         self._scratch = scratch(self._list_size)
-        self._weights = push_weights()
         self._path = np.empty((4 * nx, 2), np.float32)
         self._version = None
         self._flooded = None        # robot's and goal's cells of the flood in memory
@@ -46,7 +47,7 @@ class Navfn:
     def costs(self):
         """(ny, nx) uint8: navfn's cost array of the last plan."""
         nx, ny = self._costmap.size
-        return self._codes.astype(np.uint8).reshape(ny, nx)
+        return self._costs.reshape(ny, nx).copy()
 
     def plan(self, costmap, start, goal, tolerance=0.0, allow_unknown=True):
         """Plan (n, 3) of x, y [m], yaw [rad] from `start` (x, y) to `goal` (x, y, yaw); (0, 3) if there is none.
@@ -78,14 +79,14 @@ class Navfn:
         nx, ny = costmap.size
         changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
         self._version = costmap.version
-        stale = changed is not None and _convert(costmap.cells, self._codes, self._potential, allow_unknown, *changed)
+        stale = changed is not None and _convert(costmap.cells, self._costs, self._potential, self._weights,
+                                                 PUSH_WEIGHTS, allow_unknown, *changed)
         if not stale and self._flooded == (robot, goal):
             return
         self._flooded = (robot, goal)
         self._asked = None
-        reset(self._potential, self._lines)
-        flood(self._codes, self._potential, self._lines, *self._scratch, self._weights, nx, ny, robot,
-              goal)
+        reset(self._field, self._lines)
+        flood(self._field, self._lines, *self._scratch, nx, ny, robot, goal)
 
     def _trace(self, costmap, ox, oy, goal, tolerance, robot):
         nx, ny = costmap.size
@@ -109,8 +110,8 @@ def _to_world(path, n, ox, oy, res, plan):
 
 
 @njit(cache=True)
-def _convert(cells, codes, potential, allow_unknown, x0, y0, xn, yn):
-    """Bring navfn's costs of the cells [x0, xn) x [y0, yn) up to date; the map's border stays an obstacle.
+def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, y0, xn, yn):
+    """Bring navfn's costs and weights of the cells [x0, xn) x [y0, yn) up to date; the map's border stays an obstacle.
 
     int(50 + 0.8 v) for v < 253, in integers. Returns whether a cell changed at which the last flood may have looked:
     one that has a potential or lies beside one that has. navfn.cpp:228.
@@ -124,13 +125,13 @@ def _convert(cells, codes, potential, allow_unknown, x0, y0, xn, yn):
     right = max(left, min(nx - 1, xn))
     for y in range(max(1, y0), min(ny - 1, yn)):
         values = cells[y, left:right]
-        olds = codes[y * nx + left:y * nx + right]
+        olds = costs[y * nx + left:y * nx + right]
         differs = np.uint16(0)
         for i in range(values.shape[0]):        # compiles to vector instructions: (205 v) >> 8 is (4 v) // 5 there
             v = np.uint16(values[i])
             cost = np.uint16(np.uint16(50) + np.uint16(np.uint16(v * np.uint16(205)) >> np.uint16(8)))
             new = cost if v < np.uint16(253) else (unknown if v == np.uint16(255) else obstacle)
-            differs |= np.uint16(new ^ olds[i])
+            differs |= np.uint16(new ^ np.uint16(olds[i]))
         if differs == 0:
             continue
         for i in range(values.shape[0]):
@@ -139,6 +140,7 @@ def _convert(cells, codes, potential, allow_unknown, x0, y0, xn, yn):
             if new != olds[i]:
                 olds[i] = new
                 k = y * nx + left + i
+                weights[k] = push_weights[new]
                 stale = stale or (potential[k] < far or potential[k - 1] < far or potential[k + 1] < far
                                   or potential[k - nx] < far or potential[k + nx] < far)
     return stale
