@@ -178,3 +178,18 @@ def test_mover_passes_its_waypoints_and_begins_anew():
     assert mover.position(5.0) == mover.position(1.0) and mover.position(400.0) == (0.0, 0.0)
     near_end = mover.position(3.999999)
     assert near_end[0] == pytest.approx(1.0, abs=1e-4) and near_end[1] == pytest.approx(3.0, abs=1e-4)
+
+
+def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
+    made = worlds.load_all("fresh:5-7")
+    assert [w.name for w in made] == worlds.specs("fresh:5-7") == ["fresh:5", "fresh:6", "fresh:7"]
+    again = worlds.load("fresh:6")
+    np.testing.assert_array_equal(made[1].cylinders, again.cylinders)
+    np.testing.assert_array_equal(made[1].course.path, again.course.path)
+    built_in = {w.cylinders.tobytes() for w in worlds.load_all("generated:test") + worlds.load_all("generated:train")}
+    assert not built_in & {w.cylinders.tobytes() for w in worlds.load_all("fresh:0-39")}
+    for text in ("fresh:", "fresh:7-5", "fresh:0-10000", "fresh:-1", "fresh:1e3"):
+        with pytest.raises(worlds.WorldError, match="give fresh:N or fresh:N-M"):
+            worlds.specs(text)
+    with pytest.raises(worlds.WorldError, match="names 3 worlds"):
+        worlds.load("fresh:5-7")

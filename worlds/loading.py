@@ -2,6 +2,7 @@
 Everything loads through here."""
 from __future__ import annotations
 
+import dataclasses
 import os
 import re
 from typing import List
@@ -10,8 +11,9 @@ from . import builtin, generator, physical_course, sdf_reader
 from .world import World, WorldError
 
 GENERATED = "generated:"
-FORMS = ("generated:N (0-%d), generated:train, generated:test, physical_course, a .world file or a folder of them"
-         % (generator.COUNT - 1))
+FRESH = "fresh:"        # worlds of the same recipe behind the built-in ones, made on the spot: more than anyone can learn
+FORMS = ("generated:N (0-%d), generated:train, generated:test, fresh:N, fresh:N-M (0 on), physical_course, "
+         "a .world file or a folder of them" % (generator.COUNT - 1))
 MAX_WORLDS = 10_000     # in a folder
 
 
@@ -23,6 +25,11 @@ def load(spec: str) -> World:
         if len(numbers) > 1:
             raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(numbers)))
         return builtin.world(numbers[0])
+    if text.startswith(FRESH):
+        numbers = _fresh_numbers(text)
+        if len(numbers) > 1:
+            raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(numbers)))
+        return dataclasses.replace(generator.generate(generator.COUNT + numbers[0]), name=text)
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
@@ -42,6 +49,8 @@ def specs(spec: str) -> List[str]:
     text = str(spec)
     if text.startswith(GENERATED):
         return ["%s%d" % (GENERATED, n) for n in _numbers(text)]
+    if text.startswith(FRESH):
+        return ["%s%d" % (FRESH, n) for n in _fresh_numbers(text)]
     return folder_files(text) if os.path.isdir(text) else [text]
 
 
@@ -58,6 +67,14 @@ def folder_files(folder: str) -> List[str]:
 
 def _natural(name: str):
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def _fresh_numbers(text: str) -> List[int]:
+    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(FRESH):], re.ASCII)
+    first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
+    if not 0 <= last - first < MAX_WORLDS:
+        raise WorldError("%s: give fresh:N or fresh:N-M, %d worlds at most" % (text[:200], MAX_WORLDS))
+    return list(range(first, last + 1))
 
 
 def _numbers(text: str) -> List[int]:
