@@ -139,8 +139,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
                     "\n".join("  %-16s %s" % (n, v.sentence) for n, v in PROTOCOLS.items()),
                     methods.__doc__.split("\n\n", 1)[1]))
     p.add_argument("--worlds", default="generated:test",
-                   help="generated:N, generated:train, generated:test, physical_course, a .world file or a folder of "
-                        "them; several with commas (default: generated:test)")
+                   help="generated:N, generated:train, generated:test, fresh:N-M, physical_course, a .world file or "
+                        "a folder of them; several with commas (default: generated:test)")
     p.add_argument("--methods", default="dwa,applr", help="with commas: %s (default: dwa,applr)" % methods.FORMS)
     p.add_argument("--trials", type=_whole(1, 100_000), default=20, help="of each method in each world (default: 20)")
     p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet")

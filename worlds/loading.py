@@ -11,7 +11,7 @@ from . import builtin, generator, physical_course, sdf_reader
 from .world import World, WorldError
 
 GENERATED = "generated:"
-FRESH = "fresh:"        # worlds of the same recipe behind the built-in ones, made on the spot: more than anyone can learn
+FRESH = "fresh:"        # more worlds of the same recipe, made on the spot
 FORMS = ("generated:N (0-%d), generated:train, generated:test, fresh:N, fresh:N-M (0 on), physical_course, "
          "a .world file or a folder of them" % (generator.COUNT - 1))
 MAX_WORLDS = 10_000     # in a folder
