@@ -104,7 +104,7 @@ def test_demo_reaches_the_goal(tmp_path):
     lines = out.splitlines()
     result = json.loads(lines[-1])
     assert running.returncode == 0, out + err
-    assert result["world"] == "generated:41" and result["mode"] == "dwa" and result["success"] is True
+    assert result["world"] == "generated:41" and result["mode"] == "applr" and result["success"] is True
     assert isinstance(result["collided"], bool) and 5.0 < result["time_s"] < 300.0
     for part in ("simulator", "move_base", "applr"):
         assert any(part in line and "up after" in line for line in lines), out

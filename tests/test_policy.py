@@ -1,6 +1,7 @@
 """Parameter space, observation and actor file: values, refusals, agreement with scipy and torch."""
 import json
 import pickle
+import re
 import struct
 
 import numpy as np
@@ -13,6 +14,10 @@ from applr_ros1.policy.actor import Actor, ActorError, save
 from applr_ros1.policy.observation import (ObservationError, check_scan, goal_angle, local_goal, observe,
                                            smooth)
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space, SpaceError
+from training import trials
+from worlds import builtin
+
+SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
 
 
 def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
@@ -294,3 +299,22 @@ def test_unknown_modes_and_missing_files():
             call()
     with pytest.raises(ActorError):
         methods.make("applr", policy="/nowhere/actor.safetensors")
+
+
+def test_shipped_policy_says_what_made_it_and_drives():
+    """models/applr.safetensors is what mode:=applr takes; three test worlds, every one faster than with theta_0."""
+    path = methods.shipped()
+    told = Actor.load(path).metadata
+    assert told["training"]["transitions"] > 10_000 and "generated:test" not in told["training"]["options"]["worlds"]
+    numbers = re.findall(r"generated:(\d+)", told["training"]["options"]["worlds"])
+    assert numbers and not {int(n) for n in numbers} & set(builtin.TEST)
+    assert 0.0 < told["result"]["time_s"] < 100.0
+    with open(path.replace(".safetensors", ".md"), encoding="utf-8") as card:
+        assert "training.train" in card.read()
+    driver = trials.Driver("kinematic", "paper")
+    times = {}
+    for task in trials.plan([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
+        row = dict(zip(trials.COLUMNS, driver.run(task)["row"]))
+        assert row["success"] == "True", row
+        times[task.world, task.method] = float(row["time_s"])
+    assert all(times[w, "applr"] < 0.8 * times[w, "dwa"] for w in SHIPPED_DRIVES), times

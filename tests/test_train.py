@@ -17,7 +17,9 @@ pytest.importorskip("gymnasium")
 
 from training import config as options  # noqa: E402
 from training.config import ConfigError, TrainConfig, parse  # noqa: E402
+from training import dataset  # noqa: E402
 from training.dataset import Dataset, DatasetError, Writer, export_replay  # noqa: E402
+from training.journal import Journal  # noqa: E402
 from training.learner import Learner  # noqa: E402
 from training.rounds import Rounds  # noqa: E402
 from training.train import Training, main  # noqa: E402
@@ -131,6 +133,25 @@ def test_offline_from_a_runs_own_journal(whole, tmp_path):
     assert rounds[-1]["return"] > -1.0
     assert main(toy(tmp_path / "c", "--dataset", str(tmp_path / "data"), "--mix", "--steps", "1000")) == 0
     assert Learner.saved(tmp_path / "c")["transitions"] == 1000
+
+
+def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    journal, episodes = Journal(tmp_path / "run" / "journal"), []
+    for i in range(3):
+        t = 2 + i
+        episodes.append(Trajectory.of(Layout(), rng.uniform(-1, 1, (t + 1, 729)), rng.uniform(-1, 1, (t, 8)),
+                                      rng.uniform(-1, 0, t), True, {"actor": "a", "episode": i}))
+        journal.append(episodes[-1].pack(), {})
+    journal.sync()
+    assert dataset.main([str(tmp_path / "run"), str(tmp_path / "dear"), "--c-switch", "0.5"]) == 0
+    assert "9 transitions" in capsys.readouterr().out
+    for mine, theirs in zip(Dataset(tmp_path / "dear"), episodes):
+        price = 0.5 * np.abs(theirs.action - theirs.rest[:-1, 1:]).mean(1)
+        np.testing.assert_allclose(mine.reward, theirs.reward - price, atol=1e-6)
+        np.testing.assert_array_equal(mine.action, theirs.action)
+    assert dataset.main([str(tmp_path), str(tmp_path / "none")]) == 1
+    assert capsys.readouterr().err.strip() == "error: %s: no training run (no journal in it)" % tmp_path
 
 
 def one_line(capsys, arguments, status, pattern):

@@ -1,5 +1,5 @@
 """Recorded experience for offline training: npz shards, a JSON manifest, checksums. bags_to_dataset makes it of bags,
-export_replay of a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
+python -m training.dataset of a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
 
 manifest.json: {"format", "layout": {scan, rest, action}, "scan_step", "source", "transitions", "skipped",
 "shards": [{file, sha256, episodes, transitions}]}. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its episodes
@@ -8,8 +8,10 @@ one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length
 """
 from __future__ import annotations
 
+import argparse
 import io
 import json
+import sys
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
@@ -17,6 +19,7 @@ from typing import Any, Dict, Iterator, List, Optional
 
 import numpy as np
 
+from training.journal import Journal
 from training.storage import StorageError, make_folder, read_bytes, read_json, sha256, write_bytes, write_json
 from training.trajectory import Layout, Trajectory, TrajectoryError
 
@@ -132,10 +135,35 @@ class Dataset:
             yield trajectory
 
 
-def export_replay(run, folder, layout: Layout = Layout()) -> Dict[str, Any]:
-    """A training run's journal as a dataset; returns the manifest."""
-    from training.journal import Journal
-    writer = Writer(folder, layout, {"run": str(run)})
+def export_replay(run, folder, layout: Layout = Layout(), c_switch: float = 0.0) -> Dict[str, Any]:
+    """A training run's journal as a dataset; returns the manifest. c_switch: what changing the parameters (mean, action
+    units) costs in it more than it did in the run. An episode tells its own changes, so the price can be set later."""
+    if not (Path(run) / "journal").is_dir():
+        raise DatasetError("%s: no training run (no journal in it)" % run)
+    writer = Writer(folder, layout, {"run": Path(run).name, "c_switch": c_switch})
     for blob in Journal(Path(run) / "journal").read():
-        writer.add(Trajectory.unpack(blob))
+        trajectory = Trajectory.unpack(blob)
+        if c_switch:
+            before = trajectory.rest[:-1, -layout.action:]
+            trajectory.reward = trajectory.reward - np.float32(c_switch) * np.abs(trajectory.action - before).mean(1)
+        writer.add(trajectory)
     return writer.close()
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m training.dataset", description="A training run as a dataset.")
+    parser.add_argument("run", help="folder of the run, --out of train.py")
+    parser.add_argument("folder", help="empty folder for the dataset")
+    parser.add_argument("--c-switch", type=float, default=0.0, help="price of changing parameters, beside the run's")
+    options = parser.parse_args(arguments)
+    try:
+        manifest = export_replay(options.run, options.folder, c_switch=options.c_switch)
+    except (DatasetError, StorageError, TrajectoryError) as error:
+        print("error: %s" % error, file=sys.stderr)
+        return 1
+    print("%d transitions in %s" % (manifest["transitions"], options.folder))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -219,9 +219,10 @@ class Training:
         self._saved = time.monotonic()
 
     def export(self, path, weights, result) -> None:
-        """The policy as policy/actor.py reads it, with what trained it."""
+        """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
+        options = {k: v for k, v in asdict(self.config).items() if k not in ("out", "resume", "ray_address")}
         metadata = {"training": {"steps": self.steps, "updates": self.learner.td3.updates,
-                                 "transitions": self.learner.transitions, "options": asdict(self.config)},
+                                 "transitions": self.learner.transitions, "options": options},
                     "result": result, "default": self.rounds.default if result else None}
         if self.config.env == OURS:
             from applr_ros1.policy import actor
