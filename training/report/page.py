@@ -24,9 +24,10 @@ PROFILE = "Parameters along %s: regions by the room around the robot; dotted: θ
 
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1180px;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:13px;margin:.6em 0}
-th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}
+th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}td{white-space:nowrap}
 th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-child{text-align:left}
-#methods+table td,#methods+table th{text-align:left}.note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
+#methods+table td,#methods+table th{text-align:left;white-space:normal}
+.note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 

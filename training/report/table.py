@@ -33,8 +33,9 @@ class Table:
         def cells(tag, row):
             return "<tr>%s</tr>" % "".join("<%s>%s</%s>" % (tag, html.escape(c), tag) for c in row)
         notes = "".join("<p class=note>%s</p>" % html.escape(n) for n in self.notes)
-        return "<h2>%s</h2><table><thead>%s</thead><tbody>%s</tbody></table>%s" % (
-            html.escape(self.title), cells("th", self.columns), "".join(cells("td", r) for r in self.rows), notes)
+        return "<h2 id=%s>%s</h2><table><thead>%s</thead><tbody>%s</tbody></table>%s" % (
+            self.name, html.escape(self.title), cells("th", self.columns),
+            "".join(cells("td", r) for r in self.rows), notes)
 
     def latex(self) -> str:
         def line(cells):
