@@ -101,7 +101,9 @@ class Training:
             if _main_thread() else {}
         try:
             self._take_dataset()
-            self.learner.work()
+            while not self.offline and self.learner.owed and not self.stopping:     # for a dataset, or after a resume
+                self.learner.work(10)
+                self._say()
             self._publish()
             while not self.finished and not self.stopping:
                 self._one_turn()
