@@ -79,7 +79,7 @@ def _speed(axes, drive):
     axes.plot(time, turn, lw=0.7, alpha=0.7, label="turn rate [rad/s]")
     for contact in drive.contacts:
         axes.axvline(contact, color="tab:red", lw=0.8)
-    axes.legend(loc="upper right", fontsize=8)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2, fontsize=8, frameon=False)
     axes.grid(alpha=0.3)
 
 
