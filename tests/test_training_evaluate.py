@@ -206,7 +206,8 @@ def test_worker_that_dies_is_replaced_and_the_rows_are_the_same(tmp_path):
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
-    refused(run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:", "the toy will not")
+    refused(run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:",
+            " failed: the toy will not")
     refused(run(command(tmp_path / "b"), TOY_BROKEN="1"), "cannot start", "the toy is broken")
 
 

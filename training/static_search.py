@@ -161,7 +161,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     options = parser().parse_args(arguments)
     from training.env import load_worlds
     trials, command = None, "python -m training.static_search " + " ".join(arguments)
-    log = str(Path(options.out).with_suffix("")) + "_log.json"
+    log, partial = (Path(str(Path(options.out).with_suffix("")) + end) for end in ("_log.json", "_partial.json"))
     try:
         if min(options.generations, options.worlds_per_set) < 1 or options.population < 4 or options.actors < 0:
             raise ValueError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")
@@ -172,16 +172,18 @@ def main(arguments: Optional[List[str]] = None) -> int:
         settings = {"env": "training.env:ApplrEnv", "train": {},
                     "evaluate": {"worlds": options.worlds, "simulator": options.simulator}}
         trials = Trials(settings, options.actors, options.pool, options.ray_address, options.contact_seconds)
-        found = search(trials, count, options, lambda lines: write_json(log, {"command": command, "log": lines}))
+        found = search(trials, count, options, lambda lines: write_json(partial, {"command": command, "log": lines}))
         write_bytes(options.out, (json.dumps(found["theta"], indent=1) + "\n").encode())
         write_json(log, dict(found, command=command))
+        partial.unlink(missing_ok=True)
         print("%s: %s" % (options.out, found["theta"]))
         return 0
     except (ValueError, StorageError, PoolError) as error:
         print("static_search.py: %s" % error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("stopped; --start %s goes on from the last generation" % log, file=sys.stderr)
+        print("stopped; --start %s goes on from the last generation" % partial if partial.exists() else
+              "stopped in the first generation; nothing was written", file=sys.stderr)
         return 130
     finally:
         if trials is not None:

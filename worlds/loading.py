@@ -20,16 +20,14 @@ MAX_WORLDS = 10_000     # in a folder
 def load(spec: str) -> World:
     """The one world that `spec` names. Raises WorldError with one line."""
     text = str(spec)
-    if text.startswith(GENERATED):
-        numbers = _numbers(text)
-        if len(numbers) > 1:
-            raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(numbers)))
-        return builtin.world(numbers[0])
-    if text.startswith(FRESH):
-        numbers = _fresh_numbers(text)
-        if len(numbers) > 1:
-            raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(numbers)))
-        return dataclasses.replace(generator.generate(generator.COUNT + numbers[0]), name=text)
+    if text.startswith((GENERATED, FRESH)):
+        names = specs(text)
+        if len(names) > 1:
+            raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(names)))
+        number = int(names[0].split(":")[1])
+        if text.startswith(GENERATED):
+            return builtin.world(number)
+        return dataclasses.replace(generator.generate(generator.COUNT + number), name=names[0])
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
