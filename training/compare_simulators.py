@@ -22,6 +22,7 @@ import worlds as worlds_package
 from applr_ros1.policy.parameter_space import SPACE
 from training import evaluate
 from training.storage import StorageError, write_bytes
+from training.tasks import spread
 from training.trial_store import TRIALS, read_rows
 from training.trials import COLUMNS
 from worlds import WorldError
@@ -47,13 +48,6 @@ class Drawn:
 
 def set_names(count: int) -> List[str]:
     return [KNOWN[n] if n < len(KNOWN) else "random_%d" % (n - len(KNOWN) + 1) for n in range(count)]
-
-
-def spread(specs: List[str], count: int) -> List[str]:
-    """`count` of them, evenly spread; all for 0."""
-    if not count or count >= len(specs):
-        return specs
-    return [specs[i] for i in np.linspace(0, len(specs) - 1, count).round().astype(int)]
 
 
 # -- what was driven -------------------------------------------------------------------------------------------------

@@ -89,3 +89,10 @@ def easiest_first(worlds) -> np.ndarray:
         values = np.array([m[name] for m in metrics]) * (-1.0 if larger else 1.0)
         ranks += np.argsort(np.argsort(values, kind="stable"), kind="stable")
     return np.argsort(ranks, kind="stable")
+
+
+def spread(items: List[Any], count: int) -> List[Any]:
+    """`count` of them, evenly spread; all for 0."""
+    if not count or count >= len(items):
+        return items
+    return [items[i] for i in np.linspace(0, len(items) - 1, count).round().astype(int)]

@@ -14,7 +14,6 @@ import time
 from dataclasses import asdict
 from typing import Dict, List, Optional
 
-import numpy as np
 import safetensors.numpy
 
 from training.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
@@ -24,7 +23,7 @@ from training.dataset import Dataset, DatasetError
 from training.learner import Learner
 from training.rounds import Episodes, Rounds, draw_curves
 from training.storage import Lock, StorageError, make_folder, write_bytes, write_json
-from training.tasks import Tasks, easiest_first
+from training.tasks import Tasks, easiest_first, spread
 from training.td3 import LearnerError
 from training.worker import RESULT, TRAJECTORY, layout_of
 
@@ -51,7 +50,7 @@ class Training:
         self.dataset = dataset
         self.extra = self._resume() if config.resume else {}
         self.episodes = self.episodes if config.resume else Episodes(self.folder, 0)
-        self.rounds = Rounds(self.folder, _spread(test_worlds, config.eval_count), config.eval_trials,
+        self.rounds = Rounds(self.folder, spread(test_worlds, config.eval_count), config.eval_trials,
                              config.eval_every, config.seed, config.contact_seconds, setting="%s, %s" % (
                                  config.eval_worlds, config.eval_simulator or config.simulator))
         order = easiest_first(train_worlds) if config.curriculum and train_worlds else None
@@ -321,13 +320,6 @@ def _with_rows(config: TrainConfig, dataset: Optional[Dataset]):
     if dataset is not None and dataset.rows + 1000 > learner.capacity - (0 if not config.mix else config.steps):
         learner = replace(learner, capacity=learner.capacity + dataset.rows + 1000)
     return learner
-
-
-def _spread(indices: List[int], count: int) -> List[int]:
-    """`count` of them, evenly spread; all for 0."""
-    if not count or count >= len(indices):
-        return indices
-    return [indices[i] for i in np.linspace(0, len(indices) - 1, count).round().astype(int)]
 
 
 def _main_thread() -> bool:
