@@ -3,6 +3,7 @@
 The generated `applr_ros1.cfg` package lives in the catkin workspace; extending `__path__` lets it be found
 when the repository's root comes first on `sys.path`.
 """
+
 import pkgutil
 
 __path__ = pkgutil.extend_path(__path__, __name__)

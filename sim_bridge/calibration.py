@@ -4,6 +4,7 @@
 The tests read `measure` and `CASES`. Driven means: true motion of base_link, averaged over some seconds once
 it is steady.
 """
+
 import argparse
 import sys
 from dataclasses import dataclass
@@ -15,16 +16,24 @@ from . import jackal, make
 from .simulator import SimulatorError
 
 # (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
-CASES = ([(v, 0.0) for v in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, -0.1, -0.5)]
-         + [(0.0, w) for w in (0.314, 0.6, 1.0, 1.57, 2.0, 2.5, 3.14, -0.314, -1.57, -3.14)]
-         + [(v, w) for v in (0.1, 0.25, 0.5, 1.0, 1.5, 2.0) for w in (0.2, 0.6, -1.0, 1.57, 3.14)
-            if abs(v * w) <= jackal.GRIP_LIMIT])
+CASES = (
+    [(v, 0.0) for v in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, -0.1, -0.5)]
+    + [(0.0, w) for w in (0.314, 0.6, 1.0, 1.57, 2.0, 2.5, 3.14, -0.314, -1.57, -3.14)]
+    + [
+        (v, w)
+        for v in (0.1, 0.25, 0.5, 1.0, 1.5, 2.0)
+        for w in (0.2, 0.6, -1.0, 1.57, 3.14)
+        if abs(v * w) <= jackal.GRIP_LIMIT
+    ]
+)
 
 
 @dataclass
 class Measurement:
     """Means over the steady part; drift: how far base_link strays while its heading turns once round, in
-    place [m]."""
+    place [m].
+    """
+
     v: float
     w: float
     driven_v: float
@@ -34,12 +43,14 @@ class Measurement:
     @property
     def error(self):
         """Largest relative error of the speeds asked for."""
-        return max(abs(driven / asked - 1.0)
-                   for asked, driven in ((self.v, self.driven_v), (self.w, self.driven_w)) if asked)
+        return max(
+            abs(driven / asked - 1.0) for asked, driven in ((self.v, self.driven_v), (self.w, self.driven_w)) if asked
+        )
 
 
 class OpenPlane:
     """A world with nothing in it."""
+
     name = "open plane"
     cylinders, boxes, movers = np.empty((0, 3)), np.empty((0, 5)), ()
 
@@ -96,8 +107,10 @@ def main(argv=None):
     for v, w in CASES:
         m = measure(simulator, v, w, seeds=range(1 if arguments.even else arguments.seeds))
         worst = max(worst, m.error)
-        print("%5.2f m/s %6.3f  %6.3f m/s %6.3f  %4.1f %%%s" % (
-            v, w, m.driven_v, m.driven_w, 100 * m.error, "   %.3f m" % m.drift if v == 0.0 else ""))
+        print(
+            "%5.2f m/s %6.3f  %6.3f m/s %6.3f  %4.1f %%%s"
+            % (v, w, m.driven_v, m.driven_w, 100 * m.error, "   %.3f m" % m.drift if v == 0.0 else "")
+        )
     print("largest error %.1f %%" % (100 * worst))
     return 0 if worst <= 0.05 else 1
 

@@ -5,6 +5,7 @@ Contacts are compared on scenes: obstacles strewn about the robot, two commands 
 run into something. Both robots get the same seed, so ground and wheels are equally uneven. Takes about a
 minute.
 """
+
 import argparse
 import sys
 from dataclasses import astuple
@@ -17,10 +18,18 @@ from .kinematic_simulator import KinematicParameters, KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
 from .simulator import SimulatorError
 
-RESPONSES = [("start and stop, straight", (1.0, 0.0)), ("start and stop, turning", (0.0, 1.57)),
-             ("curve", (0.5, 1.0)), ("reverse", (-0.5, 0.0))]
-DRIFTS = [("two turns in place, 1.57 rad/s", 0.0, 1.57, 8.0), ("the other way", 0.0, -1.57, 8.0),
-          ("10 s straight, 1 m/s", 1.0, 0.0, 10.0), ("10 s curve, 1 m/s, .5 rad/s", 1.0, 0.5, 10.0)]
+RESPONSES = [
+    ("start and stop, straight", (1.0, 0.0)),
+    ("start and stop, turning", (0.0, 1.57)),
+    ("curve", (0.5, 1.0)),
+    ("reverse", (-0.5, 0.0)),
+]
+DRIFTS = [
+    ("two turns in place, 1.57 rad/s", 0.0, 1.57, 8.0),
+    ("the other way", 0.0, -1.57, 8.0),
+    ("10 s straight, 1 m/s", 1.0, 0.0, 10.0),
+    ("10 s curve, 1 m/s, .5 rad/s", 1.0, 0.5, 10.0),
+]
 
 
 def _some_command(rng):
@@ -31,6 +40,7 @@ def _some_command(rng):
 
 class Scene:
     """Obstacles about the origin, and what to drive there."""
+
     name = "scene"
     movers = ()
 
@@ -42,7 +52,7 @@ class Scene:
         spots = rng.uniform(-1.1, 1.1, (16, 2))
         self.cylinders = np.array([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
         self.boxes = np.empty((0, 5))
-        if seed % 3 == 0:                            # a wall askew ahead instead of cylinders
+        if seed % 3 == 0:  # a wall askew ahead instead of cylinders
             yaw = rng.uniform(-0.7, 0.7)
             self.cylinders = np.empty((0, 3))
             self.boxes = np.array([(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
@@ -105,8 +115,15 @@ def responses(simulators):
             pick = 0 if v else 1
             rise = [simulator_step(simulator, v, w).twist[pick] for _ in range(20)]
             fall = [simulator_step(simulator, 0.0, 0.0).twist[pick] for _ in range(5)]
-            print("%-26s %-10s %s  | %s" % (name, label, "  ".join("%6.3f" % rise[i] for i in (0, 1, 3, 9)),
-                                            "  ".join("%6.3f" % fall[i] for i in (0, 1, 4))))
+            print(
+                "%-26s %-10s %s  | %s"
+                % (
+                    name,
+                    label,
+                    "  ".join("%6.3f" % rise[i] for i in (0, 1, 3, 9)),
+                    "  ".join("%6.3f" % fall[i] for i in (0, 1, 4)),
+                )
+            )
 
 
 def simulator_step(simulator, v, w):
@@ -126,10 +143,19 @@ def drifts(simulators):
 
 def report(title, rows):
     hit = rows[:, 4] > 0
-    print("%s: %d scenes with contact: end apart median %.3f m, mean %.3f m, 90 %% %.3f m; "
-          "turned apart median %.3f rad; contact seen by both or neither in %.0f %%" % (
-              title, hit.sum(), np.median(rows[hit, 0]), rows[hit, 0].mean(), np.quantile(rows[hit, 0], 0.9),
-              np.median(rows[hit, 1]), 100 * np.mean(rows[:, 4] == rows[:, 5])))
+    print(
+        "%s: %d scenes with contact: end apart median %.3f m, mean %.3f m, 90 %% %.3f m; "
+        "turned apart median %.3f rad; contact seen by both or neither in %.0f %%"
+        % (
+            title,
+            hit.sum(),
+            np.median(rows[hit, 0]),
+            rows[hit, 0].mean(),
+            np.quantile(rows[hit, 0], 0.9),
+            np.median(rows[hit, 1]),
+            100 * np.mean(rows[:, 4] == rows[:, 5]),
+        )
+    )
 
 
 def main(argv=None):

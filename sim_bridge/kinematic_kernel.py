@@ -2,6 +2,7 @@
 KinematicSimulator calls `drive`. What Bullet does in space (lift of a wheel at an obstacle, its way of
 rubbing) is in three fitted numbers.
 """
+
 from math import atan2, cos, hypot, sin
 
 import numpy as np
@@ -12,30 +13,32 @@ from . import jackal, skid_steer
 STEP = skid_steer.STEP
 # the state: pose of the centre of mass, its velocity ahead and to the left, yaw rate; what a drive reports
 X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
-_MARGIN = 0.02                                     # contacts are watched from this distance on [m]
-_MOST_UNDONE = 1.0                                 # speed at which an overlap is undone, at most [m/s]
+_MARGIN = 0.02  # contacts are watched from this distance on [m]
+_MOST_UNDONE = 1.0  # speed at which an overlap is undone, at most [m/s]
 _SWEEPS = 8
-_MOST = 24                                         # contacts at a time
+_MOST = 24  # contacts at a time
 
 _HALF_AXLE, _HALF_TRACK = jackal.WHEELBASE / 2, jackal.TRACK / 2
 # the outline: chassis and four wheels, (x, y, half length, half width) from base_link
-_PARTS = np.array([(0.0, 0.0, jackal.CHASSIS_SIZE[0] / 2, jackal.CHASSIS_SIZE[1] / 2)]
-                  + [(i * _HALF_AXLE, j * _HALF_TRACK, jackal.WHEEL_RADIUS, jackal.WHEEL_WIDTH / 2)
-                     for i in (1, -1) for j in (1, -1)]) - np.array([jackal.COM[0], jackal.COM[1], 0.0, 0.0])
+_PARTS = np.array(
+    [(0.0, 0.0, jackal.CHASSIS_SIZE[0] / 2, jackal.CHASSIS_SIZE[1] / 2)]
+    + [(i * _HALF_AXLE, j * _HALF_TRACK, jackal.WHEEL_RADIUS, jackal.WHEEL_WIDTH / 2) for i in (1, -1) for j in (1, -1)]
+) - np.array([jackal.COM[0], jackal.COM[1], 0.0, 0.0])
 _REACH = hypot(jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH) + hypot(*jackal.COM)
 
 
 @njit(cache=True)
 def _circle_contact(px, py, r, part):
     """A circle at (px, py) in the body's frame against one part of the outline: depth (negative: a gap) [m],
-    contact point and the direction in which it pushes the robot."""
+    contact point and the direction in which it pushes the robot.
+    """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
     qx, qy = min(max(px, -a), a), min(max(py, -b), b)
     gap = hypot(px - qx, py - qy)
     if gap > 0.0:
         return r - gap, x + qx, y + qy, (qx - px) / gap, (qy - py) / gap
-    if a - abs(px) < b - abs(py):                   # the centre is under the robot: out by the nearest side
+    if a - abs(px) < b - abs(py):  # the centre is under the robot: out by the nearest side
         sign = 1.0 if px > 0.0 else -1.0
         return r + a - abs(px), x + sign * a, y + py, -sign, 0.0
     sign = 1.0 if py > 0.0 else -1.0
@@ -45,7 +48,8 @@ def _circle_contact(px, py, r, part):
 @njit(cache=True)
 def _box_contact(px, py, ax, ay, hx, hy, part):
     """As _circle_contact, for a box at (px, py) with axis (ax, ay) and half sizes hx, hy: least overlap over
-    four axes."""
+    four axes.
+    """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
     depth, nx, ny, own = np.inf, 0.0, 0.0, True
@@ -64,7 +68,7 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
         reach = a * abs(ex) + b * abs(ey) + hx * abs(ax * ex + ay * ey) + hy * abs(ax * ey - ay * ex)
         if reach - apart < depth - 1e-9:
             depth, nx, ny, own = reach - apart, -ex, -ey, k < 2
-    if own:                                         # a corner of the box at one of the part's sides
+    if own:  # a corner of the box at one of the part's sides
         i = 1.0 if nx * ax + ny * ay > 0.0 else -1.0
         j = 1.0 if ny * ax - nx * ay > 0.0 else -1.0
         qx, qy = px + i * hx * ax - j * hy * ay, py + i * hx * ay + j * hy * ax
@@ -80,7 +84,8 @@ def _note(row, depth, x, y, nx, ny, part):
 @njit(cache=True)
 def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
     """Fill found (_MOST, 8): depth, point, direction, part (0 chassis, 1 to 4 wheels), the obstacle's
-    velocity, all in the body's frame. Returns how many."""
+    velocity, all in the body's frame. Returns how many.
+    """
     n = 0
     for i in range(n_circles):
         dx, dy = circles[i, 0] - x, circles[i, 1] - y
@@ -100,7 +105,7 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
         hx, hy = 0.5 * boxes[i, 3], 0.5 * boxes[i, 4]
         px, py = c * dx + s * dy, c * dy - s * dx
         cb, sb = cos(boxes[i, 2]), sin(boxes[i, 2])
-        along = abs(cb * dx + sb * dy) - hx          # outside the box by more than the robot's reach?
+        along = abs(cb * dx + sb * dy) - hx  # outside the box by more than the robot's reach?
         aside = abs(cb * dy - sb * dx) - hy
         if along > _REACH + _MARGIN or aside > _REACH + _MARGIN:
             continue
@@ -118,7 +123,8 @@ def _press(u, s, w, found, n, rims, p):
 
     Normal: no approach beyond the gap, a share p[2] of an overlap is undone. Friction: Coulomb's, p[0] at
     wheels and p[1] at the chassis; a wheel's front and back run up or down the obstacle, which leaves less
-    friction for sliding across."""
+    friction for sliding across.
+    """
     push, hold = np.zeros(n), np.zeros(n)
     for _ in range(_SWEEPS):
         for i in range(n):
@@ -158,7 +164,8 @@ def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise,
 
     times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 5) x, y,
     radius, velocity, boxes (m, 5): what may be hit. table: skid_steer.rim_table(). p: KinematicParameters.
-    noise (steps, 6) standard normal."""
+    noise (steps, 6) standard normal.
+    """
     span = _REACH + _MARGIN + steps * STEP * (jackal.MAX_SPEED + 0.5)
     close = np.empty((circles.shape[0], 5))
     n_close = 0

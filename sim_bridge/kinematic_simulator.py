@@ -3,6 +3,7 @@
 Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry
 (kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit`.
 """
+
 from dataclasses import astuple, dataclass
 from math import cos, sin
 
@@ -19,9 +20,10 @@ STEP = kernel.STEP
 @dataclass(frozen=True)
 class KinematicParameters:
     """In the kernel's order; sim_bridge/fit.py prints the fitted values that stand here."""
-    wheel_rub: float = 0.66        # friction of a wheel along an obstacle
-    chassis_rub: float = 0.94      # and of the chassis
-    undo: float = 0.51             # share of an overlap that is undone in a step
+
+    wheel_rub: float = 0.66  # friction of a wheel along an obstacle
+    chassis_rub: float = 0.94  # and of the chassis
+    undo: float = 0.51  # share of an overlap that is undone in a step
 
 
 class KinematicSimulator(Simulator):
@@ -36,7 +38,7 @@ class KinematicSimulator(Simulator):
         self._odometry = Odometry(pose[2], np.random.default_rng(seed))
         self._noise = np.random.default_rng([seed, 1])
         if new_world:
-            self._circles = np.zeros((len(self.world.cylinders), 5))            # x, y, radius, velocity
+            self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
             self._circles[:, :3] = self.world.cylinders
             self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
         self._steps, self._elapsed = 0, 0.0
@@ -58,19 +60,31 @@ class KinematicSimulator(Simulator):
             now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
             velocity = (then - now)[:, :2] / (steps * STEP)
             circles = np.concatenate([circles, np.hstack([now, velocity])])
-        kernel.drive(self._body, self._wheels, steps, times, targets, circles, self._boxes, self._table,
-                     self.parameters, self._noise.standard_normal((steps, skid_steer.NOISES)),
-                     jackal.WHEEL_FRICTION * self.drawn.friction, self.drawn.slip)
+        kernel.drive(
+            self._body,
+            self._wheels,
+            steps,
+            times,
+            targets,
+            circles,
+            self._boxes,
+            self._table,
+            self.parameters,
+            self._noise.standard_normal((steps, skid_steer.NOISES)),
+            jackal.WHEEL_FRICTION * self.drawn.friction,
+            self.drawn.slip,
+        )
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
         com_x, com_y = jackal.COM
         c, sn = cos(yaw), sin(yaw)
-        u += w * com_y                                # from the centre of mass to base_link
+        u += w * com_y  # from the centre of mass to base_link
         odometry, span = self._odometry, steps * STEP
         odometry.update(span, rolled, yaw, w, (u - self.state.twist[0]) / span)
         pose = x - c * com_x + sn * com_y, y - sn * com_x - c * com_y, yaw
-        self.state = RobotState(self._steps * STEP, pose, (u, w), odometry.pose, odometry.twist,
-                                contact > 0.0, False, odometry.imu)
+        self.state = RobotState(
+            self._steps * STEP, pose, (u, w), odometry.pose, odometry.twist, contact > 0.0, False, odometry.imu
+        )
 
     def _schedule(self, steps):
         """The velocity target of each step, as (from which step, (v, w)), where it changes."""

@@ -5,6 +5,7 @@ For each obstacle only the beams within the angle it covers are cut with it, so 
 several hundred cylinders takes some microseconds. No rays are cast into a physics engine (they are slow
 there, and off by a centimetre).
 """
+
 from math import sqrt
 
 import numpy as np
@@ -14,25 +15,27 @@ from . import jackal
 
 _ANGLES = jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * np.arange(jackal.BEAMS)
 _COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
-_TURN = int(round(2 * np.pi / jackal.ANGLE_INCREMENT))      # beams in a full turn
+_TURN = int(round(2 * np.pi / jackal.ANGLE_INCREMENT))  # beams in a full turn
 
 
 class Lidar:
     """The laser in one static world: cylinders (n, 3) x, y, radius; boxes (m, 5) x, y, yaw, size_x, size_y
-    [m, rad]."""
+    [m, rad].
+    """
 
     def __init__(self, cylinders, boxes):
         self.circles = np.ascontiguousarray(cylinders, dtype=np.float64).reshape(-1, 3)
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
-        self._order = np.arange(len(self.circles))       # nearest first, as of the last scan
+        self._order = np.arange(len(self.circles))  # nearest first, as of the last scan
         self._keys = np.empty(len(self.circles))
         self._sorted_at = (np.inf, np.inf)
 
-    def scan(self, x, y, yaw, movers=np.empty((0, 3))):
+    def scan(self, x, y, yaw, movers=np.empty((0, 3))):  # noqa: B008
         """(720,) float32 exact ranges [m] for the laser at (x, y), looking along yaw. +inf: nothing within
         RANGE_MAX, -inf: nearer than RANGE_MIN, or inside an obstacle. `movers` (k, 3) are further circles,
-        for this scan only."""
-        if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5:      # put somewhere else
+        for this scan only.
+        """
+        if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5:  # put somewhere else
             self._order[:] = np.argsort(np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y))
         self._sorted_at = (x, y)
         ranges = np.empty(jackal.BEAMS, dtype=np.float32)
@@ -47,15 +50,16 @@ def box_edges(boxes):
         c, s = np.cos(yaw), np.sin(yaw)
         corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * (size_x / 2, size_y / 2)
         corners = corners @ np.array([(c, s), (-s, c)]) + (x, y)
-        edges[4 * i:4 * i + 4, :2] = corners
-        edges[4 * i:4 * i + 4, 2:] = np.roll(corners, -1, axis=0)
+        edges[4 * i : 4 * i + 4, :2] = corners
+        edges[4 * i : 4 * i + 4, 2:] = np.roll(corners, -1, axis=0)
     return edges
 
 
 @njit(cache=True)
 def _bearing(y, x):
     """atan2 within .0003 rad: only chooses which beams to look at, and two more are looked at on either
-    side."""
+    side.
+    """
     ax, ay = abs(x), abs(y)
     big = max(ax, ay)
     if big == 0.0:
@@ -73,21 +77,22 @@ def _bearing(y, x):
 @njit(cache=True)
 def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
     """Shorten the beams that meet the circle, centre (cx, cy) in the laser's frame. True where the laser is
-    inside."""
+    inside.
+    """
     if d2 <= r * r:
         return True
     d = sqrt(d2)
     near = d - r
     if near > jackal.RANGE_MAX:
         return False
-    q = r / d                                       # half the angle covered is asin(q); this is never less
+    q = r / d  # half the angle covered is asin(q); this is never less
     half = q * (1.0 + q * q * (0.1666667 + q * q * 0.4041297)) + 0.0005
     middle = _bearing(cy, cx)
     n = best.shape[0]
     lo = int((middle - half - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT)
     hi = int((middle + half - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT) + 1
     excess = d2 - r * r
-    for turn in range(-1, 2):                       # what lies behind may reach into either end of the fan
+    for turn in range(-1, 2):  # what lies behind may reach into either end of the fan
         first = lo + turn * _TURN
         last = hi + turn * _TURN + 1
         if last < 0 or first >= n:
@@ -107,7 +112,7 @@ def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
 def _cut_edge(x0, y0, x1, y1, cos_t, sin_t, best):
     """Shorten the beams that meet the segment from (x0, y0) to (x1, y1), in the laser's frame."""
     a0 = _bearing(y0, x0)
-    span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)          # signed angle from one end to the other
+    span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)  # signed angle from one end to the other
     n = best.shape[0]
     lo = int((min(a0, a0 + span) - 0.001 - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT)
     hi = int((max(a0, a0 + span) + 0.001 - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT) + 1
@@ -132,7 +137,7 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, cos_t, sin_t, ranges):
     for k in range(circles.shape[0]):
         dx, dy = circles[k, 0] - x, circles[k, 1] - y
         keys[k] = dx * dx + dy * dy
-    for a in range(1, order.shape[0]):              # nearest first, from the last scan's order: nearly sorted
+    for a in range(1, order.shape[0]):  # nearest first, from the last scan's order: nearly sorted
         k = order[a]
         b = a - 1
         while b >= 0 and keys[order[b]] > keys[k]:
@@ -145,16 +150,15 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, cos_t, sin_t, ranges):
         covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, circles[k, 2], keys[k], cos_t, sin_t, best)
     for k in range(movers.shape[0]):
         dx, dy = movers[k, 0] - x, movers[k, 1] - y
-        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], dx * dx + dy * dy,
-                               cos_t, sin_t, best)
+        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], dx * dx + dy * dy, cos_t, sin_t, best)
     for k in range(0, edges.shape[0], 4):
         inside = True
         for e in range(k, k + 4):
             x0, y0 = edges[e, 0] - x, edges[e, 1] - y
             x1, y1 = edges[e, 2] - x, edges[e, 3] - y
-            if x0 * y1 - y0 * x1 > 0.0:             # the laser is on the inner side of this edge
+            if x0 * y1 - y0 * x1 > 0.0:  # the laser is on the inner side of this edge
                 continue
-            inside = False                          # only sides that face the laser can be seen
+            inside = False  # only sides that face the laser can be seen
             _cut_edge(c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, cos_t, sin_t, best)
         covered |= inside
     for i in range(ranges.shape[0]):

@@ -1,6 +1,8 @@
 """What the robot believes about its own motion: wheels for the distance, IMU for the heading, as
 robot_localization fuses them on the Jackal. Sideways slip and wheels spinning at an obstacle are not seen.
-Both simulators call it."""
+Both simulators call it.
+"""
+
 from math import cos, exp, pi, sin, sqrt
 
 from . import jackal
@@ -16,9 +18,9 @@ class Odometry:
         self.twist = (0.0, 0.0)
         self.imu = (0.0, 0.0)
         self._gain = 1.0 + scale * jackal.ODOM_SCALE_ERROR * float(rng.standard_normal())
-        self._heading = yaw                                  # without the noise of a single reading
-        self._error = 0.0                                    # of the heading [rad]; none at the start
-        self._turned = 0.0                                   # frame odom against the world
+        self._heading = yaw  # without the noise of a single reading
+        self._error = 0.0  # of the heading [rad]; none at the start
+        self._turned = 0.0  # frame odom against the world
         self._noise, self._next = rng.standard_normal(256).tolist(), 0
 
     def _normal(self):
@@ -35,10 +37,12 @@ class Odometry:
 
     def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
         """Wheels turned at `wheel_speed` [m/s] (mean of the four) for `duration`; the true yaw and yaw rate
-        now."""
+        now.
+        """
         keep = exp(-duration / jackal.ODOM_HEADING_TIME)
-        self._error = keep * self._error + (self.scale * jackal.ODOM_HEADING_DRIFT
-                                            * sqrt(1.0 - keep * keep) * self._normal())
+        self._error = keep * self._error + (
+            self.scale * jackal.ODOM_HEADING_DRIFT * sqrt(1.0 - keep * keep) * self._normal()
+        )
         x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
         turn = (yaw - old + pi) % (2 * pi) - pi

@@ -4,6 +4,7 @@ Bullet carries the robot on its wheels, and stops, turns, tilts and pushes it at
 the ground is skid_steer.py's. In-process and without a window; any number may live in one process. Repeats
 exactly under a seed.
 """
+
 import os
 from math import atan2
 
@@ -16,8 +17,8 @@ from .odometry import Odometry
 from .simulator import RobotState, Simulator, SimulatorError
 
 STEP = skid_steer.STEP
-_MOTOR_TORQUE = 10.0                          # [N m] a wheel, against obstacles
-_FULL_LIFT = 0.005                            # a wheel this high above the ground pulls no more [m]
+_MOTOR_TORQUE = 10.0  # [N m] a wheel, against obstacles
+_FULL_LIFT = 0.005  # a wheel this high above the ground pulls no more [m]
 _OFF_X, _OFF_Y, _OFF_Z = jackal.CHASSIS_COM
 
 
@@ -71,13 +72,24 @@ class PybulletSimulator(Simulator):
         for k in range(steps):
             v, w = self._target(self._steps * STEP)
             fx, fy, torque, px, py, left, right = _pull(
-                drive, v, w, self._table, noise[k], slip, friction, self._lift,
-                *position, *attitude, velocity[0], velocity[1], rate[2])
+                drive,
+                v,
+                w,
+                self._table,
+                noise[k],
+                slip,
+                friction,
+                self._lift,
+                *position,
+                *attitude,
+                velocity[0],
+                velocity[1],
+                rate[2],
+            )
             if abs(left - self._wheels[0]) + abs(right - self._wheels[1]) > 0.02:
                 self._spin(left, right)
             rolled += 0.5 * (left + right)
-            p.applyExternalForce(robot, -1, (fx, fy, 0.0), (px, py, 0.0), p.WORLD_FRAME,
-                                 physicsClientId=client)
+            p.applyExternalForce(robot, -1, (fx, fy, 0.0), (px, py, 0.0), p.WORLD_FRAME, physicsClientId=client)
             p.applyExternalTorque(robot, -1, (0.0, 0.0, torque), p.WORLD_FRAME, physicsClientId=client)
             self._steps += 1
             for body, mover in zip(self._movers, self.world.movers):
@@ -90,8 +102,16 @@ class PybulletSimulator(Simulator):
         span = steps * STEP
         self._odometry.update(span, rolled / steps, yaw, rate[2], (u - start_u) / span)
         odometry = self._odometry
-        self.state = RobotState(self._steps * STEP, (x, y, yaw), (u, rate[2]), odometry.pose, odometry.twist,
-                                contact, upright < 0.5, odometry.imu)
+        self.state = RobotState(
+            self._steps * STEP,
+            (x, y, yaw),
+            (u, rate[2]),
+            odometry.pose,
+            odometry.twist,
+            contact,
+            upright < 0.5,
+            odometry.imu,
+        )
 
     def _touching(self, position):
         """Whether anything but the ground presses on the robot now."""
@@ -100,14 +120,14 @@ class PybulletSimulator(Simulator):
                 return True
         for body, mover in zip(self._movers, self.world.movers):
             x, y = mover.position(self._steps * STEP)
-            if abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + 1.0:
+            if abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + 1.0:  # noqa: SIM102
                 if self._pressing(body):
                     return True
         return False
 
     def _pressing(self, body):
         points = self._p.getContactPoints(self._robot, body, physicsClientId=self._client)
-        return any(point[9] > 0.0 for point in points)          # [9]: normal force
+        return any(point[9] > 0.0 for point in points)  # [9]: normal force
 
     def _spin(self, left, right):
         """Turn the wheels with these rim speeds [m/s]: what an obstacle that touches one feels."""
@@ -115,24 +135,36 @@ class PybulletSimulator(Simulator):
         self._wheels = (left, right)
         left, right = left / jackal.WHEEL_RADIUS, right / jackal.WHEEL_RADIUS
         p.setJointMotorControlArray(
-            self._robot, (0, 1, 2, 3), p.VELOCITY_CONTROL, targetVelocities=(left, right, left, right),
-            forces=(_MOTOR_TORQUE,) * 4, physicsClientId=self._client)
+            self._robot,
+            (0, 1, 2, 3),
+            p.VELOCITY_CONTROL,
+            targetVelocities=(left, right, left, right),
+            forces=(_MOTOR_TORQUE,) * 4,
+            physicsClientId=self._client,
+        )
 
 
 @njit(cache=True)
 def _axes(qx, qy, qz, qw):
     """Cosine and sine of the heading, and the third row of the rotation matrix: heights of the body's
-    axes."""
+    axes.
+    """
     ahead_x, ahead_y = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz)
     length = max(np.hypot(ahead_x, ahead_y), 1e-9)
-    return (ahead_x / length, ahead_y / length, 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx),
-            1.0 - 2.0 * (qx * qx + qy * qy))
+    return (
+        ahead_x / length,
+        ahead_y / length,
+        2.0 * (qx * qz - qw * qy),
+        2.0 * (qy * qz + qw * qx),
+        1.0 - 2.0 * (qx * qx + qy * qy),
+    )
 
 
 @njit(cache=True)
 def _pull(drive, v, w, table, noise, slip, friction, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """One step of wheels and tyres: world-frame force and torque on the body, the point on the ground below
-    the centre of mass where it acts, and the rim speeds."""
+    the centre of mass where it acts, and the rim speeds.
+    """
     c, s, up_x, up_y, up_z = _axes(qx, qy, qz, qw)
     for i in range(4):
         x = (0.5 if i < 2 else -0.5) * jackal.WHEELBASE - _OFF_X
@@ -140,17 +172,29 @@ def _pull(drive, v, w, table, noise, slip, friction, lift, px, py, pz, qx, qy, q
         height = pz + up_x * x + up_y * y + up_z * (jackal.AXLE_HEIGHT - _OFF_Z) - jackal.WHEEL_RADIUS
         lift[i] = min(max(1.0 - height / _FULL_LIFT, 0.0), 1.0) if up_z > 0.5 else 0.0
     skid_steer.turn_wheels(drive, v, w, table, noise, slip)
-    dx, dy = jackal.COM[0] - _OFF_X, jackal.COM[1] - _OFF_Y     # from the chassis's to the whole centre of mass
+    dx, dy = jackal.COM[0] - _OFF_X, jackal.COM[1] - _OFF_Y  # from the chassis's to the whole centre of mass
     ahead, aside = c * vx + s * vy - rate * dy, c * vy - s * vx + rate * dx
     du, ds, dw = skid_steer.tyres(drive, ahead, aside, rate, friction, lift)
     fx, fy = jackal.MASS / STEP * du, jackal.MASS / STEP * ds
-    return (c * fx - s * fy, s * fx + c * fy, jackal.YAW_INERTIA / STEP * dw,
-            px + c * dx - s * dy, py + s * dx + c * dy, drive[skid_steer.LEFT], drive[skid_steer.RIGHT])
+    return (
+        c * fx - s * fy,
+        s * fx + c * fy,
+        jackal.YAW_INERTIA / STEP * dw,
+        px + c * dx - s * dy,
+        py + s * dx + c * dy,
+        drive[skid_steer.LEFT],
+        drive[skid_steer.RIGHT],
+    )
 
 
 @njit(cache=True)
 def _planar(px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
     c, s, _, _, up_z = _axes(qx, qy, qz, qw)
-    return (px - c * _OFF_X + s * _OFF_Y, py - s * _OFF_X - c * _OFF_Y, atan2(s, c),
-            c * vx + s * vy + rate * _OFF_Y, up_z)
+    return (
+        px - c * _OFF_X + s * _OFF_Y,
+        py - s * _OFF_X - c * _OFF_Y,
+        atan2(s, c),
+        c * vx + s * vy + rate * _OFF_Y,
+        up_z,
+    )

@@ -9,6 +9,7 @@ world named by parameter ~world). Parameters: ~world ~simulator ~seed ~real_time
 
 One thread simulates; callbacks only leave what they heard. ROS time never goes back, not even at a reset.
 """
+
 import gc
 import sys
 import threading
@@ -26,10 +27,10 @@ from . import make
 from .ros_topics import Topics
 from .simulator import SimulatorError
 
-TICK = 0.01                     # simulated seconds between clocks; data every second one
-CONTROL_PERIOD = 0.05           # the planner's, for the lock-step of real_time_factor 0
-PATIENCE = 0.25                 # wall seconds the lock-step waits for a command
-IDLE_FACTOR = 1.0               # real_time_factor 0 while nobody commands: who plans then has its usual time
+TICK = 0.01  # simulated seconds between clocks; data every second one
+CONTROL_PERIOD = 0.05  # the planner's, for the lock-step of real_time_factor 0
+PATIENCE = 0.25  # wall seconds the lock-step waits for a command
+IDLE_FACTOR = 1.0  # real_time_factor 0 while nobody commands: who plans then has its usual time
 
 
 class Bridge:
@@ -40,7 +41,7 @@ class Bridge:
         if self.factor < 0.0:
             raise SimulatorError("real_time_factor is %g: give 0 (as fast as it goes) or more" % self.factor)
         self.seed = int(_number("seed", 0))
-        if not 0 <= self.seed < 2 ** 31:
+        if not 0 <= self.seed < 2**31:
             raise SimulatorError("seed is %d: give 0 to 2147483647" % self.seed)
         name = rospy.get_param("~simulator", "pybullet")
         options = rospy.get_param("~randomisation", {})
@@ -51,21 +52,29 @@ class Bridge:
         world = worlds.load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **options)
         self._warm_up(world)
-        self.lock = threading.Lock()            # of the simulator
-        self.arrived = threading.Condition()    # of the next four
-        self.heard = None                       # newest command (v, w) not yet given to the simulator
-        self.driven = False                     # somebody commands
-        self.commanded_at = 0.0                 # simulated time of the newest command
+        self.lock = threading.Lock()  # of the simulator
+        self.arrived = threading.Condition()  # of the next four
+        self.heard = None  # newest command (v, w) not yet given to the simulator
+        self.driven = False  # somebody commands
+        self.commanded_at = 0.0  # simulated time of the newest command
         self.refused = 0
-        self.base_time = 1.0                    # ROS time of the simulator's 0 (ROS takes 0 for "no time")
+        self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
         self.touched = False
         self.topics = Topics()
         self.simulator.reset(world, self.seed)
         self.topics.publish_world(self.simulator, self.stamp())
         self._connect()
-        rospy.loginfo("sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
-                      "real time factor %g", world.name, len(world.cylinders), len(world.boxes),
-                      len(world.movers), name, self.seed, self.factor)
+        rospy.loginfo(
+            "sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
+            "real time factor %g",
+            world.name,
+            len(world.cylinders),
+            len(world.boxes),
+            len(world.movers),
+            name,
+            self.seed,
+            self.factor,
+        )
 
     def _warm_up(self, world):
         """Compile everything before anybody can count on the clock."""
@@ -77,7 +86,7 @@ class Bridge:
 
     def _connect(self):
         for topic in ("/cmd_vel", "/jackal_velocity_controller/cmd_vel"):
-            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2 ** 16, tcp_nodelay=True)
+            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
         rospy.Subscriber("/set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
         rospy.Subscriber("~world", String, self.on_world, queue_size=1)
         rospy.Service("~reset", Empty, self.on_reset)
@@ -115,7 +124,7 @@ class Bridge:
         try:
             self.spin()
         except rospy.ROSException:
-            if not rospy.core.is_shutdown_requested():      # a topic closed under its publisher: a shutdown begins
+            if not rospy.core.is_shutdown_requested():  # a topic closed under its publisher: a shutdown begins
                 raise
 
     def _take_command(self):
@@ -128,7 +137,8 @@ class Bridge:
     def _lock_step(self):
         """As fast as it goes, but never further than a control period beyond the planner's last command: wait
         for the next one, at most PATIENCE. Who falls silent for longer is not waited for again until a
-        command comes."""
+        command comes.
+        """
         if self.driven and self.simulator.state.time - self.commanded_at > CONTROL_PERIOD - 1e-6:
             with self.arrived:
                 self.driven = self.arrived.wait_for(lambda: self.heard is not None, PATIENCE)
@@ -138,8 +148,10 @@ class Bridge:
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
             self.refused += 1
-            rospy.logwarn_throttle(5.0, "sim_bridge: velocity command (%g, %g) refused: it must be finite (%d "
-                                   "so far)" % (v, w, self.refused))
+            rospy.logwarn_throttle(
+                5.0,
+                "sim_bridge: velocity command (%g, %g) refused: it must be finite (%d so far)" % (v, w, self.refused),
+            )
             return
         with self.arrived:
             self.heard, self.driven = (v, w), True
@@ -189,7 +201,7 @@ class Bridge:
             self.topics.publish_world(self.simulator, self.stamp())
             self.topics.publish_state(state, self.simulator.scan(), self.stamp(), False)
             self.topics.publish_clock(self.stamp())
-        time.sleep(0.05)                        # scans from the old place pass before the maps are cleared
+        time.sleep(0.05)  # scans from the old place pass before the maps are cleared
         _clear_costmaps()
 
 
@@ -215,18 +227,22 @@ class Pace:
             self.next = now
             if tell and now - self.told > 10.0:
                 self.told = now
-                rospy.logwarn("sim_bridge: %.1f s lost so far: real_time_factor %g is too much for this "
-                              "machine now", self.late, factor)
+                rospy.logwarn(
+                    "sim_bridge: %.1f s lost so far: real_time_factor %g is too much for this machine now",
+                    self.late,
+                    factor,
+                )
 
 
 def _clear_costmaps(patience=2.0):
     """Ask move_base, if there is one, to clear its costmaps; wait no longer than `patience` wall seconds."""
+
     def call():
         try:
             rospy.wait_for_service("/move_base/clear_costmaps", 0.1)
             rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
         except rospy.ROSException:
-            pass                                # no move_base: nothing to clear
+            pass  # no move_base: nothing to clear
         except rospy.ServiceException as error:
             rospy.logwarn("sim_bridge: costmaps not cleared: %s", str(error).split("\n")[0])
 
@@ -234,8 +250,7 @@ def _clear_costmaps(patience=2.0):
     worker.start()
     worker.join(patience)
     if worker.is_alive():
-        rospy.logwarn("sim_bridge: costmaps not cleared: /move_base/clear_costmaps gave no answer for %g s",
-                      patience)
+        rospy.logwarn("sim_bridge: costmaps not cleared: /move_base/clear_costmaps gave no answer for %g s", patience)
 
 
 def _number(name, default):
@@ -254,7 +269,7 @@ def main():
         print("sim_bridge: %s" % error, file=sys.stderr, flush=True)
         return 1
     gc.collect()
-    gc.freeze()     # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
+    gc.freeze()  # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
     # Not in the main thread: rospy shuts down in the signal's handler there, which would wait for the very lock
     # that an interrupted publish() holds.
     spinning = threading.Thread(target=bridge.spin_until_shutdown, daemon=True)

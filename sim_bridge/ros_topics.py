@@ -1,5 +1,7 @@
 """What the simulated Jackal says over ROS: a RobotState and a scan as the messages of Clearpath's Jackal.
-ros_bridge.py publishes through it. Positions are planar; z is base_link's plane."""
+ros_bridge.py publishes through it. Positions are planar; z is base_link's plane.
+"""
+
 from math import cos, pi, sin
 
 import rospy
@@ -34,12 +36,11 @@ class Topics:
         self.imu = rospy.Publisher("/imu/data", Imu, queue_size=10)
         self.joints = rospy.Publisher("/joint_states", JointState, queue_size=10)
         self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
-        self.collisions = [rospy.Publisher(topic, Bool, queue_size=10)
-                           for topic in ("~collision", "/collision")]
+        self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "/collision")]
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.world = rospy.Publisher("~current_world", String, queue_size=1, latch=True)
-        self._turned = [0.0, 0.0]                  # of the left and right wheels [rad]
+        self._turned = [0.0, 0.0]  # of the left and right wheels [rad]
         self._last = None
 
     def publish_clock(self, stamp):
@@ -61,9 +62,14 @@ class Topics:
         """Static frames, obstacles and the world's name: after every reset and change of world."""
         x, y = simulator.odom_origin
         laser = _transform(BASE, jackal.LASER_FRAME, jackal.LASER_OFFSET + (0.0,), stamp, jackal.LASER_HEIGHT)
-        self.tf_static.publish([laser, _transform(BASE, "chassis_link", (0.0, 0.0, 0.0), stamp),
-                                _transform(BASE, "imu_link", (0.0, 0.0, 0.0), stamp),
-                                _transform(WORLD, ODOM, (x, y, 0.0), stamp)])
+        self.tf_static.publish(
+            [
+                laser,
+                _transform(BASE, "chassis_link", (0.0, 0.0, 0.0), stamp),
+                _transform(BASE, "imu_link", (0.0, 0.0, 0.0), stamp),
+                _transform(WORLD, ODOM, (x, y, 0.0), stamp),
+            ]
+        )
         cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
         markers = [Marker(action=Marker.DELETEALL)]
         markers += [_cylinder(*row, i, stamp) for i, row in enumerate(cylinders)]
@@ -117,9 +123,14 @@ def _odometry(frame, pose, twist, stamp):
 
 def _scan(ranges, stamp):
     message = LaserScan(
-        angle_min=jackal.ANGLE_MIN, angle_max=jackal.ANGLE_MAX, angle_increment=jackal.ANGLE_INCREMENT,
-        range_min=jackal.RANGE_MIN, range_max=jackal.RANGE_MAX, scan_time=1.0 / jackal.SCAN_RATE,
-        ranges=ranges.tolist())
+        angle_min=jackal.ANGLE_MIN,
+        angle_max=jackal.ANGLE_MAX,
+        angle_increment=jackal.ANGLE_INCREMENT,
+        range_min=jackal.RANGE_MIN,
+        range_max=jackal.RANGE_MAX,
+        scan_time=1.0 / jackal.SCAN_RATE,
+        ranges=ranges.tolist(),
+    )
     message.header.frame_id, message.header.stamp = jackal.LASER_FRAME, stamp
     return message
 
@@ -131,8 +142,8 @@ def _imu(state, stamp):
     message.linear_acceleration.x, message.angular_velocity.z = state.imu
     message.linear_acceleration.z = jackal.GRAVITY
     message.orientation_covariance = _ATTITUDE_COVARIANCE
-    message.angular_velocity_covariance[8] = jackal.GYRO_NOISE ** 2
-    message.linear_acceleration_covariance[0] = jackal.ACCELEROMETER_NOISE ** 2
+    message.angular_velocity_covariance[8] = jackal.GYRO_NOISE**2
+    message.linear_acceleration_covariance[0] = jackal.ACCELEROMETER_NOISE**2
     return message
 
 
@@ -152,5 +163,6 @@ def _cylinder(x, y, radius, number, stamp, name="obstacles"):
 
 
 def _box(x, y, yaw, size_x, size_y, number, stamp):
-    return _marker(Marker.CUBE, x, y, yaw, (size_x, size_y, OBSTACLE_HEIGHT), number, stamp, "obstacles",
-                   (0.62, 0.5, 0.35, 1.0))
+    return _marker(
+        Marker.CUBE, x, y, yaw, (size_x, size_y, OBSTACLE_HEIGHT), number, stamp, "obstacles", (0.62, 0.5, 0.35, 1.0)
+    )

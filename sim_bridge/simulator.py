@@ -1,6 +1,8 @@
 """The one interface of the robot's stand-in worlds. PybulletSimulator and KinematicSimulator implement it;
 the ROS bridge, the training environment and the evaluation drive through it. Time is simulated: nothing here
-reads a clock."""
+reads a clock.
+"""
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from math import cos, isfinite, pi, sin
@@ -11,7 +13,7 @@ import numpy as np
 from . import jackal
 from .lidar import Lidar
 
-Span = Union[float, Tuple[float, float]]      # a number, or (low, high): drawn anew at every reset
+Span = Union[float, Tuple[float, float]]  # a number, or (low, high): drawn anew at every reset
 
 
 class SimulatorError(ValueError):
@@ -21,27 +23,31 @@ class SimulatorError(ValueError):
 @dataclass
 class RobotState:
     """What is known of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s,
-    rad/s]."""
+    rad/s].
+    """
+
     time: float = 0.0
-    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)          # true, world frame
-    twist: Tuple[float, float] = (0.0, 0.0)                     # true, along and about the body's axes
-    odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)     # as the odometry believes, frame odom
+    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # true, world frame
+    twist: Tuple[float, float] = (0.0, 0.0)  # true, along and about the body's axes
+    odom_pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)  # as the odometry believes, frame odom
     odom_twist: Tuple[float, float] = (0.0, 0.0)
-    contact: bool = False                              # touched anything since the last advance() began
+    contact: bool = False  # touched anything since the last advance() began
     flipped: bool = False
-    imu: Tuple[float, float] = (0.0, 0.0)              # forward acceleration [m/s^2], yaw rate [rad/s]
+    imu: Tuple[float, float] = (0.0, 0.0)  # forward acceleration [m/s^2], yaw rate [rad/s]
 
 
 @dataclass(frozen=True)
 class Randomisation:
     """What may differ from the nominal Jackal. Each is a number or a (low, high) span drawn at reset from the
-    seed."""
-    start_xy: float = 0.0          # the start is moved by up to this much along x and y [m]
-    start_yaw: float = 0.0         # and turned by up to this much [rad]
-    scan_noise: Span = 1.0         # multiplies the laser's noise
-    latency: Span = 0.0            # from command() to the wheels [s]
-    friction: Span = 1.0           # multiplies the wheels' friction
-    slip: Span = 1.0               # multiplies slip and drift beyond what physics gives
+    seed.
+    """
+
+    start_xy: float = 0.0  # the start is moved by up to this much along x and y [m]
+    start_yaw: float = 0.0  # and turned by up to this much [rad]
+    scan_noise: Span = 1.0  # multiplies the laser's noise
+    latency: Span = 0.0  # from command() to the wheels [s]
+    friction: Span = 1.0  # multiplies the wheels' friction
+    slip: Span = 1.0  # multiplies slip and drift beyond what physics gives
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -49,15 +55,24 @@ class Randomisation:
             pair = value if spans and isinstance(value, (tuple, list)) else (value, value)
             numbers = [bound for bound in pair if isinstance(bound, (int, float)) and isfinite(bound)]
             if len(pair) != 2 or len(numbers) != 2 or not 0 <= numbers[0] <= numbers[1]:
-                raise SimulatorError("randomisation %s = %r: give a number >= 0%s" % (
-                    name, value, " or a span (low, high)" if spans else ""))
+                raise SimulatorError(
+                    "randomisation %s = %r: give a number >= 0%s"
+                    % (name, value, " or a span (low, high)" if spans else "")
+                )
 
     def draw(self, rng):
         """One robot: the same fields, every span replaced by a number drawn uniformly from it."""
+
         def pick(span):
             return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
-        return replace(self, scan_noise=pick(self.scan_noise), latency=pick(self.latency),
-                       friction=pick(self.friction), slip=pick(self.slip))
+
+        return replace(
+            self,
+            scan_noise=pick(self.scan_noise),
+            latency=pick(self.latency),
+            friction=pick(self.friction),
+            slip=pick(self.slip),
+        )
 
 
 def wrap(angle):
@@ -69,8 +84,8 @@ def wrap(angle):
 class _Command:
     v: float = 0.0
     w: float = 0.0
-    until: float = -1.0            # sim time at which the base stops by itself
-    pending: list = field(default_factory=list)      # (effective from, v, w) held back by the latency
+    until: float = -1.0  # sim time at which the base stops by itself
+    pending: list = field(default_factory=list)  # (effective from, v, w) held back by the latency
 
 
 class Simulator(ABC):
@@ -95,21 +110,25 @@ class Simulator(ABC):
     # -- for everybody -----------------------------------------------------------------------------
     def reset(self, world, seed: int, start: Optional[Tuple[float, float, float]] = None) -> RobotState:
         """Put the robot at `start` (world frame, default the course's) at time 0, standing. The same world,
-        seed and commands give the same states and scans, to the last bit."""
+        seed and commands give the same states and scans, to the last bit.
+        """
         start = tuple(float(value) for value in (world.course.start if start is None else start))
         if len(start) != 3 or not all(map(isfinite, start)):
             raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (start,))
         self._rng = np.random.default_rng(seed)
         self.drawn = self.randomisation.draw(self._rng)
         shift = self._rng.uniform(-1, 1, 3).tolist()
-        pose = (start[0] + shift[0] * self.drawn.start_xy, start[1] + shift[1] * self.drawn.start_xy,
-                wrap(start[2] + shift[2] * self.drawn.start_yaw))
+        pose = (
+            start[0] + shift[0] * self.drawn.start_xy,
+            start[1] + shift[1] * self.drawn.start_xy,
+            wrap(start[2] + shift[2] * self.drawn.start_yaw),
+        )
         if self._lidar is None or world is not self.world:
             self._lidar = Lidar(world.cylinders, world.boxes)
         new_world, self.world = world is not self.world, world
         self.odom_origin = pose[:2]
         self._command = _Command()
-        self._place(pose, new_world, int(self._rng.integers(2 ** 31)))
+        self._place(pose, new_world, int(self._rng.integers(2**31)))
         return self.state
 
     def command(self, v: float, w: float) -> None:
@@ -129,7 +148,8 @@ class Simulator(ABC):
 
     def scan(self) -> np.ndarray:
         """(720,) float32 ranges [m] from the laser at the present instant, +inf where nothing returns and
-        -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new noise."""
+        -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new noise.
+        """
         x, y, yaw = self.state.pose
         c, s = cos(yaw), sin(yaw)
         ox, oy = jackal.LASER_OFFSET
@@ -159,7 +179,7 @@ class Simulator(ABC):
         time = self.state.time if time is None else time
         return np.array([(*mover.position(time), mover.radius) for mover in movers], dtype=np.float64)
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027
         """Give back what the simulator holds. It cannot be used after."""
 
     # -- for the implementations -------------------------------------------------------------------

@@ -11,6 +11,7 @@ track)^2 = 1.49 (Clearpath's separation multiplier: 1.5), less when a fast curve
 `rim_table` holds what every (v, w) needs. The centre of mass lies ahead of the wheels' middle, so the front
 grips better and the robot turns about a point ahead of base_link: the drift of a turn in place.
 """
+
 from functools import lru_cache
 from math import cos, exp, sin, sqrt
 
@@ -19,7 +20,7 @@ from numba import njit
 
 from . import jackal
 
-STEP = 1.0 / 240.0                                  # both simulators' physics step [s]
+STEP = 1.0 / 240.0  # both simulators' physics step [s]
 # the drive's own state
 RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, WHEEL_NOISE, GRIP_NOISE, SIZE = 0, 1, 2, 3, 4, 5, 6, 8, 12
 NOISES = 6
@@ -28,9 +29,14 @@ NOISES = 6
 _FRONT, _LEFT = np.array([1.0, 1.0, -1.0, -1.0]), np.array([1.0, -1.0, 1.0, -1.0])
 _X = 0.5 * jackal.WHEELBASE * _FRONT - jackal.COM[0]
 _Y = 0.5 * jackal.TRACK * _LEFT - jackal.COM[1]
-_LOAD = (0.25 * jackal.MASS * jackal.GRAVITY * (1.0 + 2.0 * jackal.COM[0] / jackal.WHEELBASE * _FRONT)
-         * (1.0 + 2.0 * jackal.COM[1] / jackal.TRACK * _LEFT))
-_V_STEP, _W_STEP = 0.125, 0.25                      # of rim_table
+_LOAD = (
+    0.25
+    * jackal.MASS
+    * jackal.GRAVITY
+    * (1.0 + 2.0 * jackal.COM[0] / jackal.WHEELBASE * _FRONT)
+    * (1.0 + 2.0 * jackal.COM[1] / jackal.TRACK * _LEFT)
+)
+_V_STEP, _W_STEP = 0.125, 0.25  # of rim_table
 _KEEP_WHEEL, _KEEP_GRIP = exp(-STEP / jackal.WHEEL_TIME), exp(-STEP / jackal.GRIP_TIME)
 _KEEP_PULL = exp(-STEP / 0.02)
 
@@ -39,7 +45,8 @@ _KEEP_PULL = exp(-STEP / 0.02)
 def turn_wheels(drive, v, w, table, noise, slip):
     """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits; sets
     the rim speeds drive[LEFT], drive[RIGHT] [m/s]. table: rim_table(); noise (6,) standard normal; `slip`
-    scales all unevenness."""
+    scales all unevenness.
+    """
     rate = jackal.MAX_ACCELERATION * STEP
     drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
     rate = jackal.MAX_YAW_ACCELERATION * STEP
@@ -116,7 +123,8 @@ def rim_table():
     """(17, 17, 2): for speed i * .125 and yaw rate j * .25 what to add to the speed and the multiplier of the
     track that make the driven (v, w) the commanded one on nominal, even ground. Curves beyond the tyres' grip
     (v w above GRIP_LIMIT) take the multiplier of the tightest curve at that speed that they can hold. Found
-    by driving; takes some 50 ms."""
+    by driving; takes some 50 ms.
+    """
     rows, columns = round(jackal.MAX_SPEED / _V_STEP) + 1, round(jackal.MAX_YAW_RATE / _W_STEP) + 1
     return _rim_table(rows, columns)
 

@@ -5,6 +5,7 @@ rospy knows one master and one node name per process. Where several files with R
 therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. Alone, a file
 runs here.
 """
+
 import os
 import re
 import signal
@@ -16,17 +17,21 @@ import pytest
 
 CHILD = "APPLR_TESTS_OF_ONE_FILE"
 HERE = Path(__file__).parent
-USES_ROS = re.compile(r"^\s*(from|import) (rospy|%s)\b" % "|".join(
-    path.stem for path in HERE.glob("*.py") if "import rospy" in path.read_text(encoding="utf-8")), re.MULTILINE)
-LONGEST = 900       # seconds for one file
+USES_ROS = re.compile(
+    r"^\s*(from|import) (rospy|%s)\b"
+    % "|".join(path.stem for path in HERE.glob("*.py") if "import rospy" in path.read_text(encoding="utf-8")),
+    re.MULTILINE,
+)
+LONGEST = 900  # seconds for one file
 
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:       # as a shell starts what it puts in the background:
-    signal.signal(signal.SIGINT, signal.default_int_handler)        # tests interrupt children, which would inherit it
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
 
 if sys.version_info < (3, 10):
     needs_training = re.compile(r"^\s*(from|import) (training|torch|gymnasium|ray)\b", re.MULTILINE)
-    collect_ignore = [path.name for path in HERE.glob("test_*.py")
-                      if needs_training.search(path.read_text(encoding="utf-8"))]
+    collect_ignore = [
+        path.name for path in HERE.glob("test_*.py") if needs_training.search(path.read_text(encoding="utf-8"))
+    ]
 
 
 class FileInOwnProcess(pytest.Item):
@@ -39,9 +44,16 @@ class FileInOwnProcess(pytest.Item):
     def runtest(self):
         command = [sys.executable, "-m", "pytest", "--no-header", "-p", "no:cacheprovider", *self.tests]
         try:
-            done = subprocess.run(command, env=dict(os.environ, **{CHILD: "1"}), cwd=self.config.rootpath,
-                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=LONGEST,
-                                  check=False)
+            done = subprocess.run(
+                command,
+                env=dict(os.environ, **{CHILD: "1"}),
+                cwd=self.config.rootpath,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                timeout=LONGEST,
+                check=False,
+            )
         except subprocess.TimeoutExpired as late:
             self.output = "not done within %d s\n%s" % (LONGEST, (late.stdout or b"").decode(errors="replace"))
             raise FileFailed from None
@@ -80,8 +92,13 @@ def pytest_collection_modifyitems(config, items):
         return
     items[:] = [item for item in items if item.path not in apart]
     for path in apart:
-        items.append(FileInOwnProcess.from_parent(by_file[path][0].getparent(pytest.Module), name="own process",
-                                                  tests=[item.nodeid for item in by_file[path]]))
+        items.append(
+            FileInOwnProcess.from_parent(
+                by_file[path][0].getparent(pytest.Module),
+                name="own process",
+                tests=[item.nodeid for item in by_file[path]],
+            )
+        )
 
 
 def pytest_terminal_summary(terminalreporter):
@@ -91,6 +108,6 @@ def pytest_terminal_summary(terminalreporter):
 
 def pytest_sessionfinish(session, exitstatus):
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if exitstatus == 0 and reporter is not None and not session.config.option.collectonly:
+    if exitstatus == 0 and reporter is not None and not session.config.option.collectonly:  # noqa: SIM102
         if not reporter.stats.get("passed"):
             session.exitstatus = 5

@@ -2,6 +2,7 @@
 
 Runs as a thread of the test process, at the pace of the wall clock. What it publishes can be switched off and bent.
 """
+
 import math
 import threading
 import time
@@ -12,9 +13,9 @@ from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
+from toy_robot import ANGLE_MAX, ANGLE_MIN, INCREMENT, LASER_X, RANGE_MAX, RANGE_MIN, ToyRobot
 
 from applr_ros1.nodes.conversions import compose
-from toy_robot import ANGLE_MAX, ANGLE_MIN, INCREMENT, LASER_X, RANGE_MAX, RANGE_MIN, ToyRobot
 
 TICK = 0.01
 COMMAND_TIMEOUT = 0.25
@@ -77,8 +78,14 @@ class FakeJackal:
             if n % 2 == 0:
                 self._publish_pose(stamp)
             if n % 5 == 0 and self.scans:
-                scan = LaserScan(angle_min=ANGLE_MIN, angle_max=ANGLE_MAX, angle_increment=INCREMENT,
-                                 range_min=RANGE_MIN, range_max=RANGE_MAX, ranges=self.robot.ranges().tolist())
+                scan = LaserScan(
+                    angle_min=ANGLE_MIN,
+                    angle_max=ANGLE_MAX,
+                    angle_increment=INCREMENT,
+                    range_min=RANGE_MIN,
+                    range_max=RANGE_MAX,
+                    ranges=self.robot.ranges().tolist(),
+                )
                 scan.header.stamp, scan.header.frame_id = stamp, "front_laser"
                 self._scan.publish(self.bend(scan))
 

@@ -3,6 +3,7 @@
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--name NODE]
 The ROS parameters /fake/refuse and /fake/hold name servers (a list) that raise an error, or keep their old values.
 """
+
 import argparse
 import sys
 from types import SimpleNamespace
@@ -10,22 +11,50 @@ from types import SimpleNamespace
 import rospy
 from dynamic_reconfigure.server import Server
 
-from applr_ros1.planner.parameters import SERVERS
+from applr_ros1.planner.parameters.declarations import SERVERS
 
 KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_scale"}
 
 
 def config_type(parameters):
     """What a .cfg file would generate: dynamic_reconfigure's description of one group of parameters."""
-    rows = [{"name": name, "type": p.type, "default": p.value, "level": 0, "description": p.doc,
-             "min": p.min, "max": p.max, "edit_method": ""} for name, p in parameters]
-    group = {"name": "Default", "type": "", "id": 0, "parent": 0, "state": True, "groups": [], "parameters": rows,
-             "upper": "DEFAULT", "lower": "groups", "cstate": "true", "parentname": "Default", "class": "DEFAULT",
-             "parentclass": "", "field": "default"}
-    return SimpleNamespace(config_description=group, min={r["name"]: r["min"] for r in rows},
-                           max={r["name"]: r["max"] for r in rows},
-                           defaults={r["name"]: r["default"] for r in rows},
-                           level={r["name"]: 0 for r in rows}, type={r["name"]: r["type"] for r in rows})
+    rows = [
+        {
+            "name": name,
+            "type": p.type,
+            "default": p.value,
+            "level": 0,
+            "description": p.doc,
+            "min": p.min,
+            "max": p.max,
+            "edit_method": "",
+        }
+        for name, p in parameters
+    ]
+    group = {
+        "name": "Default",
+        "type": "",
+        "id": 0,
+        "parent": 0,
+        "state": True,
+        "groups": [],
+        "parameters": rows,
+        "upper": "DEFAULT",
+        "lower": "groups",
+        "cstate": "true",
+        "parentname": "Default",
+        "class": "DEFAULT",
+        "parentclass": "",
+        "field": "default",
+    }
+    return SimpleNamespace(
+        config_description=group,
+        min={r["name"]: r["min"] for r in rows},
+        max={r["name"]: r["max"] for r in rows},
+        defaults={r["name"]: r["default"] for r in rows},
+        level={r["name"]: 0 for r in rows},
+        type={r["name"]: r["type"] for r in rows},
+    )
 
 
 def serve(name, parameters):

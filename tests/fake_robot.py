@@ -2,6 +2,7 @@
 
 Used by tests of the applr node and of bags; it lives in the test's own process.
 """
+
 import json
 import threading
 import time
@@ -20,16 +21,19 @@ class Robot:
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import LaserScan
         from std_msgs.msg import Float32MultiArray, Float64MultiArray, String, Time
+
         self.scan = rospy.Publisher("/front/scan", LaserScan, queue_size=1)
         self.odom = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
         self.plan = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
         self.status = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
         self.clock = rospy.Publisher("/clock", Clock, queue_size=1)
-        for topic, kind, callback in (("/applr/decision", String, self._on_decision),
-                                      ("/applr/observation", Float32MultiArray, self._on_observation),
-                                      ("/applr/heartbeat", Time, self._on_heartbeat),
-                                      ("/applr/parameters", Float64MultiArray, self._on_parameters),
-                                      ("/diagnostics", DiagnosticArray, self._on_diagnostics)):
+        for topic, kind, callback in (
+            ("/applr/decision", String, self._on_decision),
+            ("/applr/observation", Float32MultiArray, self._on_observation),
+            ("/applr/heartbeat", Time, self._on_heartbeat),
+            ("/applr/parameters", Float64MultiArray, self._on_parameters),
+            ("/diagnostics", DiagnosticArray, self._on_diagnostics),
+        ):
             rospy.Subscriber(topic, kind, callback, queue_size=50)
         self.simulated = False
         self.reset()
@@ -66,6 +70,7 @@ class Robot:
 
     def _run(self):
         import rospy
+
         while not rospy.is_shutdown():
             time.sleep(0.02)
             if self.simulated:
@@ -84,10 +89,17 @@ class Robot:
         from nav_msgs.msg import Odometry, Path
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import LaserScan
+
         now = rospy.Time.from_sec(self.now) if self.simulated else rospy.Time.now()
         ranges, status = self.ranges, GoalStatusArray()
-        scan = LaserScan(angle_min=-2.35619, angle_max=2.35619, angle_increment=4.71238 / 719, range_min=0.1,
-                         range_max=30.0, ranges=ranges)
+        scan = LaserScan(
+            angle_min=-2.35619,
+            angle_max=2.35619,
+            angle_increment=4.71238 / 719,
+            range_min=0.1,
+            range_max=30.0,
+            ranges=ranges,
+        )
         odom, plan = Odometry(child_frame_id="base_link"), Path()
         odom.pose.pose.position.x, odom.pose.pose.position.y = self.pose[:2]
         odom.pose.pose.orientation.z = np.sin(self.pose[2] / 2)
@@ -102,5 +114,10 @@ class Robot:
             status.status_list.append(entry)
         for message, frame in ((scan, "front_laser"), (odom, "odom"), (plan, "odom"), (status, "")):
             message.header.stamp, message.header.frame_id = now, frame
-        return {"scan": scan if ranges is not None else None, "odom": odom, "status": status,
-                "plan": plan if self.goal is not None else None, "clock": Clock(now)}
+        return {
+            "scan": scan if ranges is not None else None,
+            "odom": odom,
+            "status": status,
+            "plan": plan if self.goal is not None else None,
+            "clock": Clock(now),
+        }

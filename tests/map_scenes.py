@@ -2,12 +2,13 @@
 
 Used by the tests of costmap, inflation, obstacle layer and navfn.
 """
+
 import math
 
 import numpy as np
 
-from applr_ros1.planner import footprint as footprints
-from applr_ros1.planner.scan import LaserScan
+from applr_ros1.planner.costmap import footprint as footprints
+from applr_ros1.planner.costmap.scan import LaserScan
 
 JACKAL = footprints.pad(footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1)
 
@@ -16,8 +17,9 @@ def cellular(rng, ny, nx, fill, steps=3):
     """(ny, nx) bool: a cellular automaton's obstacles, like BARN's, from `fill` of random cells."""
     grid = rng.random((ny, nx)) < fill
     for _ in range(steps):
-        around = sum(np.roll(np.roll(grid, dy, 0), dx, 1).astype(int)
-                     for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy)
+        around = sum(
+            np.roll(np.roll(grid, dy, 0), dx, 1).astype(int) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy
+        )
         grid = np.where(around >= 5, True, np.where(around <= 1, False, grid))
     return grid
 
@@ -26,8 +28,9 @@ def cylinders(rng, size=4.0, fill=0.3, radius=0.075):
     """(n, 3) x, y, radius [m] of the cylinders in a square of `size` [m] about the origin."""
     n = int(size / (2 * radius))
     ys, xs = np.nonzero(cellular(rng, n, n, fill))
-    return np.stack(((xs + 0.5) * 2 * radius - size / 2, (ys + 0.5) * 2 * radius - size / 2,
-                     np.full(len(xs), radius)), axis=1)
+    return np.stack(
+        ((xs + 0.5) * 2 * radius - size / 2, (ys + 0.5) * 2 * radius - size / 2, np.full(len(xs), radius)), axis=1
+    )
 
 
 def laser(circles, pose, rng, beams=180, height=0.0):

@@ -1,10 +1,10 @@
 """The move_base node beside a made-up Jackal, for the test files that share them: fixtures and small helpers."""
+
 import math
 import time
 from types import SimpleNamespace
 
 import pytest
-
 import ros_harness
 from ros_harness import wait_for
 
@@ -17,7 +17,9 @@ PLANNER = "/move_base/TrajectoryPlannerROS"
 def start(master, parameters=None, sim_time=False, name="move_base"):
     """The node as a child, ready."""
     import rospy
-    from applr_ros1.planner.parameters import JACKAL
+
+    from applr_ros1.planner.parameters.declarations import JACKAL
+
     rospy.set_param("/" + name, parameters or JACKAL)
     rospy.set_param("/use_sim_time", sim_time)
     child = master.python(SCRIPT, "odom:=odometry/filtered")
@@ -38,6 +40,7 @@ def stack(master):
     import rospy
     from fake_jackal import FakeJackal
     from move_base_msgs.msg import MoveBaseAction
+
     jackal = FakeJackal(POSTS)
     node = start(master)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
@@ -53,6 +56,7 @@ def idle(stack):
     """The stack at its start: robot at the origin, nothing to do, everything switched on."""
     import rospy
     from std_srvs.srv import Empty
+
     jackal = stack.jackal
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
@@ -67,6 +71,7 @@ def idle(stack):
 
 def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
     from move_base_msgs.msg import MoveBaseGoal
+
     made = MoveBaseGoal()
     made.target_pose.header.frame_id = frame
     made.target_pose.pose.position.x, made.target_pose.pose.position.y = x, y
@@ -78,11 +83,13 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
 def collect(topic, kind):
     """(subscriber, list of the messages that come)."""
     import rospy
+
     got = []
     return rospy.Subscriber(topic, kind, got.append), got
 
 
 def finish(client, seconds=20.0):
     import rospy
+
     assert client.wait_for_result(rospy.Duration(seconds)), "no result"
     return client.get_state(), client.get_goal_status_text()

@@ -2,13 +2,14 @@
 
 test_costmap.py, test_inflation.py, test_obstacle_layer.py and test_navfn.py hold the fast versions against these.
 """
+
 import heapq
 import math
 
 import numpy as np
 
-from applr_ros1.planner import footprint as footprints
-from applr_ros1.planner.grid import line_cells
+from applr_ros1.planner.costmap import footprint as footprints
+from applr_ros1.planner.costmap.grid import line_cells
 
 F32_MAX = float(np.finfo(np.float32).max)
 
@@ -123,8 +124,18 @@ class PlainCostmap:
             self.obstacle_costs(pose, x0, y0, xn, yn)
         if self.inflation.enabled:
             p = self.inflation
-            inflate(self.master, x0, y0, xn, yn, p.inflation_radius, self.res, p.cost_scaling_factor, self.inscribed,
-                    p.inflate_unknown)
+            inflate(
+                self.master,
+                x0,
+                y0,
+                xn,
+                yn,
+                p.inflation_radius,
+                self.res,
+                p.cost_scaling_factor,
+                self.inscribed,
+                p.inflate_unknown,
+            )
 
     def obstacle_bounds(self, pose, bounds):
         p, grid = self.obstacles, self.layer
@@ -142,15 +153,21 @@ class PlainCostmap:
         points, sensor = [], None
         if self.cloud is not None:
             sensor = self.cloud.origin
-            points = [q for q in self.cloud.points.astype(np.float64).tolist()
-                      if p.source_min_height <= q[2] <= p.source_max_height]
+            points = [
+                q
+                for q in self.cloud.points.astype(np.float64).tolist()
+                if p.source_min_height <= q[2] <= p.source_max_height
+            ]
         if self.cloud is not None and p.clearing and self.cell(sensor[0], sensor[1], origin) is not None:
             self.clear_rays(points, sensor, widen)
         for x, y, z in points if p.marking else ():
             if z > p.max_obstacle_height:
                 continue
-            far = (x - sensor[0]) * (x - sensor[0]) + (y - sensor[1]) * (y - sensor[1]) \
+            far = (
+                (x - sensor[0]) * (x - sensor[0])
+                + (y - sensor[1]) * (y - sensor[1])
                 + (z - sensor[2]) * (z - sensor[2])
+            )
             cell = self.cell(x, y, origin)
             if far >= p.obstacle_range * p.obstacle_range or cell is None:
                 continue
@@ -174,16 +191,16 @@ class PlainCostmap:
             if wy < oy:
                 wx, wy = sx + a * ((oy - sy) / b), oy
             if wx > ex:
-                wx, wy = ex - .001, sy + b * ((ex - sx) / a)
+                wx, wy = ex - 0.001, sy + b * ((ex - sx) / a)
             if wy > ey:
-                wx, wy = sx + a * ((ey - sy) / b), ey - .001
+                wx, wy = sx + a * ((ey - sy) / b), ey - 0.001
             end = self.cell(wx, wy, (ox, oy))
             if end is None:
                 continue
             line = line_cells(*start, *end)
             distance = hypot(end[0] - start[0], end[1] - start[1])
             scale = 1.0 if distance == 0 else min(1.0, reach / distance)
-            for x, y in line[:min(int(scale * (len(line) - 1)), len(line) - 1) + 1]:
+            for x, y in line[: min(int(scale * (len(line) - 1)), len(line) - 1) + 1]:
                 self.layer[y, x] = 0
             dx, dy = wx - sx, wy - sy
             full = hypot(dx, dy)
@@ -193,14 +210,18 @@ class PlainCostmap:
     def obstacle_costs(self, pose, x0, y0, xn, yn):
         p = self.obstacles
         if p.footprint_clearing_enabled and len(self.footprint) >= 3:
-            corners = [self.cell(x, y, self.layer_origin)
-                       for x, y in footprints.transform(self.footprint, *pose).tolist()]
+            corners = [
+                self.cell(x, y, self.layer_origin) for x, y in footprints.transform(self.footprint, *pose).tolist()
+            ]
             if None not in corners:
-                outline = [tuple(c) for i in range(len(corners))
-                           for c in line_cells(*corners[i], *corners[(i + 1) % len(corners)]).tolist()]
+                outline = [
+                    tuple(c)
+                    for i in range(len(corners))
+                    for c in line_cells(*corners[i], *corners[(i + 1) % len(corners)]).tolist()
+                ]
                 for column in {x for x, _ in outline}:
                     rows = [y for x, y in outline if x == column]
-                    self.layer[min(rows):max(rows) + 1, column] = 0
+                    self.layer[min(rows) : max(rows) + 1, column] = 0
         for y in range(y0, yn):
             for x in range(x0, xn):
                 value, old = self.layer[y, x], self.master[y, x]
@@ -215,13 +236,22 @@ class PlainCostmap:
             self.due = False
             bounds[:] = -F32_MAX, -F32_MAX, F32_MAX, F32_MAX
         else:
-            bounds[:] = (min(self.last[0], incoming[0]) - r, min(self.last[1], incoming[1]) - r,
-                         max(self.last[2], incoming[2]) + r, max(self.last[3], incoming[3]) + r)
+            bounds[:] = (
+                min(self.last[0], incoming[0]) - r,
+                min(self.last[1], incoming[1]) - r,
+                max(self.last[2], incoming[2]) + r,
+                max(self.last[3], incoming[3]) + r,
+            )
         self.last = incoming
 
     def clear_outside(self, pose, side):
-        ends = [[int((pose[i] - side / 2 - self.layer_origin[i]) / self.res),
-                 int((pose[i] - side / 2 + side - self.layer_origin[i]) / self.res)] for i in (0, 1)]
+        ends = [
+            [
+                int((pose[i] - side / 2 - self.layer_origin[i]) / self.res),
+                int((pose[i] - side / 2 + side - self.layer_origin[i]) / self.res),
+            ]
+            for i in (0, 1)
+        ]
         for y in range(self.n[1]):
             for x in range(self.n[0]):
                 if not (ends[0][0] < x < ends[0][1] and ends[1][0] < y < ends[1][1]):

@@ -1,4 +1,5 @@
 """navfn again, plainly: slow, straight from planner_details.md section 4 in numpy's float32, for comparison only."""
+
 import math
 
 import numpy as np
@@ -73,7 +74,7 @@ def half_away(v):
 
 
 def truncate(v):
-    return -2147483648 if v >= f32(2 ** 31) else int(v)
+    return -2147483648 if v >= f32(2**31) else int(v)
 
 
 def hypot32(x, y):

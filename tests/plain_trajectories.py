@@ -2,10 +2,11 @@
 
 Used by test_trajectory_planner.py. Every sample is rolled out and scored in order; the grids are given.
 """
+
 import math
 
-from applr_ros1.planner.footprint import footprint_cost, line_cost
-from applr_ros1.planner.grid import map_to_world, world_to_map
+from applr_ros1.planner.costmap.footprint import footprint_cost, line_cost
+from applr_ros1.planner.costmap.grid import map_to_world, world_to_map
 
 HUGE = 1.7976931348623157e308
 
@@ -39,8 +40,13 @@ class Plain:
         if p["heading_scoring"]:
             steps = int(p["sim_time"] / p["sim_granularity"] + 0.5)
         else:
-            steps = int(max(math.hypot(vx_s, vy_s) * p["sim_time"] / p["sim_granularity"],
-                            abs(w_s) / p["angular_sim_granularity"]) + 0.5)
+            steps = int(
+                max(
+                    math.hypot(vx_s, vy_s) * p["sim_time"] / p["sim_granularity"],
+                    abs(w_s) / p["angular_sim_granularity"],
+                )
+                + 0.5
+            )
         steps = max(steps, 1)
         dt = p["sim_time"] / steps
         x, y, theta, vx, vy, w = start
@@ -56,25 +62,32 @@ class Plain:
             if p["simple_attractor"]:
                 dx, dy = x - self.plan[-1][0], y - self.plan[-1][1]
                 goal = dx * dx + dy * dy
-            elif not p["heading_scoring"] or \
-                    p["heading_scoring_timestep"] <= time < p["heading_scoring_timestep"] + dt:
+            elif not p["heading_scoring"] or p["heading_scoring_timestep"] <= time < p["heading_scoring_timestep"] + dt:
                 path, goal = float(self.path[cy, cx]), float(self.goal[cy, cx])
                 if max(path, goal) >= self.cells.size:
                     return -2.0, points
                 if p["heading_scoring"]:
                     heading = self.heading_difference(cx, cy, x, y, theta)
             points.append((x, y, theta))
-            vx, vy, w = (ramp(vx_s, vx, p["acc_lim_x"], dt), ramp(vy_s, vy, p["acc_lim_y"], dt),
-                         ramp(w_s, w, p["acc_lim_theta"], dt))
-            x, y = (x + (vx * math.cos(theta) + vy * math.cos(math.pi / 2 + theta)) * dt,
-                    y + (vx * math.sin(theta) + vy * math.sin(math.pi / 2 + theta)) * dt)
+            vx, vy, w = (
+                ramp(vx_s, vx, p["acc_lim_x"], dt),
+                ramp(vy_s, vy, p["acc_lim_y"], dt),
+                ramp(w_s, w, p["acc_lim_theta"], dt),
+            )
+            x, y = (
+                x + (vx * math.cos(theta) + vy * math.cos(math.pi / 2 + theta)) * dt,
+                y + (vx * math.sin(theta) + vy * math.sin(math.pi / 2 + theta)) * dt,
+            )
             theta += w * dt
             time += dt
         if p["heading_scoring"]:
-            return (p["occdist_scale"] * occupied + p["path_distance_bias"] * path + 0.3 * heading
-                    + goal * p["goal_distance_bias"]), points
-        return (p["path_distance_bias"] * path + goal * p["goal_distance_bias"]
-                + p["occdist_scale"] * occupied), points
+            return (
+                p["occdist_scale"] * occupied
+                + p["path_distance_bias"] * path
+                + 0.3 * heading
+                + goal * p["goal_distance_bias"]
+            ), points
+        return (p["path_distance_bias"] * path + goal * p["goal_distance_bias"] + p["occdist_scale"] * occupied), points
 
     def heading_difference(self, cx, cy, x, y, theta):
         for px, py in self.plan[::-1]:
@@ -109,10 +122,12 @@ class Plain:
             if cost < 0 or (0 <= best[0] < cost) or not (w > window["dvtheta"] or w < -window["dvtheta"]):
                 continue
             ex, ey, eth = points[-1]
-            cx, cy = self.cell(ex + p["heading_lookahead"] * math.cos(eth),
-                               ey + p["heading_lookahead"] * math.sin(eth))
-            if cx >= 0 and self.goal[cy, cx] < nearest and (
-                    (w < 0 and not state["stuck_left"]) or (w > 0 and not state["stuck_right"])):
+            cx, cy = self.cell(ex + p["heading_lookahead"] * math.cos(eth), ey + p["heading_lookahead"] * math.sin(eth))
+            if (
+                cx >= 0
+                and self.goal[cy, cx] < nearest
+                and ((w < 0 and not state["stuck_left"]) or (w > 0 and not state["stuck_right"]))
+            ):
                 best, nearest = (cost, 0.0, limited, points), self.goal[cy, cx]
         return self.flags(start, best, state)
 
@@ -133,7 +148,9 @@ class Plain:
             state.update(stuck_left=0, stuck_right=0, rotating_left=0, rotating_right=0)
         if not legal and not state["escaping"] and best[0] > -2:
             state.update(escape_x=x, escape_y=y, escape_theta=theta, escaping=1)
-        if math.hypot(x - state["escape_x"], y - state["escape_y"]) > p["escape_reset_dist"] or \
-                abs(difference(state["escape_theta"], theta)) > p["escape_reset_theta"]:
+        if (
+            math.hypot(x - state["escape_x"], y - state["escape_y"]) > p["escape_reset_dist"]
+            or abs(difference(state["escape_theta"], theta)) > p["escape_reset_theta"]
+        ):
             state["escaping"] = 0
         return (1.0 if best[0] == -1.0 else best[0],) + best[1:], state

@@ -4,6 +4,7 @@
 Prints a line per kind with scenarios, mismatches (scenarios with any difference) and the largest difference; exit
 status 0 only if everything matches to the last bit. Format: tests/golden/FORMAT.md. test_golden.py runs it too.
 """
+
 import argparse
 import hashlib
 import json
@@ -15,11 +16,11 @@ from pathlib import Path
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
-from applr_ros1.planner.costmap import Costmap  # noqa: E402
-from applr_ros1.planner.footprint import pad, radii  # noqa: E402
-from applr_ros1.planner.inflation_layer import InflationParameters  # noqa: E402
-from applr_ros1.planner.navfn import Navfn  # noqa: E402
-from applr_ros1.planner.trajectory_planner import TrajectoryPlanner  # noqa: E402
+from applr_ros1.planner.costmap.costmap import Costmap  # noqa: E402
+from applr_ros1.planner.costmap.footprint import pad, radii  # noqa: E402
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters  # noqa: E402
+from applr_ros1.planner.navfn.navfn import Navfn  # noqa: E402
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner  # noqa: E402
 
 FORMAT = "planner-golden-1"
 FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")
@@ -61,7 +62,7 @@ def load(folder):
     except GoldenError:
         raise
     except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as problem:
-        raise GoldenError("%s cannot be read: %s" % (folder, " ".join(str(problem).split()) or repr(problem)))
+        raise GoldenError("%s cannot be read: %s" % (folder, " ".join(str(problem).split()) or repr(problem)))  # noqa: B904
     if not scenarios:
         raise GoldenError("%s holds no scenarios" % manifest)
     for scenario in scenarios:
@@ -72,16 +73,23 @@ def load(folder):
 
 # Each kind's function yields (what, ours, expected) for everything that can be compared.
 
+
 def make_costmap(scenario):
     """Our costmap of a scenario, inflated by our layer."""
     given = scenario.inputs
     nx, ny = given["size"]
     resolution = given["resolution"]
-    costmap = Costmap((nx + 0.5) * resolution, (ny + 0.5) * resolution, resolution, given["origin"],
-                      footprint=pad(given["footprint"], given["footprint_padding"]),
-                      track_unknown=bool(given["track_unknown"]),
-                      inflation=InflationParameters(given["inflation_radius"], given["cost_scaling_factor"], True,
-                                                    bool(given["inflate_unknown"])))
+    costmap = Costmap(
+        (nx + 0.5) * resolution,
+        (ny + 0.5) * resolution,
+        resolution,
+        given["origin"],
+        footprint=pad(given["footprint"], given["footprint_padding"]),
+        track_unknown=bool(given["track_unknown"]),
+        inflation=InflationParameters(
+            given["inflation_radius"], given["cost_scaling_factor"], True, bool(given["inflate_unknown"])
+        ),
+    )
     costmap.paint(scenario.array("cells"))
     return costmap
 
@@ -117,7 +125,7 @@ def navfn(scenario):
         x, y = expected["patch_origin"]
         patch = scenario.array("potential_patch")
         yield "potential_stride4", potential[::4, ::4], scenario.array("potential_stride4")
-        yield "potential_patch", potential[y:y + patch.shape[0], x:x + patch.shape[1]], patch
+        yield "potential_patch", potential[y : y + patch.shape[0], x : x + patch.shape[1]], patch
     for name, array in (("potential_sha256", potential.astype("<f4")), ("costarr_sha256", planner.costs)):
         if name in expected:
             same = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() == expected[name]
@@ -138,8 +146,11 @@ def dwa(scenario):
     planner.state = given.get("flags_in", [0] * 10)
     result = planner.find_best_path(costmap, given["pose"], given["vel"])
     best = expected["best"]
-    yield "best", (result.cost, result.v, 0, result.w, result.count), [
-        best[name] for name in ("cost", "xv", "yv", "thetav", "points")]
+    yield (
+        "best",
+        (result.cost, result.v, 0, result.w, result.count),
+        [best[name] for name in ("cost", "xv", "yv", "thetav", "points")],
+    )
     yield "drive", (result.drive[0], 0.0, result.drive[1]), best["drive"]
     yield "best_traj", result.points, scenario.array("best_traj").reshape(-1, 3)
     yield "state_after", planner.state, expected["state_after"]
@@ -152,8 +163,11 @@ def dwa(scenario):
     yield "pose_used, vel_used", planner.start, used
     yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
     window = expected["window"]
-    names = [name for name in ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
-             if window[name] is not None]  # null where C++ divided by zero
+    names = [
+        name
+        for name in ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
+        if window[name] is not None
+    ]  # null where C++ divided by zero
     ours = planner.window
     yield "window", [ours[name] for name in names], [window[name] for name in names]
     yield from compare_grids(scenario, planner)
@@ -171,8 +185,11 @@ def compare_grids(scenario, planner):
 
 def local_goal(given, goal_dist):
     """The centre [m] of the cell that the goal grid begins at, [] if there is none."""
-    return [given["origin"][i] + (cell[1 - i] + 0.5) * given["resolution"]
-            for cell in np.argwhere(goal_dist == 0)[:1] for i in range(2)]
+    return [
+        given["origin"][i] + (cell[1 - i] + 0.5) * given["resolution"]
+        for cell in np.argwhere(goal_dist == 0)[:1]
+        for i in range(2)
+    ]
 
 
 def rollout(scenario):
@@ -189,8 +206,9 @@ def rollout(scenario):
         velocity = (rows[i - 1, 3], 0.0, rows[i - 1, 4]) if i else given["vel"]
         planner.state = states[i - 1] if i else [0] * 10
         result = planner.find_best_path(costmap, row[:3], velocity)
-        ours.append(list(result.drive) + [result.cost, result.v, result.w, result.count] + planner.state
-                    + list(planner.start))
+        ours.append(
+            list(result.drive) + [result.cost, result.v, result.w, result.count] + planner.state + list(planner.start)
+        )
     yield "commands, costs, winners, states, poses used", np.array(ours).reshape(-1, 22), wanted
 
 
@@ -218,9 +236,9 @@ def replay(scenario):
             if worst:
                 found[what] = worst
     except KeyError as problem:
-        raise GoldenError("scenario %s lacks %s" % (scenario.id, problem))
+        raise GoldenError("scenario %s lacks %s" % (scenario.id, problem))  # noqa: B904
     except (OSError, ValueError, TypeError, IndexError, zipfile.BadZipFile, zlib.error) as problem:
-        raise GoldenError("scenario %s cannot be replayed: %s" % (scenario.id, " ".join(str(problem).split())))
+        raise GoldenError("scenario %s cannot be replayed: %s" % (scenario.id, " ".join(str(problem).split())))  # noqa: B904
     return found
 
 
@@ -235,8 +253,10 @@ def main(arguments=None):
             mine = [scenario for scenario in scenarios if scenario.kind == kind]
             differing = {scenario.id: found for scenario in mine for found in [replay(scenario)] if found}
             worst = max([value for found in differing.values() for value in found.values()], default=0.0)
-            print("%-10s %4d scenarios, %4d mismatches, largest difference %g" % (
-                kind, len(mine), len(differing), worst), flush=True)
+            print(
+                "%-10s %4d scenarios, %4d mismatches, largest difference %g" % (kind, len(mine), len(differing), worst),
+                flush=True,
+            )
             for name, found in list(differing.items())[:5]:
                 print("  %s: %s" % (name, ", ".join("%s by %g" % pair for pair in found.items())), file=sys.stderr)
             clean = clean and not differing

@@ -1,4 +1,5 @@
 """The actors: both kinds learn, dead ones are replaced, Ray's nodes may go, and the learner takes in what they send."""
+
 import signal
 import threading
 import time
@@ -9,14 +10,14 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("gymnasium")
 
-from training import actor_pool  # noqa: E402
-from training.actor_pool import InProcess, PoolError, Processes, RayPool, start_ray  # noqa: E402
-from training.config import TrainConfig  # noqa: E402
-from training.learner import Learner, LearnerConfig  # noqa: E402
-from training.tasks import Tasks, easiest_first  # noqa: E402
-from training.td3 import TD3Config  # noqa: E402
+from training.experience.trajectory import Layout, Trajectory  # noqa: E402
+from training.gorila import actor_pool  # noqa: E402
+from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool, start_ray  # noqa: E402
+from training.gorila.config import TrainConfig  # noqa: E402
+from training.gorila.learner import Learner, LearnerConfig  # noqa: E402
+from training.gorila.tasks import Tasks, easiest_first  # noqa: E402
+from training.td3.td3 import TD3Config  # noqa: E402
 from training.train import main  # noqa: E402
-from training.trajectory import Layout, Trajectory  # noqa: E402
 
 TOY = {"env": "tests.toy_env:Line", "train": {}, "evaluate": {}}
 SLOW = dict(TOY, env="tests.toy_env:Slow")
@@ -29,7 +30,9 @@ def tasks(**options):
 
 def weights(seed=0):
     import safetensors.numpy
-    from training.td3 import TD3
+
+    from training.td3.td3 import TD3
+
     return safetensors.numpy.save(TD3(1, 1, TD3Config(hidden=(8,)), seed=seed).actor_weights())
 
 
@@ -61,9 +64,11 @@ def test_in_process_is_the_same_every_time_and_pulls_the_newest_policy():
         answers = pool.poll(0)
         pool.publish(7, weights(1))
         runs.append(trajectories(answers + pool.poll(0)))
-    assert [t.info["version"] for t in runs[0]] == [0, 7] and [t.info["episode"] for t in runs[0]] == [0, 1]
+    assert [t.info["version"] for t in runs[0]] == [0, 7]
+    assert [t.info["episode"] for t in runs[0]] == [0, 1]
     for a, b in zip(*runs):
-        assert np.array_equal(a.action, b.action) and a.info == b.info
+        assert np.array_equal(a.action, b.action)
+        assert a.info == b.info
     assert not np.array_equal(runs[0][0].action, runs[0][1].action)
 
 
@@ -71,8 +76,13 @@ def test_processes_deliver_each_episode_once_and_are_gone_after():
     pool = Processes(TOY, tasks().next, 2)
     try:
         pool.publish(0, weights())
-        got = trajectories(collect(pool, 30, lambda answers: len(answers) > 40 and all(
-            any(b"actor-%d" % i in a for a in answers) for i in (0, 1))))
+        got = trajectories(
+            collect(
+                pool,
+                30,
+                lambda answers: len(answers) > 40 and all(any(b"actor-%d" % i in a for a in answers) for i in (0, 1)),
+            )
+        )
         pids = [slot.actor.pid for slot in pool._slots]
     finally:
         begun = time.monotonic()
@@ -80,7 +90,8 @@ def test_processes_deliver_each_episode_once_and_are_gone_after():
     assert time.monotonic() - begun < 5
     assert all(gone(pid) for pid in pids)
     keys = [(t.info["actor"], t.info["episode"]) for t in got]
-    assert len(keys) == len(set(keys)) > 40 and {a for a, _ in keys} == {"actor-0", "actor-1"}
+    assert len(keys) == len(set(keys)) > 40
+    assert {a for a, _ in keys} == {"actor-0", "actor-1"}
 
 
 def test_a_killed_and_a_stopped_process_are_replaced():
@@ -91,7 +102,8 @@ def test_a_killed_and_a_stopped_process_are_replaced():
         pool._slots[0].actor.send_signal(signal.SIGKILL)
         pool._slots[1].actor.send_signal(signal.SIGSTOP)
         assert len(trajectories(collect(pool, 30, lambda a: pool.replaced >= 2 and len(a) > 6))) > 6
-        assert pool.replaced >= 2 and pool.alive == 2
+        assert pool.replaced >= 2
+        assert pool.alive == 2
     finally:
         pool.close()
 
@@ -100,9 +112,12 @@ def test_actors_end_when_the_learner_is_killed(tmp_path):
     """SIGKILL to the learner: its processes notice within seconds, by their closed sockets."""
     import subprocess
     import sys
-    code = ("import sys, time; from tests.test_actor_pool import *; pool = Processes(TOY, tasks().next, 2)\n"
-            "pool.publish(0, weights()); collect(pool, 20, lambda a: len(a) > 3)\n"
-            "print(*[slot.actor.pid for slot in pool._slots], flush=True); time.sleep(60)")
+
+    code = (
+        "import sys, time; from tests.test_actor_pool import *; pool = Processes(TOY, tasks().next, 2)\n"
+        "pool.publish(0, weights()); collect(pool, 20, lambda a: len(a) > 3)\n"
+        "print(*[slot.actor.pid for slot in pool._slots], flush=True); time.sleep(60)"
+    )
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=actor_pool.ROOT)
     pids = [int(word) for word in process.stdout.readline().split()]
     process.kill()
@@ -110,11 +125,12 @@ def test_actors_end_when_the_learner_is_killed(tmp_path):
     end = time.monotonic() + 5
     while time.monotonic() < end and not all(gone(pid) for pid in pids):
         time.sleep(0.05)
-    assert len(pids) == 2 and all(gone(pid) for pid in pids)
+    assert len(pids) == 2
+    assert all(gone(pid) for pid in pids)
 
 
 def test_actors_that_all_die_end_the_run_in_one_line():
-    settings = dict(TOY, env="os:abort")        # ends its process at the first task
+    settings = dict(TOY, env="os:abort")  # ends its process at the first task
     pool = Processes(settings, tasks().next, 2)
     try:
         pool.publish(0, weights())
@@ -126,21 +142,51 @@ def test_actors_that_all_die_end_the_run_in_one_line():
 
 def test_training_with_processes_some_of_which_die(tmp_path, capsys):
     out = tmp_path / "run"
-    assert main(["--env", "tests.toy_env:Dying", "--out", str(out), "--hidden", "16", "--batch-size", "16", "--steps",
-                 "1500", "--actors", "2", "--pool", "processes", "--no-tensorboard", "--eval-worlds", "none",
-                 "--device", "cpu"]) == 0
+    assert (
+        main(
+            [
+                "--env",
+                "tests.toy_env:Dying",
+                "--out",
+                str(out),
+                "--hidden",
+                "16",
+                "--batch-size",
+                "16",
+                "--steps",
+                "1500",
+                "--actors",
+                "2",
+                "--pool",
+                "processes",
+                "--no-tensorboard",
+                "--eval-worlds",
+                "none",
+                "--device",
+                "cpu",
+            ]
+        )
+        == 0
+    )
     saved = Learner.saved(out)
-    assert saved["transitions"] >= 1500 and saved["updates"] == saved["transitions"] // 10
+    assert saved["transitions"] >= 1500
+    assert saved["updates"] == saved["transitions"] // 10
     assert "died; a new one takes its place" in capsys.readouterr().err
-    assert main(["--resume", "--out", str(out), "--steps", "1700"]) == 0       # another incarnation, new episodes
+    assert main(["--resume", "--out", str(out), "--steps", "1700"]) == 0  # another incarnation, new episodes
     assert Learner.saved(out)["transitions"] >= 1700
 
 
 def trajectory(number, version=0, **change):
     rng = np.random.default_rng(number)
-    made = Trajectory.of(LAYOUT, rng.uniform(-1, 1, (11, 1)), rng.uniform(-1, 1, (10, 1)), rng.normal(size=10), False,
-                         dict({"actor": "a", "episode": number, "version": version}, **change))
-    return made
+    made = Trajectory.of(
+        LAYOUT,
+        rng.uniform(-1, 1, (11, 1)),
+        rng.uniform(-1, 1, (10, 1)),
+        rng.normal(size=10),
+        False,
+        dict({"actor": "a", "episode": number, "version": version}, **change),
+    )
+    return made  # noqa: RET504
 
 
 def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on():
@@ -148,16 +194,28 @@ def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on():
     broken = trajectory(3)
     broken.reward[1] = np.nan
     import pickle
-    for blob in (trajectory(1).pack(), trajectory(1).pack(), b"", b"nonsense" * 20, broken.pack(), pickle.dumps([1]),
-                 trajectory(2).pack(), trajectory(4, version=0).pack(), trajectory(5, version=9).pack(),
-                 trajectory(6, version="new").pack()):
+
+    for blob in (
+        trajectory(1).pack(),
+        trajectory(1).pack(),
+        b"",
+        b"nonsense" * 20,
+        broken.pack(),
+        pickle.dumps([1]),
+        trajectory(2).pack(),
+        trajectory(4, version=0).pack(),
+        trajectory(5, version=9).pack(),
+        trajectory(6, version="new").pack(),
+    ):
         learner.take(blob)
         learner.work()
-    assert learner.transitions == 30 and learner.td3.updates == 30
+    assert learner.transitions == 30
+    assert learner.td3.updates == 30
     reasons = " | ".join(learner.refused)
     for part in ("came twice", "damaged", "NaN", "more than 15 updates old", "is no number"):
         assert part in reasons
-    assert learner.staleness.most == 11 and learner.staleness.count == 3
+    assert learner.staleness.most == 11
+    assert learner.staleness.count == 3
 
 
 def test_curriculum_opens_from_the_easiest_quarter_to_all():
@@ -174,7 +232,9 @@ def test_easiest_world_first():
     worlds = pytest.importorskip("worlds")
     few = [worlds.load("generated:%d" % i) for i in (0, 80, 160, 299)]
     order = easiest_first(few)
-    assert sorted(order) == [0, 1, 2, 3] and order[0] == 0 and order[-1] in (2, 3)
+    assert sorted(order) == [0, 1, 2, 3]
+    assert order[0] == 0
+    assert order[-1] in (2, 3)
 
 
 def test_evaluations_go_first_and_lost_trials_are_given_again(monkeypatch):
@@ -182,11 +242,13 @@ def test_evaluations_go_first_and_lost_trials_are_given_again(monkeypatch):
     trials = [{"kind": "evaluate", "round": 1, "world": w, "trial": 0, "seed": 0} for w in range(2)]
     t.evaluate(trials)
     assert [t.next(i)["kind"] for i in range(3)] == ["evaluate", "evaluate", "train"]
-    assert t.done(trials[0]) and not t.done(trials[0])
+    assert t.done(trials[0])
+    assert not t.done(trials[0])
     now = time.monotonic()
-    monkeypatch.setattr("training.tasks.time.monotonic", lambda: now + 1000)
+    monkeypatch.setattr("training.gorila.tasks.time.monotonic", lambda: now + 1000)
     again = t.next(0)
-    assert again == trials[1] and t.next(0)["kind"] == "train"
+    assert again == trials[1]
+    assert t.next(0)["kind"] == "train"
 
 
 def test_an_unreachable_ray_address_is_one_line_soon():
@@ -202,6 +264,7 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
     """Three nodes on this machine; one goes in the middle of the training, which goes on and ends."""
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
+
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
     try:
         victim = cluster.add_node(num_cpus=1, include_dashboard=False)
@@ -214,7 +277,8 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
             remover.start()
             after = trajectories(collect(pool, 40, lambda a: pool.replaced >= 1 and len(a) >= 30))
             remover.join(30)
-            assert pool.replaced >= 1 and len(after) >= 30
+            assert pool.replaced >= 1
+            assert len(after) >= 30
         finally:
             pool.close()
     finally:
@@ -225,7 +289,29 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
 def test_training_on_local_ray(tmp_path):
     pytest.importorskip("ray")
     out = tmp_path / "run"
-    assert main(["--env", "tests.toy_env:Line", "--out", str(out), "--hidden", "16", "--batch-size", "16", "--steps",
-                 "600", "--actors", "2", "--no-tensorboard", "--eval-every", "300", "--device", "cpu"]) == 0
+    assert (
+        main(
+            [
+                "--env",
+                "tests.toy_env:Line",
+                "--out",
+                str(out),
+                "--hidden",
+                "16",
+                "--batch-size",
+                "16",
+                "--steps",
+                "600",
+                "--actors",
+                "2",
+                "--no-tensorboard",
+                "--eval-every",
+                "300",
+                "--device",
+                "cpu",
+            ]
+        )
+        == 0
+    )
     assert Learner.saved(out)["transitions"] >= 600
     assert len((out / "evaluations.jsonl").read_text().splitlines()) >= 2

@@ -1,5 +1,7 @@
 """APPLD: a scripted demonstration becomes a bag, the bag contexts, each context parameters that command what was
-demonstrated, and all of it a file that drives, in-process and as a launch mode."""
+demonstrated, and all of it a file that drives, in-process and as a launch mode.
+"""
+
 import copy
 import json
 
@@ -13,9 +15,15 @@ import worlds  # noqa: E402
 from applr_ros1.policy import appld as runtime  # noqa: E402
 from applr_ros1.policy import methods as modes  # noqa: E402
 from applr_ros1.policy.parameter_space import SPACE  # noqa: E402
-from training import appld, appld_classifier, appld_fit, contexts, demonstration, demonstrator, methods  # noqa: E402
-from training.bags import BagError  # noqa: E402
+from training import appld  # noqa: E402
+from training.bags.reader import BagError  # noqa: E402
+from training.baselines.appld import classifier as appld_classifier  # noqa: E402
+from training.baselines.appld import demonstration  # noqa: E402
+from training.baselines.appld import fit as appld_fit  # noqa: E402
+from training.baselines.appld import scripted_driver as demonstrator  # noqa: E402
+from training.baselines.appld import segmentation as contexts  # noqa: E402
 from training.demonstrate import demonstrate  # noqa: E402
+from training.evaluation import methods  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -23,20 +31,25 @@ def bag(tmp_path_factory):
     """A scripted demonstration of a generated world, about 9 s."""
     path = tmp_path_factory.mktemp("appld") / "demonstration.bag"
     found = demonstrate(worlds.load("generated:3"), sim_bridge.make("kinematic"), path, seed=1)
-    assert found["contacts"] == 0 and 5.9 < found["metres"] < 8.0
+    assert found["contacts"] == 0
+    assert 5.9 < found["metres"] < 8.0
     return path
 
 
 def test_bag_is_read_as_it_was_driven(bag):
     d = demonstration.read(bag)
-    assert d.source["demonstrator"].startswith("scripted") and d.source["world"] == "generated:3"
-    assert len(d.time) == len(d.command) == len(d.ranges) and d.ranges.shape[1] == 720
-    assert np.allclose(np.diff(d.time), 0.05) and d.driving.all()
+    assert d.source["demonstrator"].startswith("scripted")
+    assert d.source["world"] == "generated:3"
+    assert len(d.time) == len(d.command) == len(d.ranges)
+    assert d.ranges.shape[1] == 720
+    assert np.allclose(np.diff(d.time), 0.05)
+    assert d.driving.all()
     # the base follows the commands of one cycle in the next ones
     assert np.abs(d.twist[5:, 0] - d.command[3:-2, 0]).mean() < 0.05
     world = worlds.load("generated:3")
-    assert d.goal[:2] == pytest.approx((world.course.goal[0] - world.course.start[0],
-                                        world.course.goal[1] - world.course.start[1]))
+    assert d.goal[:2] == pytest.approx(
+        (world.course.goal[0] - world.course.start[0], world.course.goal[1] - world.course.start[1])
+    )
 
 
 @pytest.mark.parametrize("spec", ["generated:20", "generated:120", "generated:290", "physical_course"])
@@ -44,7 +57,8 @@ def test_demonstrators_route_keeps_off_obstacles(spec):
     world = worlds.load(spec)
     points = demonstrator.route(world)
     gaps = [gap for _, gap in demonstrator._offsets(world, points)]
-    assert np.min(gaps) > 0.3 and np.hypot(*np.diff(points, axis=0).T).max() < 0.08
+    assert np.min(gaps) > 0.3
+    assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
     assert np.allclose(points[0], world.course.start[:2])
 
 
@@ -55,11 +69,13 @@ def test_changepoints_are_found_where_they_are():
     rng = np.random.default_rng(0)
     ranges = np.where(slow[:, None], 0.5, 3.0) * np.ones((n, 720)) + rng.normal(0, 0.01, (n, 720))
     command = np.column_stack([np.where(slow, 0.3, 1.0), rng.normal(0, 0.02, n)])
-    d = demonstration.Demonstration("made", np.arange(n) * 0.05, ranges.astype(np.float32), np.zeros((n, 3)), command,
-                                    command, (0.0, 0.0, 0.0), {})
+    d = demonstration.Demonstration(
+        "made", np.arange(n) * 0.05, ranges.astype(np.float32), np.zeros((n, 3)), command, command, (0.0, 0.0, 0.0), {}
+    )
     found = contexts.find([d])
-    assert [(abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in
-            zip(found.segments, (0, 150, 260), (150, 260, 400))] == [(True, True)] * 3
+    assert [
+        (abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in zip(found.segments, (0, 150, 260), (150, 260, 400))
+    ] == [(True, True)] * 3
     assert [s.context for s in contexts.find([d], most=2).segments] == [0, 1, 0]
     assert len(contexts.find([d], most=0).names) == 3
 
@@ -75,7 +91,8 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     d.command[30:60] = [appld_fit.step(replayed, d, i) for i in range(30, 60)]
     assert appld_fit.loss([stretch], theta)[0] == 0.0
     found = appld_fit.fit([stretch], 30, seed=0)
-    assert found.loss < 0.5 * found.loss_theta0 and found.evaluations <= 41
+    assert found.loss < 0.5 * found.loss_theta0
+    assert found.evaluations <= 41
     assert found.theta[0] > 0.7
 
 
@@ -83,23 +100,44 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
-    ranges[:, 500:] = 0.4                   # a wall on one side, always the same
+    ranges[:, 500:] = 0.4  # a wall on one side, always the same
     scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
     weights, result = appld_classifier.train(scans, labels, 2, steps=60)
-    assert result["accuracy"] > 0.98 and result["held_out"] > 0.98
+    assert result["accuracy"] > 0.98
+    assert result["held_out"] > 0.98
     net = runtime.Appld({"a": SPACE.theta0, "b": SPACE.high}, weights)
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
 
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     out = tmp_path / "mine.safetensors"
-    assert appld.main([str(bag), "--out", str(out), "--evaluations", "10", "--longest", "20", "--contexts", "2",
-                       "--penalty", "0.5", "--steps", "60"]) == 0
+    assert (
+        appld.main(
+            [
+                str(bag),
+                "--out",
+                str(out),
+                "--evaluations",
+                "10",
+                "--longest",
+                "20",
+                "--contexts",
+                "2",
+                "--penalty",
+                "0.5",
+                "--steps",
+                "60",
+            ]
+        )
+        == 0
+    )
     log = json.loads((tmp_path / "mine_log.json").read_text())
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
     assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
     card = (tmp_path / "mine.md").read_text()
-    assert "scripted" in card and "| occdist_scale |" in card and str(tmp_path) not in card
+    assert "scripted" in card
+    assert "| occdist_scale |" in card
+    assert str(tmp_path) not in card
     method = methods.make("appld:%s" % out)
     mode = modes.make("appld", policy=str(out))
     d = demonstration.read(bag)
@@ -134,6 +172,7 @@ def test_shipped_file_drives():
 def test_as_a_mode_of_the_node():
     pytest.importorskip("rospy")
     from ros_harness import session, wait_for
+
     node = session().python("-m", "applr_ros1.scripts.applr", "_mode:=appld", "_policy:=published")
     try:
         wait_for(lambda: "ready, mode appld" in node.text or not node.alive(), 10.0, "applr node")
@@ -147,11 +186,17 @@ def test_mistakes_are_one_line(tmp_path, capsys):
     empty.write_bytes(b"")
     broken = tmp_path / "broken.bag"
     broken.write_bytes(b"#ROSBAG V2.0\n" + bytes(200))
-    for arguments, word in ((["nowhere.bag"], "nowhere.bag"), ([str(empty)], "empty"), ([str(broken)], "damaged"),
-                            ([str(broken), "--contexts", "-1"], "--contexts"), ([str(tmp_path / "none")], "none")):
+    for arguments, word in (
+        (["nowhere.bag"], "nowhere.bag"),
+        ([str(empty)], "empty"),
+        ([str(broken)], "damaged"),
+        ([str(broken), "--contexts", "-1"], "--contexts"),
+        ([str(tmp_path / "none")], "none"),
+    ):
         assert appld.main(arguments + ["--out", str(tmp_path / "x.safetensors")]) == 1
         said = capsys.readouterr().err
-        assert word in said and said.count("\n") == 1
+        assert word in said
+        assert said.count("\n") == 1
     assert not list(tmp_path.glob("x*"))
     with pytest.raises(BagError):
         demonstration.read(broken)

@@ -1,4 +1,5 @@
 """The applr node beside a stand-in move_base: what it sends, and every fault of reliability.md that is its own."""
+
 import time
 
 import numpy as np
@@ -35,6 +36,7 @@ def stack(ros, robot, tmp_path):
     import rospy
 
     from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+
     robot.reset()
     started = []
 
@@ -83,7 +85,7 @@ def as_set(robot, client):
 def test_a_decision_every_period_reaches_all_servers(robot, stack):
     node, _, client = stack()
     time.sleep(2 * PERIOD)
-    assert not robot.decisions      # nothing is decided without a goal
+    assert not robot.decisions  # nothing is decided without a goal
     assert np.array_equal(client.theta(), THETA_0)
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 5 and as_set(robot, client), 5.0, "five decisions")
@@ -96,13 +98,13 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
     planner = client._servers["planner"].values()
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
-    inflation = {client._servers[role].values()["inflation_radius"] for role in ("local_inflation",
-                                                                               "global_inflation")}
+    inflation = {client._servers[role].values()["inflation_radius"] for role in ("local_inflation", "global_inflation")}
     assert inflation == {client.theta()[7]} != {0.3}
     assert len(robot.beats) >= 4
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", 3.0, "diagnostics")
-    assert robot.parameters[-1] == client.theta().tolist() and robot.count("failed") == 0
-    robot.goal = None               # the course is over: the next one starts on theta_0
+    assert robot.parameters[-1] == client.theta().tolist()
+    assert robot.count("failed") == 0
+    robot.goal = None  # the course is over: the next one starts on theta_0
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0 after the goal")
     count = len(robot.decisions)
     time.sleep(2 * PERIOD)
@@ -132,20 +134,23 @@ def test_another_local_planner_is_named_in_one_line(robot, stack):
     node, _, _ = stack(fake=("--without", "vtheta_samples"), ready=False)
     line = f"{PLANNER} has no parameter vtheta_samples"
     wait_for(lambda: line in node.text, 8.0, "one line")
-    assert node.alive() and node.text.count(line) == 1
+    assert node.alive()
+    assert node.text.count(line) == 1
 
 
 def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
     weights = make_weights(hidden=(4,))
-    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])     # inf - inf
+    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
     node, _, client = stack(weights=weights)
     client.apply(SPACE.from_dict({"max_vel_x": 0.7}))
     robot.goal = "one"
     wait_for(lambda: robot.decisions, 5.0, "a decision")
-    assert client.theta()[0] == 0.7 and "not finite" in robot.decisions[0]["refused"]
+    assert client.theta()[0] == 0.7
+    assert "not finite" in robot.decisions[0]["refused"]
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0 once the policy is lost")
     wait_for(lambda: robot.count("refused") >= 3, 3.0, "diagnostics")
-    assert robot.values["level"] == 2 and "not finite" in node.text
+    assert robot.values["level"] == 2
+    assert "not finite" in node.text
 
 
 def test_fault_3_frozen_servers_are_abandoned_and_recovered(robot, stack):
@@ -154,16 +159,19 @@ def test_fault_3_frozen_servers_are_abandoned_and_recovered(robot, stack):
     wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
     fake.freeze()
     began = time.monotonic()
-    assert not client.apply(THETA_0).ok and time.monotonic() - began < 1.2
+    assert not client.apply(THETA_0).ok
+    assert time.monotonic() - began < 1.2
     before = len(robot.beats), len(robot.decisions)
     time.sleep(1.0)
-    assert len(robot.beats) >= before[0] + 3 and len(robot.decisions) >= before[1] + 3     # the node goes on
+    assert len(robot.beats) >= before[0] + 3
+    assert len(robot.decisions) >= before[1] + 3
     fake.thaw()
     wait_for(lambda: as_set(robot, client), 3.0, "recovery")
 
 
 def test_fault_4_a_restarted_server_gets_its_parameters_again(robot, stack, tmp_path):
     from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "inflation_radius": 0.2}')
     node, fake, client = stack("fixed", parameters=str(tmp_path / "set.json"))
     wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
@@ -178,6 +186,7 @@ def test_fault_4_a_restarted_server_gets_its_parameters_again(robot, stack, tmp_
 
 def test_fault_6_a_persons_change_is_in_the_next_observation(robot, stack):
     from dynamic_reconfigure.client import Client
+
     _, _, client = stack()
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
@@ -190,6 +199,7 @@ def test_fault_6_a_persons_change_is_in_the_next_observation(robot, stack):
 @pytest.mark.parametrize("damage", ["missing", "truncated", "pickle", "shapes"])
 def test_fault_9_unusable_policies_leave_theta_0(robot, stack, tmp_path, damage):
     import pickle
+
     path = tmp_path / "bad.safetensors"
     save(path, make_weights())
     if damage == "missing":
@@ -200,6 +210,7 @@ def test_fault_9_unusable_policies_leave_theta_0(robot, stack, tmp_path, damage)
         path.write_bytes(pickle.dumps({"a": 1}))
     else:
         import safetensors.numpy
+
         path.write_bytes(safetensors.numpy.save({"x": np.zeros(3, np.float32)}))
     node, _, client = stack(policy=str(path))
     robot.goal = "one"
@@ -207,7 +218,9 @@ def test_fault_9_unusable_policies_leave_theta_0(robot, stack, tmp_path, damage)
     assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
     errors = [line for line in node.text.splitlines() if "ERROR" in line]
-    assert len(errors) == 1 and str(path) in errors[0] and "theta_0" in errors[0]
+    assert len(errors) == 1
+    assert str(path) in errors[0]
+    assert "theta_0" in errors[0]
     wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], 3.0, "diagnostics")
 
 
@@ -217,12 +230,15 @@ def test_fault_11_odd_scans(robot, stack):
     robot.goal = "one"
     for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
         robot.ranges, count = odd, len(robot.decisions)
-        wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")
+        wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")  # noqa: B023
         assert np.all(np.isfinite(robot.observations[-1]))
-    for odd, line in ((np.full(720, np.nan, np.float32), "all 720 beams"), (good[:360], "360 beams"),
-                      (good[:0], "0 beams")):
+    for odd, line in (
+        (np.full(720, np.nan, np.float32), "all 720 beams"),
+        (good[:360], "360 beams"),
+        (good[:0], "0 beams"),
+    ):
         robot.ranges = odd
-        wait_for(lambda: line in node.text, 5.0, line)
+        wait_for(lambda: line in node.text, 5.0, line)  # noqa: B023
         assert node.text.count(line) <= 2
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0")
     assert robot.count("unusable") >= 1 or wait_for(lambda: robot.count("unusable") >= 1, 3.0)
@@ -233,6 +249,7 @@ def test_fault_11_odd_scans(robot, stack):
 
 def test_fault_13_a_clock_that_jumps_back_starts_afresh(robot, stack):
     import rospy
+
     rospy.set_param("/use_sim_time", True)
     robot.simulated = True
     node, _, client = stack("random", period=0.5)
@@ -247,17 +264,24 @@ def test_fault_13_a_clock_that_jumps_back_starts_afresh(robot, stack):
 
 def test_dwa_leaves_the_planner_alone(robot, stack):
     _, _, client = stack("dwa")
-    client.apply(SPACE.from_dict({"max_vel_x": 0.9}))      # a person tries something
+    client.apply(SPACE.from_dict({"max_vel_x": 0.9}))  # a person tries something
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 3, 5.0, "decisions")
     assert client.theta()[0] == 0.9
 
 
-@pytest.mark.parametrize("parameters, line", [({"mode": "fast"}, "mode 'fast' is unknown"),
-                                              ({"mode": "dwa", "period": -1}, "period is -1"),
-                                              ({"mode": "random", "seed": "x"}, "seed is 'x'"),
-                                              ({"mode": "dwa", "scan_topic": 5}, "scan_topic is 5")])
+@pytest.mark.parametrize(
+    ("parameters", "line"),
+    [
+        ({"mode": "fast"}, "mode 'fast' is unknown"),
+        ({"mode": "dwa", "period": -1}, "period is -1"),
+        ({"mode": "random", "seed": "x"}, "seed is 'x'"),
+        ({"mode": "dwa", "scan_topic": 5}, "scan_topic is 5"),
+    ],
+)
 def test_wrong_parameters_end_the_node_in_one_line(robot, stack, parameters, line):
     node, _, _ = stack(fake=None, ready=False, **parameters)
     wait_for(lambda: not node.alive(), 10.0, "end")
-    assert node.process.returncode == 1 and line in node.text and len(node.text.splitlines()) == 1
+    assert node.process.returncode == 1
+    assert line in node.text
+    assert len(node.text.splitlines()) == 1

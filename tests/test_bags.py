@@ -1,4 +1,5 @@
 """Bags to transitions: rebuilt as the node saw them, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
+
 import json
 import subprocess
 import sys
@@ -11,15 +12,18 @@ pytest.importorskip("rosbags")
 from applr_ros1.policy.observation import goal_angle, local_goal, observe  # noqa: E402
 from applr_ros1.policy.parameter_space import SPACE, THETA_0  # noqa: E402
 from training import bags_to_dataset  # noqa: E402
-from training.bag_episodes import Report, trajectories  # noqa: E402
-from training.bag_writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds  # noqa: E402
-from training.bags import BagError, find, read  # noqa: E402
-from training.dataset import Dataset  # noqa: E402
+from training.bags.episodes import Report, trajectories  # noqa: E402
+from training.bags.reader import BagError, find, read  # noqa: E402
+from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds  # noqa: E402
+from training.experience.dataset import Dataset  # noqa: E402
+from training.experience.trajectory import Layout  # noqa: E402
 from training.storage import StorageError  # noqa: E402
-from training.trajectory import Layout  # noqa: E402
 
-SERVERS = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
-           "global_inflation": "global_costmap/inflater_layer"}
+SERVERS = {
+    "planner": "TrajectoryPlannerROS",
+    "local_inflation": "local_costmap/inflater_layer",
+    "global_inflation": "global_costmap/inflater_layer",
+}
 
 
 class Drive:
@@ -67,8 +71,17 @@ class Drive:
         self.number += 1
         if self.node:
             stamp = str(nanoseconds(t))
-            self.writer.decision(t, self.number, self.observations[-1], stamp=stamp, scan=stamp, odometry=stamp,
-                                 plan=stamp, goal=self.goal, theta_prev=SPACE.as_dict(self.theta))
+            self.writer.decision(
+                t,
+                self.number,
+                self.observations[-1],
+                stamp=stamp,
+                scan=stamp,
+                odometry=stamp,
+                plan=stamp,
+                goal=self.goal,
+                theta_prev=SPACE.as_dict(self.theta),
+            )
         self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, 8))
         self.thetas.append(self.theta)
         self.announce(t + 0.01)
@@ -99,7 +112,7 @@ def assert_equal(trajectory, drive, count=None):
     count = len(drive.thetas) if count is None else count
     assert len(trajectory) == count
     layout = Layout()
-    expected = np.array(drive.observations[:count + 1])
+    expected = np.array(drive.observations[: count + 1])
     np.testing.assert_array_equal(trajectory.scan, layout.quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
     actions = [SPACE.to_action(theta) for theta in drive.thetas[:count]]
@@ -111,27 +124,33 @@ def test_transitions_are_what_the_node_saw(tmp_path, node):
     drive = record(tmp_path / "a.bag", node=node)
     (trajectory,), report = rebuild(tmp_path / "a.bag")
     assert_equal(trajectory, drive)
-    assert trajectory.terminated and trajectory.info["success"]
-    assert report.skipped == {} and report.verified == (5 if node else 0)
+    assert trajectory.terminated
+    assert trajectory.info["success"]
+    assert report.skipped == {}
+    assert report.verified == (5 if node else 0)
     # R_f = -1 until the goal; R_p the metres towards it; R_c = -.05 / nearest range
     nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * Layout().step - 1.0)
     expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / nearest
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
 
 
-@pytest.mark.parametrize("status, seconds, count, terminated", [
-    (ABORTED, 9.0, 5, True), (PREEMPTED, 9.0, 4, False), (PREEMPTED, 9.98, 5, False), (None, 9.0, 4, False)])
+@pytest.mark.parametrize(
+    ("status", "seconds", "count", "terminated"),
+    [(ABORTED, 9.0, 5, True), (PREEMPTED, 9.0, 4, False), (PREEMPTED, 9.98, 5, False), (None, 9.0, 4, False)],
+)
 def test_how_a_course_ends(tmp_path, status, seconds, count, terminated):
     drive = record(tmp_path / "a.bag", status=status, seconds=seconds)
     (trajectory,), _ = rebuild(tmp_path / "a.bag")
-    assert trajectory.terminated == terminated and not trajectory.info["success"]
+    assert trajectory.terminated == terminated
+    assert not trajectory.info["success"]
     assert_equal(trajectory, drive, count)
 
 
 def test_a_finish_line_before_the_goal(tmp_path):
     drive = record(tmp_path / "a.bag", status=PREEMPTED, seconds=9.0)
-    (trajectory,), _ = rebuild(tmp_path / "a.bag", finish=3.5)      # 0.5 m/s: after 7 s
-    assert trajectory.terminated and trajectory.info["success"]
+    (trajectory,), _ = rebuild(tmp_path / "a.bag", finish=3.5)  # 0.5 m/s: after 7 s
+    assert trajectory.terminated
+    assert trajectory.info["success"]
     assert len(trajectory) == 4
     np.testing.assert_allclose(trajectory.action, [SPACE.to_action(t) for t in drive.thetas[:4]], atol=1e-6)
 
@@ -140,7 +159,8 @@ def test_several_courses_of_one_bag(tmp_path):
     with BagWriter(tmp_path / "a.bag") as writer:
         drives = [Drive(writer, begin=10.0 + 30 * i, goal="g%d" % i, seed=i) for i in range(3)]
     found, report = rebuild(tmp_path / "a.bag")
-    assert report.episodes == 3 and [t.info["goal"] for t in found] == ["g0", "g1", "g2"]
+    assert report.episodes == 3
+    assert [t.info["goal"] for t in found] == ["g0", "g1", "g2"]
     for trajectory, drive in zip(found, drives):
         assert_equal(trajectory, drive)
 
@@ -171,7 +191,7 @@ def damaged(tmp_path):
     """{file name: its reason for being left out, as counted}"""
     record(tmp_path / "whole.bag")
     whole = (tmp_path / "whole.bag").read_bytes()
-    (tmp_path / "truncated.bag").write_bytes(whole[:len(whole) // 2])
+    (tmp_path / "truncated.bag").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "cut_end.bag").write_bytes(whole[:-200])
     (tmp_path / "empty.bag").write_bytes(b"")
     (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
@@ -179,11 +199,22 @@ def damaged(tmp_path):
     noise = bytearray(whole)
     noise[20000:20400] = bytes(400)
     (tmp_path / "noise.bag").write_bytes(bytes(noise))
-    reasons = {"truncated.bag": "damaged", "cut_end.bag": "damaged", "empty.bag": "empty file", "text.bag": "damaged",
-               "run.bag.active": "damaged", "noise.bag": "damaged"}
-    for missing, reason in (("scan", "no scans"), ("odometry", "no odometry"), ("status", "no goal was pursued"),
-                            ("plan", "no global plan"), ("goal", "the goal's position"),
-                            ("parameters", "no parameter_updates")):
+    reasons = {
+        "truncated.bag": "damaged",
+        "cut_end.bag": "damaged",
+        "empty.bag": "empty file",
+        "text.bag": "damaged",
+        "run.bag.active": "damaged",
+        "noise.bag": "damaged",
+    }
+    for missing, reason in (
+        ("scan", "no scans"),
+        ("odometry", "no odometry"),
+        ("status", "no goal was pursued"),
+        ("plan", "no global plan"),
+        ("goal", "the goal's position"),
+        ("parameters", "no parameter_updates"),
+    ):
         name = "no_%s.bag" % missing
         record(tmp_path / name, without=(missing,), node=False)
         reasons[name] = reason
@@ -199,11 +230,12 @@ def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     said = {bag["name"]: bag for bag in manifest["source"]["bags"]}
     assert set(said) == set(reasons) | {"whole.bag"}
-    assert said["whole.bag"]["transitions"] == 5 and said["whole.bag"]["skipped"] == {}
+    assert said["whole.bag"]["transitions"] == 5
+    assert said["whole.bag"]["skipped"] == {}
     for name, reason in reasons.items():
         if name == "noise.bag" and said[name]["transitions"]:
-            continue        # the damage may lie where nothing needed is
-        assert said[name]["transitions"] == 0 and said[name]["skipped"], name
+            continue  # the damage may lie where nothing needed is
+        assert said[name]["transitions"] == 0 and said[name]["skipped"], name  # noqa: PT018
         assert any(reason in text for text in said[name]["skipped"]), (name, said[name]["skipped"])
     assert sum(manifest["skipped"].values()) >= len(reasons) - 1
     assert sum(len(t) for t in Dataset(tmp_path / "out")) == manifest["transitions"]
@@ -214,7 +246,7 @@ def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
     with BagWriter(tmp_path / "a.bag") as writer:
         first = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
-        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)     # the clock fell back to 43 s
+        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # the clock fell back to 43 s
     found, report = rebuild(tmp_path / "a.bag")
     assert [t.info["goal"] for t in found] == ["before"]
     assert_equal(found[0], first)
@@ -224,7 +256,7 @@ def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
 def test_gaps_jumps_and_changes_cut_an_episode(tmp_path):
     class Gap(Drive):
         def step(self, t, k):
-            self.without = ("scan",) if 230 < k < 290 else ()      # 1.2 s within the third decision
+            self.without = ("scan",) if 230 < k < 290 else ()  # 1.2 s within the third decision
             super().step(t, k)
 
     class Moved(Drive):
@@ -236,20 +268,23 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path):
     class Person(Drive):
         def step(self, t, k):
             super().step(t, k)
-            if k == 275:        # turns a knob in the middle of the third decision
+            if k == 275:  # turns a knob in the middle of the third decision
                 self.theta = SPACE.from_dict({"max_vel_x": 1.23})
                 self.announce(t)
 
-    for name, kind, expected, reason in (("gap", Gap, [2, 2], "scans are missing"),
-                                         ("moved", Moved, [], "the odometry jumped"),
-                                         ("person", Person, [2, 2], "parameters were changed")):
+    for name, kind, expected, reason in (
+        ("gap", Gap, [2, 2], "scans are missing"),
+        ("moved", Moved, [], "the odometry jumped"),
+        ("person", Person, [2, 2], "parameters were changed"),
+    ):
         with BagWriter(tmp_path / (name + ".bag")) as writer:
             kind(writer)
         found, report = rebuild(tmp_path / (name + ".bag"))
         assert [len(t) for t in found] == expected, (name, report)
         assert any(reason in text for text in report.skipped), (name, report)
         if expected:
-            assert not found[0].terminated and found[1].terminated
+            assert not found[0].terminated
+            assert found[1].terminated
 
 
 def test_a_node_that_saw_something_else_is_noticed(tmp_path):
@@ -282,13 +317,14 @@ def test_unusable_scans_are_counted_in_words(tmp_path):
         with BagWriter(tmp_path / (name + ".bag")) as writer:
             kind(writer, node=False, seconds=4.5)
         found, report = rebuild(tmp_path / (name + ".bag"))
-        assert not found and any(reason in text for text in report.skipped), report
+        assert not found and any(reason in text for text in report.skipped), report  # noqa: PT018
 
 
 def test_recorded_simulation_equals_the_environment(tmp_path):
     sim_bridge, worlds = pytest.importorskip("sim_bridge"), pytest.importorskip("worlds")
     from applr_ros1.planner.move_base import MoveBase
-    from training.bag_writer import RecordingEpisode
+    from training.bags.writer import RecordingEpisode
+
     rng, observations, actions = np.random.default_rng(0), [], []
     with BagWriter(tmp_path / "a.bag") as writer:
         episode = RecordingEpisode(sim_bridge.make("kinematic"), MoveBase(), writer, limit=3)
@@ -300,7 +336,8 @@ def test_recorded_simulation_equals_the_environment(tmp_path):
                 actions.append(SPACE.to_action(outcome.theta))
             observations.append(episode.observation(outcome))
     found, report = rebuild(tmp_path / "a.bag")
-    assert report.verified == len(actions) == report.transitions and not report.skipped
+    assert report.verified == len(actions) == report.transitions
+    assert not report.skipped
     np.testing.assert_array_equal(np.concatenate([t.scan for t in found]), Layout().quantise(np.array(observations)))
     np.testing.assert_allclose(np.concatenate([t.rest for t in found]), np.array(observations)[:, 720:], atol=1e-6)
     np.testing.assert_allclose(np.concatenate([t.action for t in found]), actions, atol=1e-6)
@@ -310,15 +347,20 @@ def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
     record(tmp_path / "a.bag")
     (tmp_path / "none").mkdir()
     bag, out = str(tmp_path / "a.bag"), str(tmp_path / "out")
-    for arguments in ([str(tmp_path / "missing.bag"), "--out", out], [str(tmp_path / "none"), "--out", out],
-                      [bag, "--out", out, "--reward", "speed=1"], [bag, "--out", out, "--reward", "c_p=fast"],
-                      [bag, "--out", out, "--reward", "c_p=nan"], [bag, "--out", bag],
-                      [bag, "--out", out, "--scan", "/other"]):
+    for arguments in (
+        [str(tmp_path / "missing.bag"), "--out", out],
+        [str(tmp_path / "none"), "--out", out],
+        [bag, "--out", out, "--reward", "speed=1"],
+        [bag, "--out", out, "--reward", "c_p=fast"],
+        [bag, "--out", out, "--reward", "c_p=nan"],
+        [bag, "--out", bag],
+        [bag, "--out", out, "--scan", "/other"],
+    ):
         assert bags_to_dataset.main(arguments) == 1
         error = capsys.readouterr().err
-        assert error.startswith("bags_to_dataset: ") and error.count("\n") == 1, error
+        assert error.startswith("bags_to_dataset: ") and error.count("\n") == 1, error  # noqa: PT018
     assert bags_to_dataset.main([bag, "--out", out, "__name:=x"]) == 0
-    assert bags_to_dataset.main([bag, "--out", out]) == 1       # holds a dataset already
+    assert bags_to_dataset.main([bag, "--out", out]) == 1  # holds a dataset already
     assert "already" in capsys.readouterr().err
 
 

@@ -1,5 +1,7 @@
 """From a live recording to an actor that drives, as README's sequence: rosbag record → rosbags-convert →
-bags_to_dataset → offline training → mode applr. The rebuilt transitions are those that the applr node saw."""
+bags_to_dataset → offline training → mode applr. The rebuilt transitions are those that the applr node saw.
+"""
+
 import shutil
 import subprocess
 import sys
@@ -14,29 +16,57 @@ from ros_harness import ROOT, session, wait_for  # noqa: E402
 
 pytestmark = pytest.mark.ros
 WORLD = "generated:0"
-FILES = (("move_base_params", ""), ("base_local_planner_params", ""), ("costmap_common_params", "/global_costmap"),
-         ("costmap_common_params", "/local_costmap"), ("odom_nav_params/global_costmap_params", ""),
-         ("odom_nav_params/local_costmap_params", ""))
-RECORDED = """/clock /tf /tf_static /front/scan /odometry/filtered /move_base/current_goal /move_base/status
-    /move_base/result /move_base/NavfnROS/plan /move_base/TrajectoryPlannerROS/parameter_updates
-    /move_base/local_costmap/inflater_layer/parameter_updates /move_base/global_costmap/inflater_layer/parameter_updates
-    /applr/observation /applr/decision /sim_bridge/collision""".split()
+FILES = (
+    ("move_base_params", ""),
+    ("base_local_planner_params", ""),
+    ("costmap_common_params", "/global_costmap"),
+    ("costmap_common_params", "/local_costmap"),
+    ("odom_nav_params/global_costmap_params", ""),
+    ("odom_nav_params/local_costmap_params", ""),
+)
+RECORDED = [
+    "/clock",
+    "/tf",
+    "/tf_static",
+    "/front/scan",
+    "/odometry/filtered",
+    "/move_base/current_goal",
+    "/move_base/status",
+    "/move_base/result",
+    "/move_base/NavfnROS/plan",
+    "/move_base/TrajectoryPlannerROS/parameter_updates",
+    "/move_base/local_costmap/inflater_layer/parameter_updates",
+    "/move_base/global_costmap/inflater_layer/parameter_updates",
+    "/applr/observation",
+    "/applr/decision",
+    "/sim_bridge/collision",
+]
 
 
 @pytest.fixture(scope="module")
 def stack():
     """Simulator and planner, and start(mode, **parameters) for the applr node."""
     import rospy
+
     ros = session()
     rospy.set_param("/use_sim_time", True)
     for name, where in FILES:
-        subprocess.run(["rosparam", "load", ROOT / "applr_ros1" / "params" / (name + ".yaml"), "/move_base" + where],
-                       env=ros.env, check=True)
+        subprocess.run(
+            ["rosparam", "load", ROOT / "applr_ros1" / "params" / (name + ".yaml"), "/move_base" + where],
+            env=ros.env,
+            check=True,
+        )
     planner = ros.python("-m", "applr_ros1.scripts.move_base", "odom:=odometry/filtered")
-    robot = ros.python("-m", "applr_ros1.scripts.sim_bridge", "__name:=sim_bridge", "_world:=" + WORLD,
-                       "_simulator:=kinematic", "_real_time_factor:=2")
+    robot = ros.python(
+        "-m",
+        "applr_ros1.scripts.sim_bridge",
+        "__name:=sim_bridge",
+        "_world:=" + WORLD,
+        "_simulator:=kinematic",
+        "_real_time_factor:=2",
+    )
     for node in (planner, robot):
-        wait_for(lambda: "ready" in node.text or not node.alive(), 180.0, "the stack")
+        wait_for(lambda: "ready" in node.text or not node.alive(), 180.0, "the stack")  # noqa: B023
         assert node.alive(), node.text
     yield ros
     for node in (planner, robot):
@@ -47,13 +77,14 @@ def stack():
 
 def drive(ros, seconds, **parameters):
     """One course with an applr node of those parameters, until the goal or for `seconds` of wall time. Returns what
-    the node printed."""
+    the node printed.
+    """
     node = ros.python("-m", "applr_ros1.scripts.applr", *["_%s:=%s" % item for item in parameters.items()])
     goal = None
     try:
         wait_for(lambda: "ready" in node.text, 20.0, "applr node")
         goal = ros.python("-m", "applr_ros1.scripts.send_goal", "_goal:=auto", "_world:=" + WORLD)
-        try:
+        try:  # noqa: SIM105
             wait_for(lambda: not goal.alive(), seconds)
         except AssertionError:
             pass
@@ -75,8 +106,9 @@ def test_recording_to_driving(stack, tmp_path):
     import rospy
     from std_srvs.srv import Empty
 
-    from training.bag_episodes import Report, trajectories
-    from training.bags import read
+    from training.bags.episodes import Report, trajectories
+    from training.bags.reader import read
+
     bag = tmp_path / "drive.bag"
     recorder = stack.spawn("rosbag", "record", "--lz4", "-O", bag, *RECORDED)
     wait_for(lambda: list(tmp_path.glob("*.active")), 20.0, "recorder")
@@ -86,26 +118,55 @@ def test_recording_to_driving(stack, tmp_path):
 
     report = Report()
     found = list(trajectories(read(bag), report=report))
-    assert report.transitions >= 3 and report.verified >= report.transitions, report
-    run(shutil.which("rosbags-convert") or Path(sys.executable).parent / "rosbags-convert", "--src", bag, "--dst",
-        tmp_path / "ros2", "--dst-storage", "mcap")
+    assert report.transitions >= 3 and report.verified >= report.transitions, report  # noqa: PT018
+    run(
+        shutil.which("rosbags-convert") or Path(sys.executable).parent / "rosbags-convert",
+        "--src",
+        bag,
+        "--dst",
+        tmp_path / "ros2",
+        "--dst-storage",
+        "mcap",
+    )
     converted = list(trajectories(read(tmp_path / "ros2")))
     for name in ("scan", "rest", "action", "reward"):
-        np.testing.assert_array_equal(np.concatenate([getattr(t, name) for t in found]),
-                                      np.concatenate([getattr(t, name) for t in converted]))
+        np.testing.assert_array_equal(
+            np.concatenate([getattr(t, name) for t in found]), np.concatenate([getattr(t, name) for t in converted])
+        )
     said = run(sys.executable, "-m", "training.bags_to_dataset", tmp_path / "ros2", "--out", tmp_path / "dataset")
     assert "%d transitions" % report.transitions in said
 
-    run(sys.executable, "-m", "training.train", "--dataset", tmp_path / "dataset", "--out", tmp_path / "run",
-        "--updates", "20", "--bc-alpha", "2.5", "--hidden", "32,32", "--batch-size", "8", "--eval-worlds", "none",
-        "--no-tensorboard", "--device", "cpu")
+    run(
+        sys.executable,
+        "-m",
+        "training.train",
+        "--dataset",
+        tmp_path / "dataset",
+        "--out",
+        tmp_path / "run",
+        "--updates",
+        "20",
+        "--bc-alpha",
+        "2.5",
+        "--hidden",
+        "32,32",
+        "--batch-size",
+        "8",
+        "--eval-worlds",
+        "none",
+        "--no-tensorboard",
+        "--device",
+        "cpu",
+    )
     (actor,) = sorted((tmp_path / "run").rglob("*.safetensors"))[:1]
     rospy.wait_for_service("/sim_bridge/reset", 5.0)
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()
     heard = []
     from std_msgs.msg import String
+
     listener = rospy.Subscriber("/applr/decision", String, lambda m: heard.append(m.data))
     text = drive(stack, 8.0, mode="applr", policy=actor)
     listener.unregister()
-    assert "ready, mode applr" in text and "theta_0" not in text, text
-    assert len(heard) >= 2 and all('"refused": ""' in decision for decision in heard)
+    assert "ready, mode applr" in text and "theta_0" not in text, text  # noqa: PT018
+    assert len(heard) >= 2
+    assert all('"refused": ""' in decision for decision in heard)

@@ -1,5 +1,7 @@
 """compare_simulators: its figures on trials made by hand, and the command from worlds to table, with a toy driver and a
-stop in the middle. The real simulators are compared in docs/training.md."""
+stop in the middle. The real simulators are compared in docs/training.md.
+"""
+
 import csv
 import os
 import subprocess
@@ -17,38 +19,62 @@ ROOT = os.path.dirname(HERE)
 
 def cells(times, contact=0.0):
     """{(world n, set): one trial}; None: a failure."""
-    return {("w%d" % n, "dwa"): np.array([[t is not None, compare.LIMIT if t is None else t, contact]])
-            for n, t in enumerate(times)}
+    return {
+        ("w%d" % n, "dwa"): np.array([[t is not None, compare.LIMIT if t is None else t, contact]])
+        for n, t in enumerate(times)
+    }
 
 
 def test_figures():
     a, b = cells([10, 20, 30, None, 40, None]), cells([12, 22, 32, None, None, 15], contact=1.0)
     figures = compare.agreement(a, b)
-    assert figures["cells"] == 6 and figures["compared"] == 3
-    assert figures["pearson"] == pytest.approx(1.0) and figures["spearman"] == pytest.approx(1.0)
+    assert figures["cells"] == 6
+    assert figures["compared"] == 3
+    assert figures["pearson"] == pytest.approx(1.0)
+    assert figures["spearman"] == pytest.approx(1.0)
     assert figures["ratio"] == pytest.approx(66 / 60)
-    assert figures["same_outcome"] == pytest.approx(4 / 6) and figures["both_failed"] == 1
-    assert figures["only_first_failed"] == 1 and figures["only_second_failed"] == 1
+    assert figures["same_outcome"] == pytest.approx(4 / 6)
+    assert figures["both_failed"] == 1
+    assert figures["only_first_failed"] == 1
+    assert figures["only_second_failed"] == 1
     assert (figures["contact_first"], figures["contact_second"]) == (0.0, 1.0)
     assert compare.agreement(a, a)["same_outcome"] == 1.0
 
 
 def test_too_little_to_say_is_said_as_such():
     nothing = compare.agreement(cells([None, None]), cells([5.0, None]))
-    assert np.isnan(nothing["pearson"]) and np.isnan(nothing["ratio"]) and nothing["both_failed"] == 1
+    assert np.isnan(nothing["pearson"])
+    assert np.isnan(nothing["ratio"])
+    assert nothing["both_failed"] == 1
     assert "–" in compare.markdown("a", "b", cells([None, None]), cells([5.0, None]))
 
 
 def test_sets_are_the_same_in_every_run_and_in_range():
     assert compare.set_names(4) == ["dwa", "fast_dwa", "random_1", "random_2"]
     first = compare.Drawn("1").values
-    assert np.array_equal(first, compare.Drawn("1").values) and not np.array_equal(first, compare.Drawn("2").values)
+    assert np.array_equal(first, compare.Drawn("1").values)
+    assert not np.array_equal(first, compare.Drawn("2").values)
     assert np.array_equal(SPACE.clip(first), first)
 
 
 def run(out, *more):
-    command = [sys.executable, "-m", "training.compare_simulators", "--worlds", "generated:train", "--count", "4",
-               "--sets", "3", "--trials", "2", "--driver", "toy_driver:ToyDriver", "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "training.compare_simulators",
+        "--worlds",
+        "generated:train",
+        "--count",
+        "4",
+        "--sets",
+        "3",
+        "--trials",
+        "2",
+        "--driver",
+        "toy_driver:ToyDriver",
+        "--out",
+        str(out),
+    ]
     env = dict(os.environ, PYTHONPATH=os.pathsep.join([ROOT, HERE]))
     return subprocess.run(command + list(more), cwd=ROOT, env=env, capture_output=True, text=True, timeout=120)
 
@@ -58,20 +84,28 @@ def test_command(tmp_path):
     done = run(tmp_path)
     assert done.returncode == 0, done.stderr
     rows = list(csv.DictReader((tmp_path / "comparison.csv").read_text().splitlines()))
-    assert len(rows) == 4 * 3 * 2 and {r["set"] for r in rows} == {"dwa", "fast_dwa", "random_1"}
+    assert len(rows) == 4 * 3 * 2
+    assert {r["set"] for r in rows} == {"dwa", "fast_dwa", "random_1"}
     assert all(r["time_s_pybullet"] == r["time_s_kinematic"] for r in rows)
     text = (tmp_path / "comparison.md").read_text()
-    assert "pybullet against itself" in text and "| same outcome, trial by trial | 1.000 |" in text
-    torn = (tmp_path / "kinematic" / "trials.csv")
+    assert "pybullet against itself" in text
+    assert "| same outcome, trial by trial | 1.000 |" in text
+    torn = tmp_path / "kinematic" / "trials.csv"
     torn.write_bytes(torn.read_bytes()[:-150])
-    assert run(tmp_path).returncode == 0            # what is missing is driven again
+    assert run(tmp_path).returncode == 0  # what is missing is driven again
     assert (tmp_path / "comparison.md").read_text() == text
 
 
-@pytest.mark.parametrize("wrong, said", [
-    (("--simulators", "kinematic"), "two names"), (("--sets", "0"), "out of range"),
-    (("--worlds", "nowhere.world"), "nowhere.world"), (("--cuont", "3"), "--cuont"),
-    (("--simulators", "gazebo,kinematic"), "gazebo")])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (("--simulators", "kinematic"), "two names"),
+        (("--sets", "0"), "out of range"),
+        (("--worlds", "nowhere.world"), "nowhere.world"),
+        (("--cuont", "3"), "--cuont"),
+        (("--simulators", "gazebo,kinematic"), "gazebo"),
+    ],
+)
 def test_mistakes_are_one_line(tmp_path, wrong, said):
     done = run(tmp_path, *wrong)
-    assert done.returncode == 1 and done.stderr.count("\n") == 1 and said in done.stderr, done.stderr
+    assert done.returncode == 1 and done.stderr.count("\n") == 1 and said in done.stderr, done.stderr  # noqa: PT018

@@ -1,4 +1,5 @@
 """Messages written in one piece equal the generated classes' byte for byte; scans and quaternions are judged."""
+
 import io
 import math
 from types import SimpleNamespace
@@ -64,25 +65,43 @@ def test_occupancy_of_every_cost():
     assert (np.diff(table[:255].astype(int)) >= 0).all()
 
 
-@pytest.mark.parametrize("q, upright", [
-    ((0, 0, 0, 1), True), ((0, 0, 1, 0), True), ((0, 0, 3, 4), True), ((0, 0, 0, 0), False), ((1, 0, 0, 0), False),
-    ((0, 0, math.nan, 1), False), ((0, 0, math.inf, 1), False), ((0.03, 0, 0, 1), False), ((0.01, 0, 0, 1), True),
-    ((0, 0, 1e-4, 1e-4), False)])
+@pytest.mark.parametrize(
+    ("q", "upright"),
+    [
+        ((0, 0, 0, 1), True),
+        ((0, 0, 1, 0), True),
+        ((0, 0, 3, 4), True),
+        ((0, 0, 0, 0), False),
+        ((1, 0, 0, 0), False),
+        ((0, 0, math.nan, 1), False),
+        ((0, 0, math.inf, 1), False),
+        ((0.03, 0, 0, 1), False),
+        ((0.01, 0, 0, 1), True),
+        ((0, 0, 1e-4, 1e-4), False),
+    ],
+)
 def test_quaternions(q, upright):
     assert conversions.is_upright(Quaternion(*map(float, q))) is upright
 
 
 def test_compose_and_yaw():
     x, y, yaw = conversions.compose((1.0, 2.0, math.pi / 2), (1.0, 0.0, math.pi))
-    assert (x, y) == pytest.approx((1.0, 3.0)) and yaw == pytest.approx(-math.pi / 2)
+    assert (x, y) == pytest.approx((1.0, 3.0))
+    assert yaw == pytest.approx(-math.pi / 2)
     q = conversions.pose_stamped((0, 0, -2.5), "odom", STAMP).pose.orientation
     assert conversions.yaw_of(q) == pytest.approx(-2.5)
 
 
-@pytest.mark.parametrize("change, words", [
-    (dict(ranges=[]), "0 beams"), (dict(ranges=[1.0] * 3), "3 beams where it had 4"),
-    (dict(ranges=[math.nan] * 4), "all NaN"), (dict(angle_min=math.nan), "finite"),
-    (dict(angle_increment=0.0), "increment")])
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(ranges=[]), "0 beams"),
+        (dict(ranges=[1.0] * 3), "3 beams where it had 4"),
+        (dict(ranges=[math.nan] * 4), "all NaN"),
+        (dict(angle_min=math.nan), "finite"),
+        (dict(angle_increment=0.0), "increment"),
+    ],
+)
 def test_scans_that_cannot_be_used(change, words):
     scan = LaserScan(angle_min=-1.0, angle_increment=0.5, range_min=0.1, range_max=30.0)
     scan.ranges = [1.0, 2.0, math.inf, math.nan]

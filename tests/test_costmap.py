@@ -1,14 +1,15 @@
 """The layered costmap: whole drives byte for byte against the plain version, rolling, windows, versions, requests."""
+
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from applr_ros1.planner.costmap import Costmap, CostmapError
-from applr_ros1.planner.inflation_layer import InflationParameters
-from applr_ros1.planner.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.scan import PointCloud, project
+from applr_ros1.planner.costmap.costmap import Costmap, CostmapError
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap.scan import PointCloud, project
 from tests import map_scenes
 from tests.plain_maps import PlainCostmap
 
@@ -17,8 +18,9 @@ HERE = (0.0, 0.0, 0.0)
 
 def local(**arguments):
     """The Jackal's local map."""
-    return Costmap(10, 10, 0.05, rolling=True, footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3),
-                   **arguments)
+    return Costmap(
+        10, 10, 0.05, rolling=True, footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3), **arguments
+    )
 
 
 def fixed(n=80, **arguments):
@@ -38,20 +40,33 @@ def test_drives_equal_the_plain_costmap(seed):
     rolling, track_unknown = bool(seed % 2), seed % 5 == 4
     nx, ny = (int(v) for v in rng.integers(40, 100, 2))
     resolution = float(rng.choice((0.05, 0.05, 0.1, 0.037)))
-    obstacles = ObstacleParameters(combination_method=int(rng.choice((0, 1, 1, 1, 2))),
-                                   footprint_clearing_enabled=bool(rng.random() < 0.8),
-                                   obstacle_range=float(rng.choice((2.5, 1.5))),
-                                   raytrace_range=float(rng.choice((3.0, 1.2))))
-    inflation = InflationParameters(float(rng.choice((0.3, 0.28, 0.6))), float(rng.choice((10.0, 3.0, 0.0))), True,
-                                    bool(rng.random() < 0.3))
+    obstacles = ObstacleParameters(
+        combination_method=int(rng.choice((0, 1, 1, 1, 2))),
+        footprint_clearing_enabled=bool(rng.random() < 0.8),
+        obstacle_range=float(rng.choice((2.5, 1.5))),
+        raytrace_range=float(rng.choice((3.0, 1.2))),
+    )
+    inflation = InflationParameters(
+        float(rng.choice((0.3, 0.28, 0.6))), float(rng.choice((10.0, 3.0, 0.0))), True, bool(rng.random() < 0.3)
+    )
     footprint = map_scenes.JACKAL * rng.choice((1.0, 1.0, 0.4, 1.6))
     if seed % 7 == 6:
         footprint = footprint[:2]
     origin = (0.0, 0.0) if rolling else (-nx * resolution / 2, -ny * resolution / 2)
-    fast = Costmap((nx + 0.5) * resolution, (ny + 0.5) * resolution, resolution, origin, rolling, footprint,
-                   track_unknown, obstacles, inflation)
-    plain = PlainCostmap(nx, ny, resolution, origin, rolling, footprint, 255 if track_unknown else 0, obstacles,
-                         inflation)
+    fast = Costmap(
+        (nx + 0.5) * resolution,
+        (ny + 0.5) * resolution,
+        resolution,
+        origin,
+        rolling,
+        footprint,
+        track_unknown,
+        obstacles,
+        inflation,
+    )
+    plain = PlainCostmap(
+        nx, ny, resolution, origin, rolling, footprint, 255 if track_unknown else 0, obstacles, inflation
+    )
     circles = map_scenes.cylinders(rng, float(rng.choice((4.0, 8.0))), float(rng.uniform(0.1, 0.45)))
     for pose in map_scenes.drive(rng, 25, step=float(rng.choice((0.08, 0.3)))):
         seen = None
@@ -89,9 +104,11 @@ def test_drives_equal_the_plain_costmap(seed):
         assert list(fast.origin) == plain.origin
         differs, rect = cells != fast.cells, fast.changed_since(version)
         if rect is None:
-            assert fast.version == version and not differs.any() and (origin == fast.origin).all()
+            assert fast.version == version
+            assert not differs.any()
+            assert (origin == fast.origin).all()
         else:
-            differs[rect[1]:rect[3], rect[0]:rect[2]] = False
+            differs[rect[1] : rect[3], rect[0] : rect[2]] = False
             assert not differs.any()
 
 
@@ -113,7 +130,7 @@ def test_first_roll_of_the_jackals_local_map():
     costmap = local()
     costmap.update(HERE)
     assert costmap.origin.tolist() == [0.0 + -99 * 0.05, 0.0 + -99 * 0.05]
-    for x in (0.08, -0.01):                 # less than a cell from where the window would begin exactly
+    for x in (0.08, -0.01):  # less than a cell from where the window would begin exactly
         costmap.update((x, 0.0, 0.0))
         assert costmap.origin[0] == -99 * 0.05
     costmap.update((0.09, 0.0, 0.0))
@@ -134,18 +151,20 @@ def test_a_far_jump_empties_the_map():
     costmap.update(HERE, hit(1.0, 0.0))
     assert (costmap.cells == 254).any()
     costmap.update((100.0, 100.0, 0.0))
-    assert not costmap.cells.any() and not costmap.obstacles.cells.any()
+    assert not costmap.cells.any()
+    assert not costmap.obstacles.cells.any()
 
 
 def test_window_and_version():
     costmap = fixed(footprint=map_scenes.JACKAL)
     costmap.update(HERE, hit(1.02, 0.02))
-    assert costmap.window == (0, 0, 80, 80)             # the first pass is a full one
+    assert costmap.window == (0, 0, 80, 80)  # the first pass is a full one
     version = costmap.version
     costmap.update(HERE)
     x0, y0, xn, yn = costmap.window
     assert (x0, xn) == (int((-0.31 - 0.3 + 2) / 0.05), int((1.02 + 0.3 + 2) / 0.05) + 1)
-    assert costmap.version == version and costmap.changed_since(version) is None
+    assert costmap.version == version
+    assert costmap.changed_since(version) is None
     costmap.update(HERE, hit(1.07, 0.02))
     assert costmap.version > version
     assert costmap.changed_since(version) is not None
@@ -161,7 +180,7 @@ def test_changes_are_remembered_for_a_while():
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
     assert costmap.changed_since(versions[-3]) == (5, 5, 8, 6)
     assert costmap.changed_since(versions[0]) == (0, 0, 80, 80)
-    costmap.set_free(5, 5, 8, 6)            # nothing there any more
+    costmap.set_free(5, 5, 8, 6)  # nothing there any more
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
 
 
@@ -170,7 +189,8 @@ def test_without_bounds_nothing_happens():
     costmap.update(HERE)
     costmap.cells[3, 3] = 9
     costmap.update(HERE)
-    assert costmap.window is None and costmap.cells[3, 3] == 9
+    assert costmap.window is None
+    assert costmap.cells[3, 3] == 9
 
 
 def test_robot_clears_the_cells_under_it():
@@ -180,7 +200,7 @@ def test_robot_clears_the_cells_under_it():
     assert 90 < np.count_nonzero(costmap.cells == 0) < 160
     off = fixed(inflation=InflationParameters(0.0))
     off.obstacles.cells[:] = 254
-    off.update((1.9, 0.0, 0.0))             # a corner is off the map: nothing is cleared
+    off.update((1.9, 0.0, 0.0))  # a corner is off the map: nothing is cleared
     assert (off.cells == 254).all()
 
 
@@ -189,7 +209,8 @@ def test_clear_and_the_scan_that_survives_it():
     costmap.update(HERE, hit(1.02, 0.02))
     assert costmap.cells.any()
     costmap.clear()
-    assert not costmap.cells.any() and not costmap.obstacles.cells.any()
+    assert not costmap.cells.any()
+    assert not costmap.obstacles.cells.any()
     costmap.update(HERE)
     assert (costmap.cells == 254).any()
 
@@ -201,7 +222,8 @@ def test_a_changed_radius_keeps_the_map_and_shows_at_the_next_update():
     costmap.set_inflation(inflation_radius=0.5)
     assert np.count_nonzero(costmap.cells) == before
     costmap.update(HERE)
-    assert np.count_nonzero(costmap.cells) > before and (costmap.cells == 254).sum() == 1
+    assert np.count_nonzero(costmap.cells) > before
+    assert (costmap.cells == 254).sum() == 1
 
 
 def test_footprint_cost_is_that_of_the_outline():

@@ -1,4 +1,5 @@
 """The trial loop, the reward and the environment: the paper's MDP, both checkers, repeatable."""
+
 import math
 from dataclasses import replace
 
@@ -10,8 +11,8 @@ gymnasium = pytest.importorskip("gymnasium")
 import sim_bridge  # noqa: E402
 from applr_ros1.planner.move_base import MoveBase  # noqa: E402
 from applr_ros1.policy.parameter_space import SPACE  # noqa: E402
-from training.episode import Episode, Outcome, nearest  # noqa: E402
-from training.reward import STANDING, Reward, failed  # noqa: E402
+from training.mdp.episode import Episode, Outcome, nearest  # noqa: E402
+from training.mdp.reward import STANDING, Reward, failed  # noqa: E402
 from worlds import Course, World  # noqa: E402
 
 
@@ -39,26 +40,38 @@ class FakeMoveBase:
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        return {**values, "vx_samples": 7} if "vx_samples" in values else values     # a planner with its own mind
+        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # a planner with its own mind
 
     def step(self, now, pose, twist, scan):
         self.steps.append((now, pose, twist))
         self.scans.append(scan)
         over = self.end is not None and len(self.steps) > self.end
-        return Cycle((0.0 if over else self.v, 0.0) if self.goals else None,
-                     self.result if over and len(self.steps) == self.end + 1 else None)
+        return Cycle(
+            (0.0 if over else self.v, 0.0) if self.goals else None,
+            self.result if over and len(self.steps) == self.end + 1 else None,
+        )
 
 
 def straight(length=4.0, obstacle=None, goal=None):
     cylinders = np.array([obstacle]) if obstacle else np.zeros((0, 3))
-    course = Course((1.0, 2.0, math.pi / 2), goal or (1.0, 2.0 + length + 4.0, math.pi / 2), 2.0 + length, 0.4,
-                    np.array([(1.0, 2.0), (1.0, 2.0 + length)]))
+    course = Course(
+        (1.0, 2.0, math.pi / 2),
+        goal or (1.0, 2.0 + length + 4.0, math.pi / 2),
+        2.0 + length,
+        0.4,
+        np.array([(1.0, 2.0), (1.0, 2.0 + length)]),
+    )
     return World("straight", cylinders, np.zeros((0, 5)), course)
 
 
 def trial(world=None, limit=50, end_on_contact=False, **planner):
-    episode = Episode(sim_bridge.make("kinematic", slip=0.0), FakeMoveBase(**planner), limit=limit,
-                      end_on_contact=end_on_contact, record=True)
+    episode = Episode(
+        sim_bridge.make("kinematic", slip=0.0),
+        FakeMoveBase(**planner),
+        limit=limit,
+        end_on_contact=end_on_contact,
+        record=True,
+    )
     episode.reset(world or straight(), 0)
     return episode
 
@@ -74,14 +87,19 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     episode = trial(straight(4.0))
     outcomes = drive(episode)
     last = outcomes[-1]
-    assert last.success and not failed(last) and not last.timeout
-    assert last.time_s == pytest.approx(4.1, abs=0.15) and (last.time_s / 0.05) % 1 == pytest.approx(0, abs=1e-6)
-    assert last.decisions == len(outcomes) == 3 and [o.seconds for o in outcomes[:2]] == pytest.approx([2.0, 2.0])
+    assert last.success
+    assert not failed(last)
+    assert not last.timeout
+    assert last.time_s == pytest.approx(4.1, abs=0.15)
+    assert (last.time_s / 0.05) % 1 == pytest.approx(0, abs=1e-6)
+    assert last.decisions == len(outcomes) == 3
+    assert [o.seconds for o in outcomes[:2]] == pytest.approx([2.0, 2.0])
     assert last.seconds == pytest.approx(last.time_s - 4.0)
     assert last.path_length_m == pytest.approx(4.0, abs=0.1)
     assert sum(o.progress for o in outcomes) == pytest.approx(4.0, abs=0.1)
     assert sum(o.progress_y for o in outcomes) == pytest.approx(4.0, abs=0.1)
-    assert len(episode.trace.pose) == round(last.time_s / 0.05) and len(episode.trace.theta) == 3
+    assert len(episode.trace.pose) == round(last.time_s / 0.05)
+    assert len(episode.trace.theta) == 3
     with pytest.raises(RuntimeError, match="reset"):
         episode.decide(SPACE.theta0)
 
@@ -90,50 +108,70 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     episode = trial()
     drive(episode)
     base = episode.move_base
-    assert len(base.goals) == 1 and base.goals[0][0] == pytest.approx((0.0, 8.0, math.pi / 2))
+    assert len(base.goals) == 1
+    assert base.goals[0][0] == pytest.approx((0.0, 8.0, math.pi / 2))
     server, values = base.requests[0]
-    assert {s for s, _ in base.requests} == {"TrajectoryPlannerROS", "local_costmap/inflater_layer",
-                                             "global_costmap/inflater_layer"}
+    assert {s for s, _ in base.requests} == {
+        "TrajectoryPlannerROS",
+        "local_costmap/inflater_layer",
+        "global_costmap/inflater_layer",
+    }
     planner = dict(base.requests)["TrajectoryPlannerROS"]
-    assert planner["max_vel_theta"] == 1.57 and planner["min_vel_theta"] == -1.57 and planner["vx_samples"] == 6
-    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7       # what the planner really has
+    assert planner["max_vel_theta"] == 1.57
+    assert planner["min_vel_theta"] == -1.57
+    assert planner["vx_samples"] == 6
+    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7  # what the planner really has
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     now, pose, twist = base.steps[1]
     assert pose == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
     assert laser == pytest.approx((0.0, 0.12, math.pi / 2), abs=0.01)
-    assert episode.observation().shape == (729,) and episode.observation()[720] == pytest.approx(
-        episode.outcome.phi / math.pi)
+    assert episode.observation().shape == (729,)
+    assert episode.observation()[720] == pytest.approx(episode.outcome.phi / math.pi)
 
 
 def test_the_local_goal_is_seen_from_the_robot():
     episode = trial()
-    assert episode.outcome.phi == pytest.approx(-math.pi / 4, abs=0.02)      # plan: north-east, robot: north
+    assert episode.outcome.phi == pytest.approx(-math.pi / 4, abs=0.02)  # plan: north-east, robot: north
     episode.move_base.global_plan = np.zeros((0, 3))
-    assert episode.decide(SPACE.theta0).phi == pytest.approx(0.0, abs=0.05)     # no plan: straight to the goal
+    assert episode.decide(SPACE.theta0).phi == pytest.approx(0.0, abs=0.05)  # no plan: straight to the goal
 
 
 @pytest.mark.parametrize("status", ["aborted", "succeeded"])
 def test_a_planner_that_gives_up_fails_at_once_with_the_whole_limit(status):
     """It would stand there until the limit. "Succeeded" off the goal is the same."""
     last = drive(trial(end=50, result=(status, "why")))[-1]
-    assert last.aborted and last.timeout and last.over and not last.success and failed(last)
-    assert last.time_s == 100.0 and last.decisions == 2 and "why" in last.reason
+    assert last.aborted
+    assert last.timeout
+    assert last.over
+    assert not last.success
+    assert failed(last)
+    assert last.time_s == 100.0
+    assert last.decisions == 2
+    assert "why" in last.reason
 
 
 def test_time_limit_is_not_a_failure_for_good():
     outcomes = drive(trial(v=0.0, limit=5))
-    assert len(outcomes) == 5 and outcomes[-1].timeout and not failed(outcomes[-1]) and not outcomes[-1].aborted
+    assert len(outcomes) == 5
+    assert outcomes[-1].timeout
+    assert not failed(outcomes[-1])
+    assert not outcomes[-1].aborted
     assert outcomes[-1].time_s == 10.0
 
 
 def test_contacts_are_counted_and_end_a_trial_where_the_protocol_says_so():
     wall = straight(4.0, obstacle=(1.0, 4.0, 0.2))
     outcomes = drive(trial(wall, limit=4))
-    assert outcomes[-1].collided and outcomes[-1].timeout and not outcomes[-1].success
+    assert outcomes[-1].collided
+    assert outcomes[-1].timeout
+    assert not outcomes[-1].success
     assert outcomes[-1].min_clearance_m < 0.2
     ended = drive(trial(wall, end_on_contact=True))[-1]
-    assert ended.collided and ended.reason == "contact" and failed(ended) and ended.time_s < 4
+    assert ended.collided
+    assert ended.reason == "contact"
+    assert failed(ended)
+    assert ended.time_s < 4
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():
@@ -143,20 +181,33 @@ def test_nearest_is_bounded_and_finite_for_any_scan():
 
 
 # -- reward: the paper's section III-C ---------------------------------------------------------------------------------
-STEP = Outcome(np.zeros(720), 0.0, np.zeros(8), progress=0.9, progress_y=0.8, min_range=0.4, lowest_range=0.2,
-               contact=True, jerk=5.0, seconds=2.0, decisions=3)
+STEP = Outcome(
+    np.zeros(720),
+    0.0,
+    np.zeros(8),
+    progress=0.9,
+    progress_y=0.8,
+    min_range=0.4,
+    lowest_range=0.2,
+    contact=True,
+    jerk=5.0,
+    seconds=2.0,
+    decisions=3,
+)
 
 
 def test_reward_terms():
     total, terms = Reward(c_f=1.0, c_p=2.0, c_c=0.1)(STEP, 0.5)
-    assert terms == pytest.approx({"time": -1.0, "progress": 1.8, "clearance": -0.25, "contact": 0.0, "switching": 0.0,
-                                   "jerk": 0.0})
+    assert terms == pytest.approx(
+        {"time": -1.0, "progress": 1.8, "clearance": -0.25, "contact": 0.0, "switching": 0.0, "jerk": 0.0}
+    )
     assert total == pytest.approx(0.55)
     everything = Reward(along_y=True, exact_time=True, lowest=True, c_contact=3.0, c_switch=0.2, c_jerk=0.1)
     _, terms = everything(replace(STEP, seconds=0.5, success=True), 0.5)
-    assert terms == pytest.approx({"time": -0.25, "progress": 0.8, "clearance": -0.25, "contact": -3.0,
-                                   "switching": -0.1, "jerk": -0.05})
-    assert Reward()(replace(STEP, success=True), 0)[1]["time"] == 0.0       # R_f is 0 at the goal
+    assert terms == pytest.approx(
+        {"time": -0.25, "progress": 0.8, "clearance": -0.25, "contact": -3.0, "switching": -0.1, "jerk": -0.05}
+    )
+    assert Reward()(replace(STEP, success=True), 0)[1]["time"] == 0.0  # R_f is 0 at the goal
     with pytest.raises(ValueError, match="c_p is nan"):
         Reward(c_p=float("nan"))
 
@@ -177,14 +228,16 @@ def test_a_failure_pays_for_the_time_it_stands_still():
 # -- the environment -------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def env():
-    import training.env
-    made = gymnasium.make(training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
+    import training.mdp.env
+
+    made = gymnasium.make(training.mdp.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
     yield made
     made.close()
 
 
 def test_gymnasiums_checker(env):
     from gymnasium.utils.env_checker import check_env
+
     check_env(env.unwrapped, skip_render_check=True)
 
 
@@ -204,10 +257,14 @@ def test_same_seed_same_episode(env):
             rows.append(np.append(observation, reward))
             if terminated or truncated:
                 return np.concatenate(rows), info, terminated, truncated
+
     a, info, terminated, truncated = run(5)
     b, again, _, _ = run(5)
-    assert np.array_equal(a, b) and info["world"] == again["world"]
-    assert (terminated, truncated) == (False, True) and info["timeout"] and info["decisions"] == 3
+    assert np.array_equal(a, b)
+    assert info["world"] == again["world"]
+    assert (terminated, truncated) == (False, True)
+    assert info["timeout"]
+    assert info["decisions"] == 3
     assert not np.array_equal(a, run(6)[0])
     assert {env.reset(seed=s)[1]["world"] for s in range(12)} == {"generated:0", "generated:1"}
 
@@ -220,7 +277,8 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     assert np.allclose(info["theta"], theta)
     np.testing.assert_allclose(observation[721:], SPACE.to_action(theta), atol=1e-6)
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
-    assert configuration["max_vel_x"] == pytest.approx(theta[0]) and configuration["vx_samples"] == theta[2]
+    assert configuration["max_vel_x"] == pytest.approx(theta[0])
+    assert configuration["vx_samples"] == theta[2]
     assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
     assert set(info["reward"]) == {"time", "progress", "clearance", "contact", "switching", "jerk"}
 
@@ -237,11 +295,13 @@ def test_options_choose_world_and_start(env):
 
 def test_drives_a_course_with_the_real_planner():
     """Default parameters through one of the easy worlds."""
-    from training.env import load_worlds
+    from training.mdp.env import load_worlds
+
     episode = Episode(sim_bridge.make("kinematic"), MoveBase())
     episode.reset(load_worlds("generated:2")[0], 1)
     outcomes = drive(episode)
-    assert outcomes[-1].success and 11.0 < outcomes[-1].time_s < 100.0
+    assert outcomes[-1].success
+    assert 11.0 < outcomes[-1].time_s < 100.0
     assert sum(o.progress_y for o in outcomes) == pytest.approx(5.925, abs=0.3)
     for o in outcomes:
         assert np.isfinite(episode.observation(o)).all()

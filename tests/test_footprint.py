@@ -1,4 +1,5 @@
 """The robot's outline: parsing, padding, radii, its cost on a map and the cells it fills, against plain versions."""
+
 import math
 
 import numpy as np
@@ -6,13 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.planner import footprint as footprints
-from applr_ros1.planner.grid import line_cells, world_to_map
+from applr_ros1.planner.costmap import footprint as footprints
+from applr_ros1.planner.costmap.grid import line_cells, world_to_map
 
 JACKAL = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
 coordinate = st.floats(-0.6, 0.6).map(lambda v: round(v, 3))
 polygons = st.lists(st.tuples(coordinate, coordinate), min_size=0, max_size=7).map(
-    lambda points: np.array(points, dtype=np.float64).reshape(-1, 2))
+    lambda points: np.array(points, dtype=np.float64).reshape(-1, 2)
+)
 
 
 def test_jackals_footprint():
@@ -27,13 +29,26 @@ def test_parse_reads_values_as_the_cpp_node_does():
     assert footprints.parse("[]").shape == footprints.parse("").shape == (0, 2)
 
 
-@pytest.mark.parametrize("text", ["[[0,0],[1,1]]", "[[0,0],[1,1],[2]]", "[[0,0],[1,1],[2,'a']]", "__import__('os')",
-                                  "[[", "[1,2,3]", "[[0,0,0],[1,1,1],[2,2,2]]", "[[0,0],[1,1],[2,1e999]]", "7",
-                                  "(" * 500])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[[0,0],[1,1]]",
+        "[[0,0],[1,1],[2]]",
+        "[[0,0],[1,1],[2,'a']]",
+        "__import__('os')",
+        "[[",
+        "[1,2,3]",
+        "[[0,0,0],[1,1,1],[2,2,2]]",
+        "[[0,0],[1,1],[2,1e999]]",
+        "7",
+        "(" * 500,
+    ],
+)
 def test_parse_refuses_in_one_line(text):
     with pytest.raises(footprints.FootprintError) as refusal:
         footprints.parse(text)
-    assert "footprint" in str(refusal.value) and "\n" not in str(refusal.value)
+    assert "footprint" in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_padding_leaves_zero_alone():
@@ -100,7 +115,7 @@ def plain_fill(shape, origin, resolution, vertices, pose):
     return set(cells)
 
 
-@given(polygons, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-4, 4), st.integers(0, 2 ** 32 - 1))
+@given(polygons, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-4, 4), st.integers(0, 2**32 - 1))
 @settings(max_examples=200, deadline=None)
 def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
     rng = np.random.default_rng(seed)
@@ -108,8 +123,9 @@ def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
     cells[rng.random(cells.shape) < 0.01] = 254
     cells[rng.random(cells.shape) < 0.01] = 255
     origin, resolution, pose = (-1.1, -0.85), 0.05, (x, y, yaw)
-    assert footprints.footprint_cost(cells, *origin, resolution, vertices, *pose) == \
-        plain_cost(cells, origin, resolution, vertices, pose)
+    assert footprints.footprint_cost(cells, *origin, resolution, vertices, *pose) == plain_cost(
+        cells, origin, resolution, vertices, pose
+    )
     for whole in (False, True):
         grid = np.zeros_like(cells)
         done = footprints.fill_footprint(grid, 1, *origin, resolution, vertices, *pose, whole)
@@ -123,10 +139,10 @@ def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
 def test_first_failing_edge_decides():
     cells = np.zeros((40, 40), np.uint8)
     square = np.array([[-0.4, -0.4], [0.4, -0.4], [0.4, 0.4], [-0.4, 0.4]])
-    at = (0.525, 1.025, 0.0)    # its edge 0 runs along row 12, from column 2 to 18
-    cells[12, 10] = 254         # under edge 0
+    at = (0.525, 1.025, 0.0)  # its edge 0 runs along row 12, from column 2 to 18
+    cells[12, 10] = 254  # under edge 0
     assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == footprints.ON_LETHAL
-    cells[12, 9] = 255          # the outline meets it earlier
+    cells[12, 9] = 255  # the outline meets it earlier
     assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == footprints.ON_UNKNOWN
     assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, 0.3, 1.025, 0.0) == footprints.OFF_MAP
     cells[:] = 253
@@ -138,7 +154,8 @@ def test_first_failing_edge_decides():
 @settings(max_examples=200, deadline=None)
 def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
     line = line_cells(x0, y0, x1, y1)
-    assert tuple(line[0]) == (x0, y0) and tuple(line[-1]) == (x1, y1)
+    assert tuple(line[0]) == (x0, y0)
+    assert tuple(line[-1]) == (x1, y1)
     assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1
     assert (np.abs(np.diff(line, axis=0)).max(axis=1) == 1).all()
 

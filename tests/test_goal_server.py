@@ -1,4 +1,5 @@
 """The action protocol by itself: which goal wins, what the others are told, what a cancel reaches."""
+
 import pytest
 
 genpy = pytest.importorskip("genpy")
@@ -32,15 +33,19 @@ def send(server, name, stamp, now=None):
 
 def test_one_goal_from_start_to_end(server):
     send(server, "a", 1.0)
-    assert not server.active and server.take(at(1.1)).goal_id.id == "a" and server.active
+    assert not server.active
+    assert server.take(at(1.1)).goal_id.id == "a"
+    assert server.active
     assert server.take(at(1.2)) is None
     server.publish_status(at(1.2))
     assert [(s.goal_id.id, s.status, s.text) for s in server._status[-1].status_list] == [
-        ("a", GoalStatus.ACTIVE, "This goal has been accepted by the simple action server")]
+        ("a", GoalStatus.ACTIVE, "This goal has been accepted by the simple action server")
+    ]
     server.feedback(None, at(1.3))
     assert server._feedback[-1].status.goal_id.id == "a"
     server.finish("succeeded", "Goal reached.", at(2.0))
-    assert server.ends() == [("a", SUCCEEDED, "Goal reached.")] and not server.active
+    assert server.ends() == [("a", SUCCEEDED, "Goal reached.")]
+    assert not server.active
 
 
 def test_newer_goal_wins_and_older_is_refused(server):
@@ -61,7 +66,8 @@ def test_cancel_reaches_the_current_goal(server, cancel):
     server.receive_cancel(cancel, at(1.6))
     assert server.cancel_requested
     server.finish("preempted", "", at(1.7))
-    assert server.ends() == [("a", PREEMPTED, "")] and not server.cancel_requested
+    assert server.ends() == [("a", PREEMPTED, "")]
+    assert not server.cancel_requested
 
 
 @pytest.mark.parametrize("cancel", [GoalID(at(0.0), "other"), GoalID(at(0.9), "")])
@@ -75,13 +81,15 @@ def test_cancel_of_others_does_not(server, cancel):
 def test_cancel_before_the_goal_is_taken(server):
     send(server, "a", 1.0)
     server.receive_cancel(GoalID(), at(1.0))
-    assert server.take(at(1.1)) is not None and server.cancel_requested
+    assert server.take(at(1.1)) is not None
+    assert server.cancel_requested
 
 
 def test_cancel_before_the_goal_comes(server):
     server.receive_cancel(GoalID(at(0.0), "late"), at(1.0))
     send(server, "late", 1.1)
-    assert server.take(at(1.2)) is None and server.ends() == [("late", RECALLED, "")]
+    assert server.take(at(1.2)) is None
+    assert server.ends() == [("late", RECALLED, "")]
     server.receive_cancel(GoalID(at(5.0), ""), at(5.0))
     send(server, "older", 4.0, now=6.0)
     assert server.ends()[-1] == ("older", RECALLED, TOO_OLD)
@@ -94,7 +102,8 @@ def test_a_goal_sent_twice_counts_once_and_one_without_id_gets_one(server):
     assert server.take(at(1.0)) is None
     server.receive_goal(MoveBaseActionGoal(), at(2.0))
     server.take(at(2.0))
-    assert server._current.goal_id.id.startswith("/move_base-1-") and server._current.goal_id.stamp == at(2.0)
+    assert server._current.goal_id.id.startswith("/move_base-1-")
+    assert server._current.goal_id.stamp == at(2.0)
 
 
 def test_status_list_forgets_and_is_bounded(server):

@@ -1,11 +1,11 @@
 """The C++ planner's numbers: the committed set is met to the last bit, and the command that replays sets says so."""
+
 import json
 import os
 import shutil
 
 import numpy as np
 import pytest
-
 import replay_golden
 
 GOLDEN = os.path.join(os.path.dirname(os.path.abspath(__file__)), "golden")
@@ -31,8 +31,11 @@ def small_set(folder, change_json=lambda m: None, change_arrays=lambda a: None):
         manifest = json.load(file)
     manifest["scenarios"] = [s for s in manifest["scenarios"] if s["id"] in ("dwa_000", "infl_001", "nav_000")]
     with np.load(os.path.join(GOLDEN, "arrays.npz")) as archive:
-        arrays = {"%s/%s" % (s["id"], name): archive["%s/%s" % (s["id"], name)]
-                  for s in manifest["scenarios"] for name in s["arrays"]}
+        arrays = {
+            "%s/%s" % (s["id"], name): archive["%s/%s" % (s["id"], name)]
+            for s in manifest["scenarios"]
+            for name in s["arrays"]
+        }
     change_json(manifest)
     change_arrays(arrays)
     (folder / "manifest.json").write_text(json.dumps(manifest))
@@ -43,23 +46,26 @@ def small_set(folder, change_json=lambda m: None, change_arrays=lambda a: None):
 def test_a_line_per_kind_and_status_0(tmp_path, capsys):
     assert replay_golden.main([small_set(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines == ["%-10s    1 scenarios,    0 mismatches, largest difference 0" % kind
-                     for kind in ("dwa", "inflation", "navfn")]
+    assert lines == [
+        "%-10s    1 scenarios,    0 mismatches, largest difference 0" % kind for kind in ("dwa", "inflation", "navfn")
+    ]
 
 
 def test_one_changed_byte_is_found(tmp_path, capsys):
     def change(arrays):
         arrays["infl_001/costmap"][3, 5] ^= 1
+
     assert replay_golden.main([small_set(tmp_path, change_arrays=change)]) == 1
     out, err = capsys.readouterr()
     assert "inflation     1 scenarios,    1 mismatches, largest difference 1" in out
     assert "infl_001: costmap by 1" in err
 
 
-@pytest.mark.parametrize("field, value", [("cost", 1.0), ("points", 3), ("thetav", 0.1)])
+@pytest.mark.parametrize(("field", "value"), [("cost", 1.0), ("points", 3), ("thetav", 0.1)])
 def test_another_winner_is_found(tmp_path, field, value):
     def change(manifest):
         manifest["scenarios"][0]["expected"]["best"][field] = value
+
     assert replay_golden.main([small_set(tmp_path, change)]) == 1
 
 
@@ -67,6 +73,7 @@ def test_one_last_bit_of_a_sample_is_found(tmp_path):
     def change(arrays):
         samples = arrays["dwa_000/samples"]
         samples[7, 5] = np.nextafter(samples[7, 5], 100.0)
+
     assert replay_golden.main([small_set(tmp_path, change_arrays=change)]) == 1
 
 
@@ -75,6 +82,7 @@ def damaged(name, content):
         shutil.copytree(GOLDEN, folder)
         with open(os.path.join(folder, name), "wb") as file:
             file.write(content)
+
     return damage
 
 
@@ -94,15 +102,24 @@ def without_an_array(folder):
     small_set(folder, change_arrays=lambda arrays: arrays.pop("dwa_000/plan"))
 
 
-@pytest.mark.parametrize("make, word", [
-    (lambda folder: None, "is not there"), (os.mkdir, "is not there"),
-    (damaged("manifest.json", b"{"), "cannot be read"), (damaged("manifest.json", b"[1]"), "format"),
-    (damaged("manifest.json", b'{"format": "planner-golden-1", "scenarios": []}'), "no scenarios"),
-    (damaged("arrays.npz", b"not an archive"), "cannot be read"), (cut_short, "cannot be read"),
-    (without_a_field, "pose"), (without_an_array, "plan")])
+@pytest.mark.parametrize(
+    ("make", "word"),
+    [
+        (lambda folder: None, "is not there"),
+        (os.mkdir, "is not there"),
+        (damaged("manifest.json", b"{"), "cannot be read"),
+        (damaged("manifest.json", b"[1]"), "format"),
+        (damaged("manifest.json", b'{"format": "planner-golden-1", "scenarios": []}'), "no scenarios"),
+        (damaged("arrays.npz", b"not an archive"), "cannot be read"),
+        (cut_short, "cannot be read"),
+        (without_a_field, "pose"),
+        (without_an_array, "plan"),
+    ],
+)
 def test_bad_sets_are_one_line(make, word, tmp_path, capsys):
     folder = tmp_path / "set"
     make(folder)
     assert replay_golden.main([str(folder)]) == 2
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1 and word in lines[0]
+    assert len(lines) == 1
+    assert word in lines[0]

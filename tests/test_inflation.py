@@ -1,4 +1,5 @@
 """The inflation layer: costs, bounds and windows by hand; spreading and repairing against the plain queue."""
+
 import math
 from dataclasses import replace
 
@@ -7,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.planner import brushfire
-from applr_ros1.planner.costmap import Costmap
-from applr_ros1.planner.inflation_layer import LARGEST_F32, InflationLayer, InflationParameters, cost_at
-from applr_ros1.planner.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap import brushfire
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import LARGEST_F32, InflationLayer, InflationParameters, cost_at
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
 from tests import map_scenes, plain_maps
 
 RADII = (0.0, 0.04, 0.1, 0.25, 0.28, 0.3, 0.6, 1.3)
@@ -59,11 +60,11 @@ def test_fewer_than_three_points_make_all_within_reach_inscribed():
 def test_bounds():
     layer = make(40, 40, InflationParameters(0.3))
     everything = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
-    assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything          # the footprint was set
-    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) == (1.0 - .3, 0.5 - .3, 3.0 + .3, 2.0 + .3)
+    assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything  # the footprint was set
+    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) == (1.0 - 0.3, 0.5 - 0.3, 3.0 + 0.3, 2.0 + 0.3)
     same = layer.parameters
     layer.configure(replace(same))
-    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) != everything          # the same values again do nothing
+    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) != everything  # the same values again do nothing
     for change in (dict(inflation_radius=0.4), dict(cost_scaling_factor=3.0), dict(inflate_unknown=True)):
         layer.configure(replace(layer.parameters, **change))
         assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything
@@ -79,18 +80,23 @@ def test_outside_the_window_costs_are_raised_and_never_lowered():
     layer.update(master, base, (0, 0, 60, 60))
     whole = master.copy()
     np.copyto(base, master)
-    base[25:36, 30:] = 0                              # the window is reset, the obstacle gone
+    base[25:36, 30:] = 0  # the window is reset, the obstacle gone
     layer.update(master, base, (30, 25, 60, 36))
     np.testing.assert_array_equal(master[:, :30], whole[:, :30])
     assert not master[25:36, 30:].any()
     base = master.copy()
-    base[28, 40] = 254                                # an obstacle outside the window, but within reach of it
+    base[28, 40] = 254  # an obstacle outside the window, but within reach of it
     layer.update(master, base, (45, 25, 60, 36))
     assert master[28, 36] > 0
 
 
-@given(st.integers(0, 2 ** 32 - 1), st.sampled_from(RADII), st.sampled_from((0.0, 3.0, 10.0, 100.0)), st.booleans(),
-       st.sampled_from((0.0, 0.165, 0.265, 0.5)))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(RADII),
+    st.sampled_from((0.0, 3.0, 10.0, 100.0)),
+    st.booleans(),
+    st.sampled_from((0.0, 0.165, 0.265, 0.5)),
+)
 @settings(max_examples=60, deadline=None)
 def test_a_painted_map_is_the_plain_one(seed, radius, weight, inflate_unknown, inscribed):
     rng = np.random.default_rng(seed)
@@ -105,7 +111,7 @@ def test_a_painted_map_is_the_plain_one(seed, radius, weight, inflate_unknown, i
     np.testing.assert_array_equal(master, cells)
 
 
-@given(st.integers(0, 2 ** 32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
+@given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
 @settings(max_examples=40, deadline=None)
 def test_repairs_equal_spreading_anew(seed, radius, fill):
     """Obstacles come and go, windows move: every map is the one that C++ makes from nothing each time."""
@@ -136,7 +142,10 @@ def assert_within(differs, rect):
     if len(ys) == 0:
         assert rect is None
     elif rect is not None:
-        assert rect[0] <= xs.min() and rect[1] <= ys.min() and xs.max() < rect[2] and ys.max() < rect[3]
+        assert rect[0] <= xs.min()
+        assert rect[1] <= ys.min()
+        assert xs.max() < rect[2]
+        assert ys.max() < rect[3]
     else:
         pytest.fail("changes were not reported")
 
@@ -161,14 +170,21 @@ def test_levels_fit_their_type():
 
 
 def test_a_disabled_layer_leaves_old_costs_until_the_window_passes():
-    costmap = Costmap(2.025, 2.025, 0.05, footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3),
-                      obstacles=ObstacleParameters(footprint_clearing_enabled=False))
+    costmap = Costmap(
+        2.025,
+        2.025,
+        0.05,
+        footprint=map_scenes.JACKAL,
+        inflation=InflationParameters(0.3),
+        obstacles=ObstacleParameters(footprint_clearing_enabled=False),
+    )
     costmap.obstacles.cells[20, 20] = 254
     costmap.update((1.0, 1.0, 0.0))
     assert costmap.cells[20, 24] == 253
     costmap.set_inflation(enabled=False)
-    costmap.update((1.0, 1.0, 0.0))             # no bounds: nothing happens
-    assert costmap.window is None and costmap.cells[20, 24] == 253
+    costmap.update((1.0, 1.0, 0.0))  # no bounds: nothing happens
+    assert costmap.window is None
+    assert costmap.cells[20, 24] == 253
     costmap.set_obstacles(footprint_clearing_enabled=True)
     costmap.update((1.0, 1.0, 0.0))
     assert costmap.cells[20, 24] == 0

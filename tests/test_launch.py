@@ -1,4 +1,5 @@
 """The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
+
 import json
 import os
 import signal
@@ -9,8 +10,8 @@ import pytest
 import yaml
 
 from applr_ros1.nodes import processes
-from applr_ros1.planner import parameters
-from applr_ros1.planner.parameter_check import complete
+from applr_ros1.planner.parameters import declarations as parameters
+from applr_ros1.planner.parameters.check import complete
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 APPLR = os.path.join(ROOT, "applr")
@@ -20,8 +21,9 @@ pytestmark = pytest.mark.ros
 
 def inside(*command, timeout=60, **options):
     """The finished process of a command in the workspace's environment."""
-    return subprocess.run([APPLR, "exec", *command], capture_output=True, text=True, timeout=timeout, check=False,
-                          **options)
+    return subprocess.run(
+        [APPLR, "exec", *command], capture_output=True, text=True, timeout=timeout, check=False, **options
+    )
 
 
 def test_parameter_files_are_the_jackals():
@@ -30,7 +32,7 @@ def test_parameter_files_are_the_jackals():
     tree = {}
     for name, value in yaml.safe_load(dumped.stdout).items():
         if name.startswith("/move_base/"):
-            here, keys = tree, name[len("/move_base/"):].split("/")
+            here, keys = tree, name[len("/move_base/") :].split("/")
             for key in keys[:-1]:
                 here = here.setdefault(key, {})
             here[keys[-1]] = value
@@ -38,29 +40,50 @@ def test_parameter_files_are_the_jackals():
     assert complete(tree) == complete(parameters.JACKAL)
 
 
-@pytest.mark.parametrize("arguments, nodes", [
-    ((), {"/sim_bridge", "/move_base", "/applr", "/send_goal"}),
-    (("sim:=false",), {"/move_base", "/applr"}),
-    (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/applr", "/send_goal"}),
-    (("record:=/tmp/a.bag", "rviz:=true", "goal:=none"), {"/sim_bridge", "/move_base", "/applr", "/record", "/rviz"}),
-])
+@pytest.mark.parametrize(
+    ("arguments", "nodes"),
+    [
+        ((), {"/sim_bridge", "/move_base", "/applr", "/send_goal"}),
+        (("sim:=false",), {"/move_base", "/applr"}),
+        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/applr", "/send_goal"}),
+        (
+            ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
+            {"/sim_bridge", "/move_base", "/applr", "/record", "/rviz"},
+        ),
+    ],
+)
 def test_which_nodes_start(arguments, nodes):
     listed = inside("roslaunch", "--nodes", *LAUNCH, *arguments)
     assert listed.returncode == 0, listed.stderr
     assert set(listed.stdout.split()) == nodes
 
 
-@pytest.mark.parametrize("argument", ["world:=generated:300", "mode:=faster", "seed:=-1", "real_time_factor:=-1",
-                                      "real_time_factor:=nan", "simulator:=gazebo", "move_base:=fortran", "goal:=1 2",
-                                      "record:=/no/such/folder/a.bag", "policy:=/no/such.safetensors mode:=applr",
-                                      "sim:=perhaps", "speed:=3", "world"])
+@pytest.mark.parametrize(
+    "argument",
+    [
+        "world:=generated:300",
+        "mode:=faster",
+        "seed:=-1",
+        "real_time_factor:=-1",
+        "real_time_factor:=nan",
+        "simulator:=gazebo",
+        "move_base:=fortran",
+        "goal:=1 2",
+        "record:=/no/such/folder/a.bag",
+        "policy:=/no/such.safetensors mode:=applr",
+        "sim:=perhaps",
+        "speed:=3",
+        "world",
+    ],
+)
 def test_a_wrong_argument_is_one_line(argument):
     words = argument.split(" ") if "mode" in argument else [argument]
     refused = inside("rosrun", "applr_ros1", "check_arguments.py", *words)
     lines = refused.stderr.strip().splitlines()
-    assert refused.returncode == 1 and len(lines) == 1 and lines[0].startswith("applr: "), refused.stderr
+    assert refused.returncode == 1 and len(lines) == 1 and lines[0].startswith("applr: "), refused.stderr  # noqa: PT018
     demo = subprocess.run([APPLR, "demo", *words], capture_output=True, text=True, timeout=30, check=False)
-    assert demo.returncode == 2 and demo.stderr.startswith(lines[0][:-1])
+    assert demo.returncode == 2
+    assert demo.stderr.startswith(lines[0][:-1])
 
 
 def test_roslaunch_refuses_a_wrong_argument():
@@ -88,14 +111,19 @@ def test_install_space(tmp_path):
     done = inside("bash", "-c", build, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     tail = done.stdout.splitlines()[-7:]
-    assert tail[0] == "checked" and tail[1].startswith(str(tmp_path / "install")), tail
+    assert tail[0] == "checked" and tail[1].startswith(str(tmp_path / "install")), tail  # noqa: PT018
     assert {"/sim_bridge", "/move_base", "/applr", "/send_goal"} <= set(tail)
     assert tail[-1].startswith(str(tmp_path / "install"))
 
 
 def demo(tmp_path, *arguments):
-    return subprocess.Popen([APPLR, "demo", *arguments, "picture:=%s" % (tmp_path / "drive.png")], text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    return subprocess.Popen(
+        [APPLR, "demo", *arguments, "picture:=%s" % (tmp_path / "drive.png")],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
 
 
 def test_demo_reaches_the_goal(tmp_path):
@@ -104,8 +132,11 @@ def test_demo_reaches_the_goal(tmp_path):
     lines = out.splitlines()
     result = json.loads(lines[-1])
     assert running.returncode == 0, out + err
-    assert result["world"] == "generated:41" and result["mode"] == "applr" and result["success"] is True
-    assert isinstance(result["collided"], bool) and 5.0 < result["time_s"] < 300.0
+    assert result["world"] == "generated:41"
+    assert result["mode"] == "applr"
+    assert result["success"] is True
+    assert isinstance(result["collided"], bool)
+    assert 5.0 < result["time_s"] < 300.0
     for part in ("simulator", "move_base", "applr"):
         assert any(part in line and "up after" in line for line in lines), out
     assert any("m to go" in line for line in lines), out
@@ -116,7 +147,7 @@ def test_demo_that_runs_out_of_time(tmp_path):
     running = demo(tmp_path, "world:=generated:0", "limit:=2", "simulator:=kinematic")
     out, err = running.communicate(timeout=240)
     result = json.loads(out.splitlines()[-1])
-    assert running.returncode == 1 and result["success"] is False and result["timeout"] is True, out + err
+    assert running.returncode == 1 and result["success"] is False and result["timeout"] is True, out + err  # noqa: PT018
 
 
 def test_interrupted_demo_leaves_nobody(tmp_path):
@@ -136,10 +167,14 @@ def test_interrupted_demo_leaves_nobody(tmp_path):
 
 def test_a_busy_port_is_named():
     import socket
+
     with socket.socket() as taken:
         taken.bind(("localhost", 0))
         taken.listen(1)
         port = taken.getsockname()[1]
-        refused = subprocess.run([APPLR, "demo", "port:=%d" % port], capture_output=True, text=True, timeout=30,
-                                 check=False)
-    assert refused.returncode == 2 and str(port) in refused.stderr and len(refused.stderr.strip().splitlines()) == 1
+        refused = subprocess.run(
+            [APPLR, "demo", "port:=%d" % port], capture_output=True, text=True, timeout=30, check=False
+        )
+    assert refused.returncode == 2
+    assert str(port) in refused.stderr
+    assert len(refused.stderr.strip().splitlines()) == 1

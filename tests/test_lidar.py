@@ -1,4 +1,5 @@
 """The analytic laser against brute force, and its edge cases."""
+
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ def brute_force(circles, edges, x, y, yaw):
     best = np.full(jackal.BEAMS, np.inf)
     for cx, cy, r in circles:
         along = beams @ (cx - x, cy - y)
-        inside = along ** 2 - ((cx - x) ** 2 + (cy - y) ** 2 - r * r)
+        inside = along**2 - ((cx - x) ** 2 + (cy - y) ** 2 - r * r)
         hit = (inside >= 0) & (along > 0)
         best = np.minimum(best, np.where(hit, along - np.sqrt(np.maximum(inside, 0)), np.inf))
     for x0, y0, x1, y1 in edges:
@@ -44,13 +45,12 @@ def test_equals_brute_force(seed):
     n, m = rng.integers(0, 60), rng.integers(0, 8)
     spread = rng.choice([3.0, 8.0, 25.0])
     circles = np.column_stack([rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.02, 1.5, n)])
-    boxes = np.column_stack([rng.uniform(-spread, spread, (m, 2)), rng.uniform(-4, 4, m),
-                             rng.uniform(0.02, 5, (m, 2))])
+    boxes = np.column_stack([rng.uniform(-spread, spread, (m, 2)), rng.uniform(-4, 4, m), rng.uniform(0.02, 5, (m, 2))])
     lidar = Lidar(circles, boxes)
     for _ in range(4):
         x, y, yaw = rng.uniform(-spread, spread), rng.uniform(-spread, spread), rng.uniform(-7, 7)
         got, want = lidar.scan(x, y, yaw), brute_force(circles, lidar.edges, x, y, yaw)
-        if np.isneginf(got).all():          # inside an obstacle
+        if np.isneginf(got).all():  # inside an obstacle
             continue
         for beam in np.flatnonzero(~np.isclose(got, want, rtol=0.0, atol=1e-5)):
             assert grazing(circles, lidar.edges, x, y, yaw, beam), (beam, got[beam], want[beam])
@@ -58,7 +58,9 @@ def test_equals_brute_force(seed):
 
 def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():
     ranges = Lidar([(-1.0, 0.0, 0.9)], []).scan(0.0, 0.0, 0.0)
-    assert np.isfinite(ranges[0]) and np.isfinite(ranges[-1]) and np.isinf(ranges[360])
+    assert np.isfinite(ranges[0])
+    assert np.isfinite(ranges[-1])
+    assert np.isinf(ranges[360])
     assert ranges[0] == pytest.approx(ranges[-1], abs=1e-5)
 
 

@@ -1,12 +1,13 @@
 """The local planner: what it cuts off the plan, how it ends at the goal, what is frozen and what is remembered."""
+
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from applr_ros1.planner.local_planner import LocalPlanner, cut_plan
-from applr_ros1.planner.parameters import JACKAL
+from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.planner.trajectory.local_planner import LocalPlanner, cut_plan
 
 FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
 PARAMS = dict(JACKAL["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0)
@@ -32,9 +33,11 @@ def local_planner(plan=None, **changes):
 
 # -- the plan's cut ----------------------------------------------------------------------------------------------
 
+
 def test_cut_ends_with_the_first_point_beyond_the_map():
     cut, dropped = cut_plan(straight(9.0, step=0.5), 0.0, 0.0, 5.0, True)
-    assert np.array_equal(cut[:, 0], np.arange(0, 5.6, 0.5)) and dropped == 0
+    assert np.array_equal(cut[:, 0], np.arange(0, 5.6, 0.5))
+    assert dropped == 0
 
 
 def test_a_point_on_the_limit_is_inside():
@@ -45,7 +48,8 @@ def test_a_point_on_the_limit_is_inside():
 def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     plan = straight(3.0, step=0.5)
     cut, dropped = cut_plan(plan, 2.0, 0.0, 5.0, True)
-    assert dropped == 3 and cut[0, 0] == 1.5
+    assert dropped == 3
+    assert cut[0, 0] == 1.5
     assert cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0] == 0.0
     made = local_planner(plan)
     made.compute_velocity((2.0, 0.0, 0.0), (0.0, 0.0), costmap())
@@ -57,7 +61,8 @@ def test_the_stored_plan_loses_points_from_its_front_even_if_the_cut_begins_late
     """COPY in planner_details.md: the cut starts behind points beyond the map, the deletions start at the front."""
     plan = np.array([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]])
     cut, dropped = cut_plan(plan, 0.0, 0.0, 5.0, True)
-    assert np.array_equal(cut, [[0.5, 0, 0]]) and dropped == 1
+    assert np.array_equal(cut, [[0.5, 0, 0]])
+    assert dropped == 1
 
 
 def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
@@ -72,20 +77,25 @@ def test_no_plan_is_no_command():
     assert local_planner(np.zeros((0, 3))).compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
 
 
-@pytest.mark.parametrize("pose, twist", [((math.nan, 0, 0), (0, 0)), ((0, 0, math.inf), (0, 0)),
-                                         ((0, 0, 0), (0, math.nan))])
+@pytest.mark.parametrize(
+    ("pose", "twist"), [((math.nan, 0, 0), (0, 0)), ((0, 0, math.inf), (0, 0)), ((0, 0, 0), (0, math.nan))]
+)
 def test_nothing_is_commanded_from_a_pose_that_is_no_number(pose, twist):
     assert local_planner().compute_velocity(pose, twist, costmap()) == (False, (0.0, 0.0))
 
 
 # -- driving -----------------------------------------------------------------------------------------------------
 
+
 def test_follows_the_plan_and_shows_it():
     made = local_planner(straight(9.0))
     ok, command = made.compute_velocity((0, 0, 0), (0.3, 0.0), costmap())
-    assert ok and command == (0.5, 0.0)
-    assert made.local_plan.shape == (50, 3) and made.cropped_plan[-1, 0] == pytest.approx(5.05)
-    assert len(made.cost_cloud(costmap())) > 30000 and not made.goal_reached
+    assert ok
+    assert command == (0.5, 0.0)
+    assert made.local_plan.shape == (50, 3)
+    assert made.cropped_plan[-1, 0] == pytest.approx(5.05)
+    assert len(made.cost_cloud(costmap())) > 30000
+    assert not made.goal_reached
 
 
 def test_no_valid_control_is_a_standing_robot():
@@ -93,7 +103,8 @@ def test_no_valid_control_is_a_standing_robot():
     walled.cells[:, 130] = 254
     made = local_planner()
     assert made.compute_velocity((0, 0, 0), (0, 0), walled) == (False, (0.0, 0.0))
-    assert len(made.local_plan) == 0 and len(made.cropped_plan)
+    assert len(made.local_plan) == 0
+    assert len(made.cropped_plan)
 
 
 def drive(made, pose, twist=(0.0, 0.0), cycles=200):
@@ -115,8 +126,11 @@ def test_reaches_place_and_heading_of_the_goal(yaw):
     made = local_planner(straight(2.0, yaw))
     poses, commands, ok = drive(made, (0.0, 0.0, 0.0))
     x, y, heading = poses[-1]
-    assert ok and made.goal_reached and commands[-1] == (0.0, 0.0)
-    assert math.hypot(x - 2.0, y) <= 0.25 and abs(math.remainder(heading - yaw, 2 * math.pi)) <= 0.157
+    assert ok
+    assert made.goal_reached
+    assert commands[-1] == (0.0, 0.0)
+    assert math.hypot(x - 2.0, y) <= 0.25
+    assert abs(math.remainder(heading - yaw, 2 * math.pi)) <= 0.157
     assert len(made.local_plan) == 0
 
 
@@ -125,7 +139,9 @@ def test_stops_before_it_turns():
     assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), costmap()) == (True, (0.4, pytest.approx(0.2)))
     assert made.compute_velocity((0.9, 0, 0), (-0.05, 0.0), costmap()) == (True, (-0.0, 0.0))
     ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())
-    assert ok and v == 0.0 and w == 0.314
+    assert ok
+    assert v == 0.0
+    assert w == 0.314
     # once it turns it does not stop again for being in motion
     assert made.compute_velocity((0.9, 0, 0.1), (0.0, 0.5), costmap())[1][1] == pytest.approx(0.6)
 
@@ -147,7 +163,7 @@ def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
 def test_an_illegal_turn_is_refused():
     wall = costmap()
     made = local_planner(straight(1.0, 1.5))
-    wall.cells[100 + 8, 100:140] = 254      # 0.4 m to the left: the corners meet it on the way
+    wall.cells[100 + 8, 100:140] = 254  # 0.4 m to the left: the corners meet it on the way
     ok, command = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall)
     assert (ok, command) == (False, (0.0, 0.0))
 
@@ -184,9 +200,11 @@ def test_flags_survive_plans_and_not_a_reset():
     made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
     made.planner.state = [1] * 5 + [0.9, 0, 0.9, 0, 0]
     made.set_plan(straight(1.0, 2.0))
-    assert made._rotating and made.planner.state[:5] == [1] * 5
+    assert made._rotating
+    assert made.planner.state[:5] == [1] * 5
     made.reset()
-    assert not made._rotating and made.planner.state == [0] * 10
+    assert not made._rotating
+    assert made.planner.state == [0] * 10
     assert made.compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
 
 

@@ -1,10 +1,11 @@
 """The path and goal grids: a plain flood gives the same numbers, however far ours has gone when it is asked."""
+
 from collections import deque
 
 import numpy as np
 import pytest
 
-from applr_ros1.planner import map_grid
+from applr_ros1.planner.trajectory import map_grid
 
 NX, NY, RESOLUTION = 23, 17, 0.1
 FOOT = np.array([[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.1], [0.2, -0.1]])
@@ -48,7 +49,9 @@ def completed(grids):
 
 def random_world(seed):
     random = np.random.default_rng(seed)
-    cells = random.choice(np.array([0, 100, 252, 253, 254, 255], np.uint8), (NY, NX), p=[.5, .1, .05, .15, .15, .05])
+    cells = random.choice(
+        np.array([0, 100, 252, 253, 254, 255], np.uint8), (NY, NX), p=[0.5, 0.1, 0.05, 0.15, 0.15, 0.05]
+    )
     plan = random.uniform((-0.3, -0.3), (2.6, 2.0), (random.integers(1, 6), 2))
     return cells, plan
 
@@ -87,20 +90,23 @@ def test_settled_cells_are_final_and_others_are_beyond_the_limit(seed):
 def test_plan_is_made_as_dense_as_the_map():
     path, goal = completed(prepared(np.zeros((NY, NX), np.uint8), [(0.05, 0.05), (2.05, 0.05)])[0])
     assert np.array_equal(np.argwhere(path == 0), [(0, x) for x in range(21)])
-    assert goal[0, 20] == 0 and goal[3, 4] == 16 + 3
+    assert goal[0, 20] == 0
+    assert goal[3, 4] == 16 + 3
 
 
 def test_points_off_the_map_are_skipped_at_first_and_end_the_plan_later():
     grids, goal = prepared(np.zeros((NY, NX), np.uint8), [(-0.15, 0.55), (0.55, 0.55), (0.55, -0.3), (2.0, 0.5)])
     path = completed(grids)[0]
-    assert goal == (5, 0) and path[5, 19] > 0
+    assert goal == (5, 0)
+    assert path[5, 19] > 0
 
 
 def test_unknown_ends_the_plan_and_lethal_does_not():
     cells = np.zeros((NY, NX), np.uint8)
     cells[5, 3], cells[5, 8] = 254, 255
     grids, goal = prepared(cells, [(0.05, 0.55), (2.0, 0.55)])
-    assert goal == (7, 5) and completed(grids)[0][5, 3] == 0
+    assert goal == (7, 5)
+    assert completed(grids)[0][5, 3] == 0
 
 
 def test_without_a_plan_nothing_is_reached():
@@ -114,8 +120,11 @@ def test_walls_under_the_robot_let_only_the_path_through():
     cells[:, 12] = 254
     grids, _ = prepared(cells, [(0.3, 0.85), (0.9, 0.85)], pose=(1.25, 0.85, 0.0))
     path, goal = completed(grids)
-    assert grids.within[8, 12] == 1 and path[8, 12] == 3 and path[8, 20] == 11
-    assert goal[8, 12] == N and goal[8, 20] == N + 1
+    assert grids.within[8, 12] == 1
+    assert path[8, 12] == 3
+    assert path[8, 20] == 11
+    assert goal[8, 12] == N
+    assert goal[8, 20] == N + 1
 
 
 def test_grids_can_be_used_again():

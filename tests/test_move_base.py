@@ -1,13 +1,14 @@
 """MoveBase in a closed loop with an ideal robot: goals reached and given up, recoveries, sensors, frequencies."""
+
 import math
 
 import numpy as np
 import pytest
+from toy_robot import ToyRobot, quick, ring, run, start
 
 from applr_ros1.planner import move_base as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.timer import Timer
-from toy_robot import ToyRobot, quick, ring, run, start
 
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
@@ -29,10 +30,14 @@ def test_reaches_a_goal_among_obstacles():
     assert run(made, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
     assert abs(robot.pose[2] - 0.5) <= 0.16
-    assert cycles[0][1].state == "controlling" and cycles[0][1].new_plan and cycles[0][1].command is not None
-    assert cycles[-1][1].command == (0.0, 0.0) and cycles[-1][1].state == "idle"
+    assert cycles[0][1].state == "controlling"
+    assert cycles[0][1].new_plan
+    assert cycles[0][1].command is not None
+    assert cycles[-1][1].command == (0.0, 0.0)
+    assert cycles[-1][1].state == "idle"
     commands = np.array([c.command for _, c in cycles if c.command])
-    assert commands[:, 0].max() <= 0.5 + 1e-9 and np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
+    assert commands[:, 0].max() <= 0.5 + 1e-9
+    assert np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
 
 
 def test_success_does_not_wait_for_a_gap_between_plans():
@@ -55,8 +60,11 @@ def test_same_course_twice_is_the_same_drive():
 def test_idle_publishes_nothing_but_keeps_the_maps_fresh():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     cycle = made.step(0.0, robot.pose, robot.twist, robot.scan())
-    assert cycle.command is None and cycle.state == "idle" and cycle.updated == (True, True)
-    assert (made.local_costmap.cells == 254).any() and (made.global_costmap.cells == 254).any()
+    assert cycle.command is None
+    assert cycle.state == "idle"
+    assert cycle.updated == (True, True)
+    assert (made.local_costmap.cells == 254).any()
+    assert (made.global_costmap.cells == 254).any()
 
 
 def test_costmaps_rest_when_told_to():
@@ -73,8 +81,12 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     result = run(made, robot, 60.0, cycles=cycles)
     assert result == ("aborted", "Failed to find a valid plan. Even after executing recovery behaviors.")
     begun = [c.recovery for _, c in cycles if c.recovery]
-    assert begun == [(0, 4, "conservative_reset"), (1, 4, "rotate_recovery"), (2, 4, "aggressive_reset"),
-                     (3, 4, "rotate_recovery")]
+    assert begun == [
+        (0, 4, "conservative_reset"),
+        (1, 4, "rotate_recovery"),
+        (2, 4, "aggressive_reset"),
+        (3, 4, "rotate_recovery"),
+    ]
     first = next(t for t, c in cycles if c.recovery)
     assert first - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
     turning = [c.command for _, c in cycles if c.state == "clearing" and c.command]
@@ -83,7 +95,8 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     for (_, a), (_, b) in zip(cycles, cycles[1:]):
         if a.state == "clearing" and b.state != "clearing":
             assert b.command == (0.0, 0.0)
-    assert made.goal is None and made.state == "planning"
+    assert made.goal is None
+    assert made.state == "planning"
 
 
 def test_recoveries_can_be_switched_off():
@@ -112,7 +125,8 @@ def test_goals_that_are_not_finite_are_aborted_at_once(goal):
     run(made, robot, 0.5)
     made.set_goal(goal, robot.time)
     cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
-    assert cycle.result == ("aborted", INVALID_GOAL) and cycle.command == (0.0, 0.0)
+    assert cycle.result == ("aborted", INVALID_GOAL)
+    assert cycle.command == (0.0, 0.0)
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on
 
 
@@ -152,7 +166,8 @@ def test_a_valid_command_starts_the_recoveries_over():
     cycles = []
     run(made, robot, 20.0, cycles=cycles)
     names = [c.recovery[0] for _, c in cycles if c.recovery]
-    assert names[:2] == [0, 1] and names.count(0) == 2
+    assert names[:2] == [0, 1]
+    assert names.count(0) == 2
 
 
 def test_oscillation_recovers_and_aborts_in_its_own_words():
@@ -172,7 +187,9 @@ def test_cancel_stops_at_the_next_step():
     run(made, robot, 1.0)
     made.cancel(robot.time)
     cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
-    assert cycle.result == ("preempted", "") and cycle.command == (0.0, 0.0) and cycle.state == "idle"
+    assert cycle.result == ("preempted", "")
+    assert cycle.command == (0.0, 0.0)
+    assert cycle.state == "idle"
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
@@ -190,7 +207,8 @@ def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
     run(made, robot, 1.0)
     made.set_goal((0.0, 2.0, 0.0), robot.time)
     cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
-    assert cycle.new_plan and tuple(made.global_plan[-1, :2]) == (0.0, 2.0)
+    assert cycle.new_plan
+    assert tuple(made.global_plan[-1, :2]) == (0.0, 2.0)
     assert run(made, robot, 30.0) == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0], robot.pose[1] - 2.0) < 0.3
 
@@ -236,13 +254,14 @@ def test_no_pose_stands_still():
     made, robot = start((4.0, 0.0, 0.0))
     run(made, robot, 1.0)
     cycle = made.step(robot.time, None, robot.twist, robot.scan())
-    assert cycle.command == (0.0, 0.0) and cycle.updated == (False, False)
+    assert cycle.command == (0.0, 0.0)
+    assert cycle.updated == (False, False)
     robot.time += 0.05
     assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
 # -- frequencies -------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("planner, expected", [(20.0, 40), (10.0, 20), (4.0, 8), (0.0, 1)])
+@pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (10.0, 20), (4.0, 8), (0.0, 1)])
 def test_planner_frequency(planner, expected):
     made, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
     cycles = []
@@ -266,7 +285,10 @@ def test_timer_keeps_phase_bears_jitter_and_starts_anew():
     timer = Timer()
     timer.set_frequency(20.0)
     assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [True, False, True, False, True, True]
-    assert timer.due(10.0) and not timer.due(10.02) and timer.due(10.05)
-    assert timer.due(1.0) and not timer.due(1.02)  # the clock went back
+    assert timer.due(10.0)
+    assert not timer.due(10.02)
+    assert timer.due(10.05)
+    assert timer.due(1.0)
+    assert not timer.due(1.02)
     timer.set_frequency(0.0)
     assert not timer.due(2.0)

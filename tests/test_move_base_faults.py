@@ -1,4 +1,5 @@
 """The move_base node when sensors, transforms, clock, policy or parameters fail, and when it ends."""
+
 import math
 import time
 
@@ -7,7 +8,7 @@ import pytest
 pytest.importorskip("rospy")
 pytest.register_assert_rewrite("move_base_stack")
 
-from move_base_stack import ABORTED, POSTS, PLANNER, SCRIPT, SUCCEEDED, finish, goal, start  # noqa: E402
+from move_base_stack import ABORTED, PLANNER, POSTS, SCRIPT, SUCCEEDED, finish, goal, start  # noqa: E402
 from ros_harness import wait_for  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -32,14 +33,26 @@ def stands_still_and_recovers(stack, words, break_it, mend_it, within=2.0):
 
 def test_sensor_loss(idle):
     jackal = idle.jackal
-    took = stands_still_and_recovers(idle, "no usable scan on /front/scan", lambda: setattr(jackal, "scans", False),
-                                     lambda: setattr(jackal, "scans", True))
+    took = stands_still_and_recovers(
+        idle,
+        "no usable scan on /front/scan",
+        lambda: setattr(jackal, "scans", False),
+        lambda: setattr(jackal, "scans", True),
+    )
     assert took > 0.8
 
 
-@pytest.mark.parametrize("fault, words", [
-    ("short", "has 100 beams where it had 720"), ("empty", "has 0 beams"), ("nan", "is all NaN"),
-    ("frame", "front_lazer"), ("old", "no usable scan"), ("future", "no usable scan")])
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("short", "has 100 beams where it had 720"),
+        ("empty", "has 0 beams"),
+        ("nan", "is all NaN"),
+        ("frame", "front_lazer"),
+        ("old", "no usable scan"),
+        ("future", "no usable scan"),
+    ],
+)
 def test_scans_that_cannot_be_used(idle, fault, words):
     import rospy
 
@@ -51,14 +64,17 @@ def test_scans_that_cannot_be_used(idle, fault, words):
         else:
             scan.header.stamp += rospy.Duration(-5.0 if fault == "old" else 5.0)
         return scan
-    stands_still_and_recovers(idle, words, lambda: setattr(idle.jackal, "bend", bend),
-                              lambda: setattr(idle.jackal, "bend", lambda scan: scan))
+
+    stands_still_and_recovers(
+        idle, words, lambda: setattr(idle.jackal, "bend", bend), lambda: setattr(idle.jackal, "bend", lambda scan: scan)
+    )
 
 
 def test_odd_beams_are_ordinary(idle):
     def bend(scan):
         scan.ranges = [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 20 + scan.ranges[120:]
         return scan
+
     idle.jackal.bend = bend
     idle.client.send_goal(goal(1.0))
     assert finish(idle.client) == (SUCCEEDED, "Goal reached.")
@@ -66,32 +82,43 @@ def test_odd_beams_are_ordinary(idle):
 
 def test_lost_transform(idle):
     jackal = idle.jackal
-    stands_still_and_recovers(idle, "transform odom <- base_link is", lambda: setattr(jackal, "transforms", False),
-                              lambda: setattr(jackal, "transforms", True))
+    stands_still_and_recovers(
+        idle,
+        "transform odom <- base_link is",
+        lambda: setattr(jackal, "transforms", False),
+        lambda: setattr(jackal, "transforms", True),
+    )
 
 
 # -- start and end -------------------------------------------------------------------------------------------------
 def test_bad_parameters_are_named_and_nothing_starts(stack, master):
     import rospy
+
     rospy.set_param("/bad_one", {"TrajectoryPlannerROS": {"max_vel_x": 99.0, "pdist_scala": 1.0}, "colour": "red"})
     child = master.python(SCRIPT, "__name:=bad_one")
     child.process.wait(20.0)
     assert child.process.returncode == 1
     lines = [line for line in child.text.splitlines() if line.startswith("move_base: parameter")]
-    assert len(lines) == 3 and "Traceback" not in child.text
-    assert "max_vel_x is 99.0" in child.text and "did you mean pdist_scale?" in child.text and "colour" in child.text
+    assert len(lines) == 3
+    assert "Traceback" not in child.text
+    assert "max_vel_x is 99.0" in child.text
+    assert "did you mean pdist_scale?" in child.text
+    assert "colour" in child.text
 
 
 def test_zero_velocity_at_shutdown_and_theta_0_without_policy_and_clock_faults(stack, master):
     """A second node, in simulated time: heartbeat, /clock stalled and set back, Ctrl-C while driving."""
-    import actionlib
     import copy
+
+    import actionlib
     import rospy
     from dynamic_reconfigure.client import Client
     from fake_jackal import FakeJackal
     from move_base_msgs.msg import MoveBaseAction
     from std_msgs.msg import Time as TimeMessage
-    from applr_ros1.planner.parameters import JACKAL
+
+    from applr_ros1.planner.parameters.declarations import JACKAL
+
     stack.jackal.close()
     stack.node.end()
     jackal = FakeJackal(POSTS, clock=100.0)

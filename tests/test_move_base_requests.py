@@ -1,11 +1,12 @@
 """MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
+
 import math
 
 import pytest
+from toy_robot import ToyRobot, quick, run, start
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters import ParameterError
-from toy_robot import ToyRobot, quick, run, start
+from applr_ros1.planner.parameters.declarations import ParameterError
 
 PLANNER = "TrajectoryPlannerROS"
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
@@ -19,7 +20,8 @@ def test_reset_equals_a_fresh_object():
     run(used, robot, 3.0)
     used.reset(0.0)
     fresh = MoveBase(tree)
-    assert not used.global_costmap.cells.any() and len(used.global_plan) == 0
+    assert not used.global_costmap.cells.any()
+    assert len(used.global_plan) == 0
     drives = []
     for made in (used, fresh):
         robot, cycles = ToyRobot(circles=SLALOM), []
@@ -28,7 +30,8 @@ def test_reset_equals_a_fresh_object():
         run(made, robot, 5.0, cycles=cycles)
         drives.append(([c for _, c in cycles], made.global_costmap.cells.copy(), made.local_costmap.cells.copy()))
     assert drives[0][0] == drives[1][0]
-    assert (drives[0][1] == drives[1][1]).all() and (drives[0][2] == drives[1][2]).all()
+    assert (drives[0][1] == drives[1][1]).all()
+    assert (drives[0][2] == drives[1][2]).all()
 
 
 def test_reset_may_keep_what_was_reconfigured():
@@ -49,15 +52,22 @@ def test_reconfigure_takes_effect_in_the_next_cycle():
     assert robot.twist[0] == pytest.approx(1.2)
 
 
-@pytest.mark.parametrize("server, values", [
-    (PLANNER, {"max_vel_x": math.nan, "vx_samples": 3}), ("", {"controller_frequency": 0.0}),
-    ("local_costmap", {"width": 2 ** 31 - 1}), ("local_costmap", {"footprint": "junk", "update_frequency": 1.0})])
+@pytest.mark.parametrize(
+    ("server", "values"),
+    [
+        (PLANNER, {"max_vel_x": math.nan, "vx_samples": 3}),
+        ("", {"controller_frequency": 0.0}),
+        ("local_costmap", {"width": 2**31 - 1}),
+        ("local_costmap", {"footprint": "junk", "update_frequency": 1.0}),
+    ],
+)
 def test_reconfigure_refuses_whole_requests(server, values):
     made = MoveBase(quick())
     before = made.configuration(server)
     with pytest.raises(ParameterError) as refused:
         made.reconfigure(server, values)
-    assert made.configuration(server) == before and "\n" not in str(refused.value)
+    assert made.configuration(server) == before
+    assert "\n" not in str(refused.value)
 
 
 def test_reconfigured_inflation_shows_and_nothing_is_wiped():
@@ -76,11 +86,16 @@ def test_reconfigured_inflation_shows_and_nothing_is_wiped():
 
 def test_maps_may_be_resized_while_driving():
     made, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=[(1.5, 1.0, 0.2)]))
-    for server, values in (("local_costmap", {"width": 5, "height": 7}), ("local_costmap", {"resolution": 0.1}),
-                           ("global_costmap", {"origin_x": -3.0}), ("global_costmap", {"height": 16})):
+    for server, values in (
+        ("local_costmap", {"width": 5, "height": 7}),
+        ("local_costmap", {"resolution": 0.1}),
+        ("global_costmap", {"origin_x": -3.0}),
+        ("global_costmap", {"height": 16}),
+    ):
         run(made, robot, 0.5)
         made.reconfigure(server, values)
-    assert made.local_costmap.cells.shape == (70, 50) and made.global_costmap.cells.shape == (320, 400)
+    assert made.local_costmap.cells.shape == (70, 50)
+    assert made.global_costmap.cells.shape == (320, 400)
     assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
@@ -111,7 +126,8 @@ def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     run(made, robot, 0.2)
     made.clear_costmaps()
-    assert not made.local_costmap.cells.any() and not made.global_costmap.cells.any()
+    assert not made.local_costmap.cells.any()
+    assert not made.global_costmap.cells.any()
     run(made, robot, 0.1, scans=False)
     assert (made.local_costmap.cells == 254).any()
 

@@ -1,4 +1,5 @@
 """The move_base node's names and types beside the C++ one's, and its eight parameter servers at work."""
+
 import json
 import math
 import time
@@ -26,15 +27,19 @@ def node_api(master):
     return xmlrpc.client.ServerProxy(uri)
 
 
-@pytest.mark.parametrize("what, call", [("publishes", "getPublications"), ("subscribes", "getSubscriptions")])
+@pytest.mark.parametrize(("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")])
 def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
-    ours = [(topic, kind) for topic, kind in getattr(node_api(master), call)("/test")[2]
-            if topic not in ("/rosout", "/applr/heartbeat")]
+    ours = [
+        (topic, kind)
+        for topic, kind in getattr(node_api(master), call)("/test")[2]
+        if topic not in ("/rosout", "/applr/heartbeat")
+    ]
     assert sorted(ours) == sorted(SURFACE[what].items())
 
 
 def test_services_are_those_of_the_cpp_node(stack):
     import rosservice
+
     ours = {name: rosservice.get_service_type(name) for name in rosservice.get_service_list(node="/move_base")}
     assert {name: kind for name, kind in ours.items() if "logger" not in name} == SURFACE["services"]
 
@@ -42,6 +47,7 @@ def test_services_are_those_of_the_cpp_node(stack):
 @pytest.mark.parametrize("server", SURFACE["dynamic_reconfigure"])
 def test_servers_describe_the_cpp_parameters(stack, server):
     from dynamic_reconfigure.client import Client
+
     client = Client(server, timeout=5.0)
     got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=5.0)}
     values = client.get_configuration(timeout=5.0)
@@ -56,6 +62,7 @@ def test_servers_describe_the_cpp_parameters(stack, server):
 
 def test_parameters_are_on_the_server(stack):
     import rospy
+
     wait_for(lambda: rospy.get_param("/move_base/aggressive_reset/reset_distance", 0) == 1.84, 5.0, "mirror")
     for server, parameters in SURFACE["dynamic_reconfigure"].items():
         for p in parameters:
@@ -80,6 +87,7 @@ def test_every_server_is_read_set_clamped_and_refuses_nan(idle, server):
     import rospy
     from dynamic_reconfigure import DynamicReconfigureCallbackException
     from dynamic_reconfigure.client import Client
+
     name, value, beyond, bound, other, something = CHANGES[server]
     client = Client(server, timeout=5.0)
     before, kept = (client.get_configuration(timeout=5.0)[n] for n in (name, other))
@@ -95,7 +103,8 @@ def test_every_server_is_read_set_clamped_and_refuses_nan(idle, server):
                 client.update_configuration({name: bad, other: something})
             assert "refused a change: %s is %r" % (name, bad) in idle.node.text[said:]
         time.sleep(0.05)
-        assert client.get_configuration()[name] == value and client.get_configuration()[other] == kept
+        assert client.get_configuration()[name] == value
+        assert client.get_configuration()[other] == kept
     finally:
         client.update_configuration({name: before})
         client.close()
@@ -103,8 +112,11 @@ def test_every_server_is_read_set_clamped_and_refuses_nan(idle, server):
 
 def test_fifty_reconfigures_a_second_leave_no_gap(idle):
     from dynamic_reconfigure.client import Client
-    clients = [Client(server, timeout=5.0) for server in (
-        PLANNER, "/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")]
+
+    clients = [
+        Client(server, timeout=5.0)
+        for server in (PLANNER, "/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+    ]
     idle.client.send_goal(goal(3.0))
     wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
     idle.jackal.commands.clear()
@@ -112,17 +124,30 @@ def test_fifty_reconfigures_a_second_leave_no_gap(idle):
     while time.time() < over:
         began = time.time()
         v = 0.5 + 0.1 * (len(took) % 2)
-        got = clients[0].update_configuration({
-            "max_vel_x": v, "max_vel_theta": 1.2 * v, "vx_samples": 7, "vtheta_samples": 21, "occdist_scale": 0.1 * v,
-            "path_distance_bias": v, "goal_distance_bias": 1.5 * v, "min_vel_theta": -1.2 * v})
+        got = clients[0].update_configuration(
+            {
+                "max_vel_x": v,
+                "max_vel_theta": 1.2 * v,
+                "vx_samples": 7,
+                "vtheta_samples": 21,
+                "occdist_scale": 0.1 * v,
+                "path_distance_bias": v,
+                "goal_distance_bias": 1.5 * v,
+                "min_vel_theta": -1.2 * v,
+            }
+        )
         got2 = [c.update_configuration({"inflation_radius": 0.5 * v}) for c in clients[1:]]
         took.append(1e3 * (time.time() - began))
-        assert got["max_vel_x"] == v and all(g["inflation_radius"] == 0.5 * v for g in got2)
+        assert got["max_vel_x"] == v
+        assert all(g["inflation_radius"] == 0.5 * v for g in got2)
         time.sleep(max(0.0, 0.02 - (time.time() - began)))
     gaps = 1e3 * np.diff([t for t, _, _ in idle.jackal.commands])
-    print("eight parameters: median %.1f, p95 %.1f ms of %d; cmd_vel gap p99 %.1f, max %.1f ms" % (
-        np.median(took), np.percentile(took, 95), len(took), np.percentile(gaps, 99), gaps.max()))
-    assert len(took) > 20 and gaps.max() < 250.0
+    print(
+        "eight parameters: median %.1f, p95 %.1f ms of %d; cmd_vel gap p99 %.1f, max %.1f ms"
+        % (np.median(took), np.percentile(took, 95), len(took), np.percentile(gaps, 99), gaps.max())
+    )
+    assert len(took) > 20
+    assert gaps.max() < 250.0
     for client in clients:
         client.update_configuration({"restore_defaults": True} if client is clients[0] else {"inflation_radius": 0.3})
         client.close()
@@ -130,6 +155,7 @@ def test_fifty_reconfigures_a_second_leave_no_gap(idle):
 
 def test_older_names_always_show_the_same(idle):
     from dynamic_reconfigure.client import Client
+
     client = Client(PLANNER, timeout=5.0)
     assert client.update_configuration({"pdist_scale": 0.31})["path_distance_bias"] == 0.31
     assert client.update_configuration({"path_distance_bias": 0.75})["pdist_scale"] == 0.75
@@ -139,19 +165,32 @@ def test_older_names_always_show_the_same(idle):
 def test_watch_over_the_policy():
     """The watch by itself; with a node it is seen in test_move_base_faults.py."""
     from applr_ros1.nodes import guard
+
     watch = guard.Guard(2.0)
     assert not watch.is_lost(100.0)  # never heard: left alone
     watch.heartbeat(100.0)
-    assert not watch.is_lost(105.0) and watch.is_lost(105.05) and not watch.is_lost(200.0)
+    assert not watch.is_lost(105.0)
+    assert watch.is_lost(105.05)
+    assert not watch.is_lost(200.0)
     watch.heartbeat(300.0)
-    assert not watch.is_lost(10.0) and watch.is_lost(15.1)  # the clock went back
-    from applr_ros1.planner.parameter_check import complete
-    from applr_ros1.planner.configuration import Configuration
-    from applr_ros1.planner.parameters import JACKAL
+    assert not watch.is_lost(10.0)
+    assert watch.is_lost(15.1)
+    from applr_ros1.planner.parameters.check import complete
+    from applr_ros1.planner.parameters.configuration import Configuration
+    from applr_ros1.planner.parameters.declarations import JACKAL
+
     requests = guard.start_up_requests(Configuration(complete(JACKAL)).start_up)
     assert requests == {
-        "TrajectoryPlannerROS": {"max_vel_x": 0.5, "max_vel_theta": 1.57, "min_vel_theta": -1.57, "vx_samples": 6,
-                                 "vtheta_samples": 20, "occdist_scale": 0.1, "path_distance_bias": 0.75,
-                                 "goal_distance_bias": 1.0},
+        "TrajectoryPlannerROS": {
+            "max_vel_x": 0.5,
+            "max_vel_theta": 1.57,
+            "min_vel_theta": -1.57,
+            "vx_samples": 6,
+            "vtheta_samples": 20,
+            "occdist_scale": 0.1,
+            "path_distance_bias": 0.75,
+            "goal_distance_bias": 1.0,
+        },
         "local_costmap/inflater_layer": {"inflation_radius": 0.3},
-        "global_costmap/inflater_layer": {"inflation_radius": 0.3}}
+        "global_costmap/inflater_layer": {"inflation_radius": 0.3},
+    }

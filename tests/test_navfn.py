@@ -1,14 +1,15 @@
 """navfn against a plain version in float32 arithmetic: potentials, cost arrays, plans; answers from memory."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.planner.costmap import Costmap
-from applr_ros1.planner.inflation_layer import InflationParameters
-from applr_ros1.planner.navfn import Navfn
-from applr_ros1.planner.navfn_flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
-from applr_ros1.planner.scan import project
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.scan import project
+from applr_ros1.planner.navfn.flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
+from applr_ros1.planner.navfn.navfn import Navfn
 from tests import map_scenes
 from tests.plain_navfn import plain_plan
 
@@ -30,8 +31,13 @@ def world(rng, ny, nx, kind):
         cells[rng.random((ny, nx)) < 0.6] = 0
         return cells
     obstacles = map_scenes.cellular(rng, ny, nx, rng.uniform(0.1, 0.5))
-    made = Costmap((nx + 0.5) * RES, (ny + 0.5) * RES, RES, footprint=map_scenes.JACKAL,
-                   inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0))
+    made = Costmap(
+        (nx + 0.5) * RES,
+        (ny + 0.5) * RES,
+        RES,
+        footprint=map_scenes.JACKAL,
+        inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0),
+    )
     made.inflation.set_inscribed_radius(0.05)
     made.paint(np.where(obstacles, 254, 0).astype(np.uint8))
     cells = made.cells.copy()
@@ -58,8 +64,12 @@ def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
     return plan
 
 
-@given(st.integers(0, 2 ** 32 - 1), st.sampled_from(("cellular", "arbitrary")), st.booleans(),
-       st.sampled_from((0.0, 0.0, 0.12)))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(("cellular", "arbitrary")),
+    st.booleans(),
+    st.sampled_from((0.0, 0.0, 0.12)),
+)
 @settings(max_examples=60, deadline=None)
 def test_random_worlds(seed, kind, allow_unknown, tolerance):
     rng = np.random.default_rng(seed)
@@ -67,11 +77,11 @@ def test_random_worlds(seed, kind, allow_unknown, tolerance):
     costmap = costmap_of(world(rng, ny, nx, kind))
     goal = inside(rng, nx, ny, 0.1) + (rng.uniform(-3, 3),)
     if rng.random() < 0.1:
-        goal = (goal[0] + 3.0, goal[1], goal[2])            # perhaps off the map
+        goal = (goal[0] + 3.0, goal[1], goal[2])  # perhaps off the map
     compare(Navfn(), costmap, inside(rng, nx, ny, 0.2), goal, tolerance, allow_unknown)
 
 
-@given(st.integers(0, 2 ** 32 - 1), st.integers(4, 60))
+@given(st.integers(0, 2**32 - 1), st.integers(4, 60))
 @settings(max_examples=40, deadline=None)
 def test_full_lists_lose_the_same_cells(seed, list_size):
     rng = np.random.default_rng(seed)
@@ -79,7 +89,7 @@ def test_full_lists_lose_the_same_cells(seed, list_size):
     compare(Navfn(list_size), costmap, inside(rng, 50, 40), inside(rng, 50, 40) + (0.0,))
 
 
-@given(st.integers(0, 2 ** 32 - 1), st.sampled_from((10000, 10000, 25)))
+@given(st.integers(0, 2**32 - 1), st.sampled_from((10000, 10000, 25)))
 @settings(max_examples=25, deadline=None)
 def test_one_planner_on_a_changing_map(seed, list_size):
     """Map, robot, goal and flag change between the plans of one planner; each equals the plain one, from nothing."""
@@ -90,10 +100,10 @@ def test_one_planner_on_a_changing_map(seed, list_size):
     robot, goal, allow_unknown = inside(rng, nx, ny, 0.1), inside(rng, nx, ny) + (0.0,), True
     for _ in range(8):
         compare(planner, costmap, robot, goal, 0.0, allow_unknown)
-        if rng.random() < 0.7:                              # the map changes about a point, as about a robot
+        if rng.random() < 0.7:  # the map changes about a point, as about a robot
             x, y = (int(v) for v in rng.integers(0, (nx, ny)))
             block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
-            cells[block] = world(rng, 9, 9, "arbitrary")[:cells[block].shape[0], :cells[block].shape[1]]
+            cells[block] = world(rng, 9, 9, "arbitrary")[: cells[block].shape[0], : cells[block].shape[1]]
             costmap.clear()
             costmap.paint(cells)
         if rng.random() < 0.5:
@@ -109,18 +119,22 @@ def test_a_listed_cell_keeps_its_cost():
     weights = push_weights()
     for cost in range(1, OBSTACLE):
         listed = weights[cost] * LISTED
-        assert listed > 1e10 and np.rint(listed * COST) == cost and listed * UNLISTED == weights[cost]
+        assert listed > 1e10
+        assert np.rint(listed * COST) == cost
+        assert listed * UNLISTED == weights[cost]
         assert weights[cost] == np.float32(0.707106781 * cost)
-    assert np.isinf(weights[OBSTACLE:]).all() and np.isinf(weights[OBSTACLE] * LISTED)
+    assert np.isinf(weights[OBSTACLE:]).all()
+    assert np.isinf(weights[OBSTACLE] * LISTED)
 
 
 def test_a_straight_line():
     costmap = costmap_of(np.zeros((60, 60), np.uint8), (-1.0, -1.0))
     plan = compare(Navfn(), costmap, (-0.48, 0.03), (1.52, 0.03, 0.7))
-    assert plan[-1].tolist() == [1.52, 0.03, 0.7]           # the goal as it was given
-    np.testing.assert_allclose(plan[0, :2], (-0.5, 0.0))    # the robot's cell's corner
+    assert plan[-1].tolist() == [1.52, 0.03, 0.7]  # the goal as it was given
+    np.testing.assert_allclose(plan[0, :2], (-0.5, 0.0))  # the robot's cell's corner
     assert not plan[:-1, 2].any()
-    assert (np.diff(plan[:-1, 0]) >= 0).all() and np.abs(plan[:-1, 1] - 0.0).max() < 1e-6
+    assert (np.diff(plan[:-1, 0]) >= 0).all()
+    assert np.abs(plan[:-1, 1] - 0.0).max() < 1e-6
 
 
 def test_no_way():
@@ -128,7 +142,7 @@ def test_no_way():
     cells[:, 20] = 254
     costmap, planner = costmap_of(cells), Navfn()
     assert compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0)).shape == (0, 3)
-    assert len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3       # in the wall, but near
+    assert len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3  # in the wall, but near
     assert planner.plan(costmap, (5.0, 5.0), (1.0, 1.0, 0.0)).shape == (0, 3)
     assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0)).shape == (0, 3)
     assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0), 0.2).shape == (0, 3)
@@ -139,7 +153,7 @@ def test_a_path_beyond_four_widths_is_none():
     cells = np.full((240, 9), 254, np.uint8)
     for row in range(2, 238, 4):
         cells[row, 1:8] = 0
-        cells[row:row + 5, 7 if row % 8 == 2 else 1] = 0
+        cells[row : row + 5, 7 if row % 8 == 2 else 1] = 0
     costmap = costmap_of(cells)
     assert len(compare(Navfn(), costmap, (0.07, 0.12), (0.07, 4.92, 0.0))) == 0
     assert len(compare(Navfn(), costmap, (0.07, 0.12), (0.07, 0.52, 0.0))) > 0
@@ -151,7 +165,8 @@ def test_the_robots_cell_becomes_free():
     costmap = costmap_of(cells)
     version = costmap.version
     assert len(Navfn().plan(costmap, (0.52, 1.02), (1.5, 1.0, 0.0))) > 0
-    assert costmap.cells[20, 10] == 0 and costmap.changed_since(version) == (10, 20, 11, 21)
+    assert costmap.cells[20, 10] == 0
+    assert costmap.changed_since(version) == (10, 20, 11, 21)
 
 
 def test_unknown_cells():
@@ -190,16 +205,18 @@ def test_changes_that_the_flood_did_not_see_cost_nothing():
     cells = np.zeros((80, 80), np.uint8)
     costmap, planner = costmap_of(cells), Navfn()
     plan = planner.plan(costmap, (2.0, 2.0), (2.5, 2.0, 0.0))
-    plan[:] = 0                                             # the caller's own copy
+    plan[:] = 0  # the caller's own copy
     reached = planner.potential < 1e9
     assert not reached[5, 5]
     planner._potential[:] += 0.0
     marker = planner._potential
     cells[5, 5] = 100
     costmap.paint(cells)
-    planner._lines[:] = 0                                   # a new flood would now find old potentials
+    planner._lines[:] = 0  # a new flood would now find old potentials
     again = planner.plan(costmap, (2.0, 2.0), (2.5, 2.0, 0.0))
-    assert planner._potential is marker and len(again) == len(plan) and again.any()
+    assert planner._potential is marker
+    assert len(again) == len(plan)
+    assert again.any()
 
 
 def test_a_map_too_small_to_have_an_inside():

@@ -2,6 +2,7 @@
 
 Whole drives against the plain version are in test_costmap.py.
 """
+
 import math
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.planner.obstacle_layer import ObstacleLayer, ObstacleParameters
-from applr_ros1.planner.scan import LaserScan, PointCloud, project
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
+from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, project
 
 INF = math.inf
 NOWHERE = (1e30, 1e30, -1e30, -1e30)
@@ -56,8 +57,12 @@ def test_a_shorter_scan_has_its_own_directions():
         assert len(project(scan([1.0] * n)).points) == n
 
 
-@given(st.lists(st.floats(0.125, 29.0, width=32), min_size=1, max_size=40), st.floats(-20, 20), st.floats(-20, 20),
-       st.floats(-7, 7))
+@given(
+    st.lists(st.floats(0.125, 29.0, width=32), min_size=1, max_size=40),
+    st.floats(-20, 20),
+    st.floats(-20, 20),
+    st.floats(-7, 7),
+)
 @settings(max_examples=100, deadline=None)
 def test_projection_rounds_as_the_cpp_code(ranges, x, y, yaw):
     made = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
@@ -78,7 +83,8 @@ def test_a_hit_marks_its_cell_and_clears_the_way():
     made = layer(default=255)
     bounds = observe(made, cloud((1.02, 0.02, 0.0)))
     row = made.cells[cell(made, 1.02, 0.02)[0]]
-    assert row[cell(made, 1.02, 0.02)[1]] == 254 and np.count_nonzero(row == 0) == 20
+    assert row[cell(made, 1.02, 0.02)[1]] == 254
+    assert np.count_nonzero(row == 0) == 20
     assert np.count_nonzero(made.cells != 255) == 21
     assert bounds == (0.0, 0.0, float(np.float32(1.02)), float(np.float32(0.02)))
 
@@ -90,7 +96,7 @@ def test_hits_between_the_ranges_erase_their_cell():
         observe(made, cloud((x, 0.0, 0.0)))
         assert made.cells[cell(made, x, 0.0)] == value
     made.cells[cell(made, 3.52, 0.0)] = 254
-    assert observe(made, cloud((3.52, 0.0, 0.0)))[2] == pytest.approx(3.0)      # beyond the ray's end nothing happens
+    assert observe(made, cloud((3.52, 0.0, 0.0)))[2] == pytest.approx(3.0)  # beyond the ray's end nothing happens
     assert made.cells[cell(made, 3.52, 0.0)] == 254
 
 
@@ -100,8 +106,17 @@ def test_marking_comes_after_all_clearing():
     assert made.cells[cell(made, 0.52, 0.02)] == 254
 
 
-@pytest.mark.parametrize("height, cleared, marked", [(0.5, True, True), (1.5, True, False), (2.5, False, False),
-                                                     (-1.0, False, False), (2.0, True, False), (1.0, True, True)])
+@pytest.mark.parametrize(
+    ("height", "cleared", "marked"),
+    [
+        (0.5, True, True),
+        (1.5, True, False),
+        (2.5, False, False),
+        (-1.0, False, False),
+        (2.0, True, False),
+        (1.0, True, True),
+    ],
+)
 def test_heights(height, cleared, marked):
     made = layer(default=255, max_obstacle_height=1.0, source_min_height=-0.5)
     observe(made, cloud((1.02, 0.02, height)))
@@ -115,20 +130,22 @@ def test_marking_or_clearing_alone():
     assert np.count_nonzero(made.cells != 255) == 1
     made = layer(default=255, marking=False)
     observe(made, cloud((1.02, 0.02, 0.0)))
-    assert np.count_nonzero(made.cells == 0) == 21 and not (made.cells == 254).any()
+    assert np.count_nonzero(made.cells == 0) == 21
+    assert not (made.cells == 254).any()
 
 
 def test_a_sensor_off_the_map_clears_nothing():
     made = layer(default=255)
     bounds = observe(made, cloud((0.0, 0.0, 0.0), origin=(-3.0, 0.0, 0.0)), (0.0, 0.0, 0.0))
     assert not (made.cells == 0).any()
-    assert bounds == NOWHERE        # the hit is 3 m away and does not mark
+    assert bounds == NOWHERE  # the hit is 3 m away and does not mark
 
 
 def test_a_ray_that_leaves_the_map_clears_up_to_its_edge():
     made = layer(n=40, origin=(-1.0, -1.0), default=255)
     observe(made, cloud((2.9, 0.02, 0.0), (-2.9, 0.02, 0.0), (0.02, 2.9, 0.0), (0.02, -2.9, 0.0)))
-    assert (made.cells[20] == 0).all() and (made.cells[:, 20] == 0).all()
+    assert (made.cells[20] == 0).all()
+    assert (made.cells[:, 20] == 0).all()
     assert not (made.cells == 254).any()
 
 
@@ -143,13 +160,14 @@ def test_the_last_scan_is_applied_again():
 
 def test_no_scan_no_bounds():
     assert layer().update_bounds((0.0, 0.0, 0.0), NO_FOOTPRINT) == NOWHERE
-    square = np.array([[-.2, -.1], [.2, -.1], [.2, .1], [-.2, .1]])
+    square = np.array([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]])
     assert layer().update_bounds((1.0, 0.0, 0.0), square) == (0.8, -0.1, 1.2, 0.1)
     assert layer(footprint_clearing_enabled=False).update_bounds((1.0, 0.0, 0.0), square) == NOWHERE
 
 
 def test_whole_numbers_as_parameters_compile_nothing_new():
-    from applr_ros1.planner import obstacle_layer
+    from applr_ros1.planner.costmap import obstacle_layer
+
     observe(layer(), cloud((1.02, 0.02, 0.0)))
     known = len(obstacle_layer._observe.signatures)
     observe(layer(obstacle_range=2, raytrace_range=3, clearing=1), cloud((1.02, 0.02, 0.0)))
@@ -162,7 +180,9 @@ def test_clearing_outside_a_square_leaves_its_inside():
     made.cells[:] = 254
     made.clear_outside((0.025, 0.025, 0.0), 0.5)
     inside = np.argwhere(made.cells == 254)
-    assert inside.min() == 16 and inside.max() == 24 and len(inside) == 81      # corner rows and columns are outside
+    assert inside.min() == 16
+    assert inside.max() == 24
+    assert len(inside) == 81
     assert (made.cells[made.cells != 254] == 255).all()
     made.cells[:] = 254
     made.clear_outside((0.025, 0.025, 0.0), 0.5, inverted=True)

@@ -1,4 +1,5 @@
 """The parameter tables, checks and requests. Expected values: a running C++ move_base (move_base_surface.json)."""
+
 import copy
 import json
 import math
@@ -8,10 +9,10 @@ import sys
 
 import pytest
 
-from applr_ros1.planner import parameters
-from applr_ros1.planner.configuration import Configuration
-from applr_ros1.planner.parameter_check import complete
-from applr_ros1.planner.parameters import JACKAL, SERVERS, STATIC, ParameterError, check
+from applr_ros1.planner.parameters import declarations as parameters
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.configuration import Configuration
+from applr_ros1.planner.parameters.declarations import JACKAL, SERVERS, STATIC, ParameterError, check
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 with open(os.path.join(HERE, "move_base_surface.json")) as file:
@@ -27,54 +28,59 @@ def number(value):
 def test_servers_equal_the_cpp_ones(server):
     theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
     ours = [(p.name, p.type, p.min, p.max, p.default, p.jackal) for p in SERVERS[server]]
-    assert ours == [(p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"])
-                    for p in theirs]
+    assert ours == [
+        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"]) for p in theirs
+    ]
 
 
 def test_jackal_tree_equals_the_running_one():
-    assert JACKAL == SURFACE["params"]
+    assert SURFACE["params"] == JACKAL
 
 
 def test_every_parameter_has_a_sentence():
     for table in list(SERVERS.values()) + list(STATIC.values()):
         for p in table:
-            assert p.doc.endswith(".") and p.doc[0].isupper() and '"' not in p.doc, p.name
+            assert p.doc.endswith(".") and p.doc[0].isupper() and '"' not in p.doc, p.name  # noqa: PT018
             assert p.type in ("double", "int", "bool", "str", "list")
 
 
 def test_jackal_is_clean_and_complete_is_stable():
-    assert check(JACKAL) == [] and check({}) == []
+    assert check(JACKAL) == []
+    assert check({}) == []
     full = complete(JACKAL)
     assert complete(full) == full
     assert check(full) == []
     assert full["aggressive_reset"]["reset_distance"] == 1.84
 
 
-@pytest.mark.parametrize("path, value, words", [
-    ("TrajectoryPlannerROS/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
-    ("zzz", 1.0, "no such parameter; remove it"),
-    ("local_costmap/inflation_radius", 0.3, "no such parameter"),
-    ("TrajectoryPlannerROS/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
-    ("TrajectoryPlannerROS/vx_samples", 0, "give a value from 1 to 300"),
-    ("TrajectoryPlannerROS/vx_samples", 6.5, "give a whole number"),
-    ("TrajectoryPlannerROS/vx_samples", "six", "give a whole number"),
-    ("TrajectoryPlannerROS/max_vel_x", math.nan, "give a finite number"),
-    ("TrajectoryPlannerROS/max_vel_x", True, "give a finite number"),
-    ("TrajectoryPlannerROS/dwa", 1, "give true or false"),
-    ("TrajectoryPlannerROS/pdist_scale", 0.5, "one of them"),
-    ("TrajectoryPlannerROS/sim_granularity", 0.0, "cannot work"),
-    ("controller_frequency", 0, "cannot work"),
-    ("local_costmap/footprint", "[[0, 0], [1, 0]]", "at least three points"),
-    ("local_costmap/footprint", "__import__('os')", "at least three points"),
-    ("local_costmap/width", 100000, "cells"),
-    ("local_costmap/resolution", 0.0, "cannot work"),
-    ("local_costmap/global_frame", "map", "give the same"),
-    ("local_costmap/plugins", [], "plugins"),
-    ("local_costmap/obstacles_layer/scan/data_type", "PointCloud2", "LaserScan"),
-    ("local_costmap/obstacles_layer/observation_sources", "scan bump", "one source"),
-    ("local_costmap", 3, "no such parameter"),
-    ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
-])
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("TrajectoryPlannerROS/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
+        ("zzz", 1.0, "no such parameter; remove it"),
+        ("local_costmap/inflation_radius", 0.3, "no such parameter"),
+        ("TrajectoryPlannerROS/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
+        ("TrajectoryPlannerROS/vx_samples", 0, "give a value from 1 to 300"),
+        ("TrajectoryPlannerROS/vx_samples", 6.5, "give a whole number"),
+        ("TrajectoryPlannerROS/vx_samples", "six", "give a whole number"),
+        ("TrajectoryPlannerROS/max_vel_x", math.nan, "give a finite number"),
+        ("TrajectoryPlannerROS/max_vel_x", True, "give a finite number"),
+        ("TrajectoryPlannerROS/dwa", 1, "give true or false"),
+        ("TrajectoryPlannerROS/pdist_scale", 0.5, "one of them"),
+        ("TrajectoryPlannerROS/sim_granularity", 0.0, "cannot work"),
+        ("controller_frequency", 0, "cannot work"),
+        ("local_costmap/footprint", "[[0, 0], [1, 0]]", "at least three points"),
+        ("local_costmap/footprint", "__import__('os')", "at least three points"),
+        ("local_costmap/width", 100000, "cells"),
+        ("local_costmap/resolution", 0.0, "cannot work"),
+        ("local_costmap/global_frame", "map", "give the same"),
+        ("local_costmap/plugins", [], "plugins"),
+        ("local_costmap/obstacles_layer/scan/data_type", "PointCloud2", "LaserScan"),
+        ("local_costmap/obstacles_layer/observation_sources", "scan bump", "one source"),
+        ("local_costmap", 3, "no such parameter"),
+        ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
+    ],
+)
 def test_check_says_what_where_and_what_to_do(path, value, words):
     tree = copy.deepcopy(JACKAL)
     *folders, name = path.split("/")
@@ -110,8 +116,10 @@ def test_footprint_may_be_a_list():
 
 
 def test_own_recoveries_bring_their_parameters():
-    tree = {"recovery_behaviors": [{"name": "wide", "type": parameters.RECOVERY_TYPES[0]}],
-            "wide": {"reset_distance": 7.0}}
+    tree = {
+        "recovery_behaviors": [{"name": "wide", "type": parameters.RECOVERY_TYPES[0]}],
+        "wide": {"reset_distance": 7.0},
+    }
     assert check(tree) == []
     assert complete(tree)["wide"]["reset_distance"] == 7.0
 
@@ -148,7 +156,8 @@ class TestConfiguration:
         config.accept(PLANNER, config.request(PLANNER, {"max_vel_x": 1.5}))
         new = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
         assert new == config.start_up(PLANNER)
-        assert new["max_vel_x"] == 0.5 and new["restore_defaults"] is False
+        assert new["max_vel_x"] == 0.5
+        assert new["restore_defaults"] is False
 
     def test_unknown_names(self, config):
         with pytest.raises(ParameterError, match="no such parameter"):
@@ -169,11 +178,15 @@ def test_cfg_files_are_generated_without_numpy(tmp_path):
     cfg = os.path.join(HERE, "..", "applr_ros1", "cfg", "TrajectoryPlanner.cfg")
     (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
     there = str(tmp_path)
-    done = subprocess.run([sys.executable, cfg, dynamic_reconfigure, there, there, there],
-                          env=dict(os.environ, PYTHONPATH=there + ":" + os.environ.get("PYTHONPATH", "")),
-                          capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, cfg, dynamic_reconfigure, there, there, there],
+        env=dict(os.environ, PYTHONPATH=there + ":" + os.environ.get("PYTHONPATH", "")),
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
     made = {}
     exec((tmp_path / "cfg" / "TrajectoryPlannerConfig.py").read_text(), made)
-    assert made["defaults"]["vx_samples"] == 20 and made["max"]["pdist_scale"] == 5.0
+    assert made["defaults"]["vx_samples"] == 20
+    assert made["max"]["pdist_scale"] == 5.0
     assert made["min"]["min_vel_theta"] == -20.0

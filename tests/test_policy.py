@@ -1,4 +1,5 @@
 """Parameter space, observation and actor file: values, refusals, agreement with scipy and torch."""
+
 import json
 import pickle
 import re
@@ -6,15 +7,15 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods, observation
 from applr_ros1.policy.actor import Actor, ActorError, save
-from applr_ros1.policy.observation import (ObservationError, check_scan, goal_angle, local_goal, observe,
-                                           smooth)
+from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space, SpaceError
-from training import trials
+from training.evaluation import trials
 from worlds import builtin
 
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
@@ -33,9 +34,10 @@ def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
 def test_theta_0_is_clearpaths_and_round_trips():
     assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30]
     np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError):  # noqa: PT011
         THETA_0[0] = 1.0
-    assert SPACE.as_dict(THETA_0)["vx_samples"] == 6 and isinstance(SPACE.as_dict(THETA_0)["vx_samples"], int)
+    assert SPACE.as_dict(THETA_0)["vx_samples"] == 6
+    assert isinstance(SPACE.as_dict(THETA_0)["vx_samples"], int)
 
 
 def test_actions_reach_the_ranges_and_never_leave_them():
@@ -53,8 +55,10 @@ def test_any_action_gives_legal_parameters_or_is_refused(values):
             SPACE.to_theta(values)
         return
     theta = SPACE.to_theta(values)
-    assert np.all(theta >= SPACE.low) and np.all(theta <= SPACE.high)
-    assert theta[2] == round(theta[2]) and theta[3] == round(theta[3])
+    assert np.all(theta >= SPACE.low)
+    assert np.all(theta <= SPACE.high)
+    assert theta[2] == round(theta[2])
+    assert theta[3] == round(theta[3])
 
 
 def test_counts_are_rounded_not_truncated():
@@ -64,9 +68,13 @@ def test_counts_are_rounded_not_truncated():
 
 
 def test_space_errors_are_one_line():
-    for call in (lambda: SPACE.to_theta(np.zeros(7)), lambda: SPACE.from_dict({"speed": 1.0}),
-                 lambda: SPACE.from_dict({"max_vel_x": 3.0}), lambda: SPACE.from_dict({"max_vel_x": "fast"}),
-                 lambda: SPACE.from_dict({"max_vel_x": float("nan")})):
+    for call in (
+        lambda: SPACE.to_theta(np.zeros(7)),
+        lambda: SPACE.from_dict({"speed": 1.0}),
+        lambda: SPACE.from_dict({"max_vel_x": 3.0}),
+        lambda: SPACE.from_dict({"max_vel_x": "fast"}),
+        lambda: SPACE.from_dict({"max_vel_x": float("nan")}),
+    ):
         with pytest.raises(SpaceError) as e:
             call()
         assert "\n" not in str(e.value)
@@ -81,9 +89,13 @@ def test_every_parameter_has_a_server():
 
 
 def test_ranges_lie_within_the_servers_bounds():
-    from applr_ros1.planner.parameters import SERVERS
-    names = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
-             "global_inflation": "global_costmap/inflater_layer"}
+    from applr_ros1.planner.parameters.declarations import SERVERS
+
+    names = {
+        "planner": "TrajectoryPlannerROS",
+        "local_inflation": "local_costmap/inflater_layer",
+        "global_inflation": "global_costmap/inflater_layer",
+    }
     for name, low, high in zip(SPACE.names, SPACE.low, SPACE.high):
         for target in SPACE.targets[name]:
             (p,) = [p for p in SERVERS[names[target.server]] if p.name == target.names[0]]
@@ -94,6 +106,7 @@ def test_ranges_lie_within_the_servers_bounds():
 @pytest.mark.parametrize("n", [5, 6, 18, 19, 20, 37, 200])
 def test_smoothing_equals_scipy(n):
     from scipy.signal import savgol_filter
+
     points = np.cumsum(np.random.default_rng(n).normal(size=(n, 2)), axis=0)
     window = min(19, n if n % 2 else n - 1)
     np.testing.assert_allclose(smooth(points), savgol_filter(points, window, 3, axis=0), atol=1e-9)
@@ -106,11 +119,12 @@ def test_short_plans_stay_as_they_are(n):
 
 
 def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
-    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])      # straight along +y
+    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])  # straight along +y
     gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
-    assert gx == pytest.approx(1.025) and gy == pytest.approx(0.0, abs=1e-9)
+    assert gx == pytest.approx(1.025)
+    assert gy == pytest.approx(0.0, abs=1e-9)
     assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
-    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)       # none: the last point
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)  # none: the last point
 
 
 def test_local_goal_refuses_empty_and_nan_plans():
@@ -123,7 +137,9 @@ def test_observation_layout_and_scale():
     ranges = np.full(720, 1.5, dtype=np.float32)
     ranges[0], ranges[1], ranges[2], ranges[3] = np.inf, 30.0, -np.inf, 0.1
     obs = observe(ranges, np.pi / 2, THETA_0)
-    assert obs.shape == (729,) and obs.dtype == np.float32 and observation.SIZE == 729
+    assert obs.shape == (729,)
+    assert obs.dtype == np.float32
+    assert observation.SIZE == 729
     np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
     assert obs[720] == pytest.approx(0.5)
     np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0), atol=1e-6)
@@ -143,7 +159,7 @@ def test_nan_beams_take_their_neighbours():
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2 ** 32 - 1), st.floats(0, 1), st.floats(-10, 10))
+@given(st.integers(0, 2**32 - 1), st.floats(0, 1), st.floats(-10, 10))
 def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     rng = np.random.default_rng(seed)
     ranges = rng.uniform(-5, 40, 720)
@@ -151,11 +167,14 @@ def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     odd[360] = False
     ranges[odd] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], odd.sum())
     obs = observe(ranges, phi, rng.normal(size=8) * 100)
-    assert np.all(np.isfinite(obs)) and np.all(np.abs(obs) <= 1.0)
+    assert np.all(np.isfinite(obs))
+    assert np.all(np.abs(obs) <= 1.0)
 
 
-@pytest.mark.parametrize("ranges, phi", [(np.full(720, np.nan), 0.0), (np.ones(719), 0.0), (np.ones(0), 0.0),
-                                         (np.ones(1080), 0.0), (np.ones(720), np.nan)])
+@pytest.mark.parametrize(
+    ("ranges", "phi"),
+    [(np.full(720, np.nan), 0.0), (np.ones(719), 0.0), (np.ones(0), 0.0), (np.ones(1080), 0.0), (np.ones(720), np.nan)],
+)
 def test_unusable_scans_are_refused_in_one_line(ranges, phi):
     with pytest.raises(ObservationError) as e:
         observe(ranges, phi, THETA_0)
@@ -199,6 +218,7 @@ class Bomb:
 
 def _raw(weights, **metadata):
     import safetensors.numpy
+
     return safetensors.numpy.save(weights, metadata=metadata)
 
 
@@ -214,12 +234,12 @@ def _damaged_files():
     nan = dict(good, **{"0.bias": np.full(32, np.nan, dtype=np.float32)})
     wide = make_weights(inputs=721)
     return {
-        "truncated": (whole[:len(whole) // 2], "truncated"),
+        "truncated": (whole[: len(whole) // 2], "truncated"),
         "empty": (b"", "truncated"),
         "pickle": (pickle.dumps(Bomb()), "pickle"),
         "zip": (b"PK\x03\x04" + b"\0" * 100, "pickle"),
         "old pickle": (pickle.dumps(Bomb(), protocol=0), "safetensors"),
-        "huge header": (struct.pack("<Q", 2 ** 62) + b"{}", "safetensors"),
+        "huge header": (struct.pack("<Q", 2**62) + b"{}", "safetensors"),
         "no json": (struct.pack("<Q", 4) + b"\xff\xfe\x00\x01", "damaged"),
         "deep json": (struct.pack("<Q", 200000) + b"[" * 200000, "damaged"),
         "checksum": (bytes(changed), "checksum"),
@@ -229,20 +249,27 @@ def _damaged_files():
         "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
         "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
-        "names": (_raw({"x": np.zeros(3, np.float32)}, **dict(header, sha256=actor_module.checksum(
-            {"x": np.zeros(3, np.float32)}))), "tensors are"),
+        "names": (
+            _raw(
+                {"x": np.zeros(3, np.float32)},
+                **dict(header, sha256=actor_module.checksum({"x": np.zeros(3, np.float32)})),
+            ),
+            "tensors are",
+        ),
     }
 
 
 @pytest.mark.parametrize("case", sorted(_damaged_files()))
 def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
     import builtins
+
     data, expected = _damaged_files()[case]
     path = tmp_path / "actor.safetensors"
     path.write_bytes(data)
     with pytest.raises(ActorError, match=expected) as e:
         Actor.load(path)
-    assert "\n" not in str(e.value) and str(path) in str(e.value)
+    assert "\n" not in str(e.value)
+    assert str(path) in str(e.value)
     assert not hasattr(builtins, "applr_bomb")
 
 
@@ -266,13 +293,13 @@ def test_another_space_is_another_space(tmp_path):
     high = SPACE.high.copy()
     high[0] = 1.0
     with pytest.raises(ActorError, match="another parameter space"):
-        Actor.load(tmp_path / "a.safetensors",
-                   Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+        Actor.load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
 
 
 def test_methods(tmp_path):
     obs = observe(np.ones(720), 0.0, THETA_0)
-    assert methods.make("dwa").static and methods.make("dwa").theta(obs).tolist() == THETA_0.tolist()
+    assert methods.make("dwa").static
+    assert methods.make("dwa").theta(obs).tolist() == THETA_0.tolist()
     first, again = methods.make("random", seed=3), methods.make("random", seed=3)
     np.testing.assert_array_equal(first.theta(obs), again.theta(obs))
     save(tmp_path / "a.safetensors", make_weights())
@@ -283,14 +310,27 @@ def test_methods(tmp_path):
     assert fixed.theta(obs)[:3].tolist() == [1.5, 1.57, 12]
 
 
-@pytest.mark.parametrize("text", ["", "[1]", "{", '{"speed": 1}', '{"max_vel_x": 9}', '{"max_vel_x": NaN}',
-                                  '{"max_vel_x": [1]}', "[" * 50000, '{"max_vel_x": true}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[1]",
+        "{",
+        '{"speed": 1}',
+        '{"max_vel_x": 9}',
+        '{"max_vel_x": NaN}',
+        '{"max_vel_x": [1]}',
+        "[" * 50000,
+        '{"max_vel_x": true}',
+    ],
+)
 def test_bad_parameter_files_are_one_line(text, tmp_path):
     path = tmp_path / "set.json"
     path.write_text(text)
     with pytest.raises(SpaceError) as e:
         methods.make("fixed", parameters=str(path))
-    assert "\n" not in str(e.value) and str(path) in str(e.value)
+    assert "\n" not in str(e.value)
+    assert str(path) in str(e.value)
 
 
 def test_unknown_modes_and_missing_files():
@@ -305,9 +345,11 @@ def test_shipped_policy_says_what_made_it_and_drives():
     """models/applr.safetensors is what mode:=applr takes; three test worlds, every one faster than with theta_0."""
     path = methods.shipped()
     told = Actor.load(path).metadata
-    assert told["training"]["transitions"] > 10_000 and "generated:test" not in told["training"]["options"]["worlds"]
+    assert told["training"]["transitions"] > 10_000
+    assert "generated:test" not in told["training"]["options"]["worlds"]
     numbers = re.findall(r"generated:(\d+)", told["training"]["options"]["worlds"])
-    assert numbers and not {int(n) for n in numbers} & set(builtin.TEST)
+    assert numbers
+    assert not {int(n) for n in numbers} & set(builtin.TEST)
     assert 0.0 < told["result"]["time_s"] < 100.0
     with open(path.replace(".safetensors", ".md"), encoding="utf-8") as card:
         assert "training.train" in card.read()

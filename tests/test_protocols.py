@@ -1,5 +1,7 @@
 """Whole evaluations beyond the paper's protocol, in both simulators: DynaBARN's moving cylinders, and the BARN
-Challenge's rules. The worlds are made here."""
+Challenge's rules. The worlds are made here.
+"""
+
 import csv
 import json
 
@@ -7,15 +9,18 @@ import numpy as np
 import pytest
 
 pytest.importorskip("tqdm")
-import worlds  # noqa: E402
-from training import evaluate  # noqa: E402
-from training.trial_store import read_trace  # noqa: E402
-from worlds import sdf_writer  # noqa: E402
 from worlds_sdf import cylinder, put, sdf  # noqa: E402
 
+import worlds  # noqa: E402
+from training import evaluate  # noqa: E402
+from training.evaluation.store import read_trace  # noqa: E402
+from worlds import sdf_writer  # noqa: E402
+
 SIMULATORS = ("kinematic", "pybullet")
-WALL = ("<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
-        "<size>24 .5 1</size></box></geometry></collision></link></model>")
+WALL = (
+    "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+    "<size>24 .5 1</size></box></geometry></collision></link></model>"
+)
 
 
 def drive(folder, *arguments):
@@ -26,15 +31,20 @@ def drive(folder, *arguments):
 
 def dynabarn(folder, crossing):
     """A DynaBARN-like file: walls, and cylinders of .5 m whose plugins' sources lie beside it. crossing: key frames
-    (t, x, y) of the first; the second stays far from the course."""
+    (t, x, y) of the first; the second stays far from the course.
+    """
     tracks = {"obs_1": crossing, "obs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
     for name, frames in tracks.items():
-        (folder / (name + ".cc")).write_text("".join(
-            "key = anim->CreateKeyFrame(%.2f);\nkey->Translation(ignition::math::Vector3d(%.2f, %.2f, 0));\n" % row
-            for row in frames))
-        body += cylinder(0, 0, radius=.5, name=name).replace(
-            "</model>", "<plugin name='%s' filename='lib%s.so'/></model>" % (name, name))
+        (folder / (name + ".cc")).write_text(
+            "".join(
+                "key = anim->CreateKeyFrame(%.2f);\nkey->Translation(ignition::math::Vector3d(%.2f, %.2f, 0));\n" % row
+                for row in frames
+            )
+        )
+        body += cylinder(0, 0, radius=0.5, name=name).replace(
+            "</model>", "<plugin name='%s' filename='lib%s.so'/></model>" % (name, name)
+        )
     return put(folder, sdf(body), "world_3.world")
 
 
@@ -42,11 +52,13 @@ def dynabarn(folder, crossing):
 def test_dynabarn_is_driven(tmp_path, simulator):
     """20 m past a cylinder that crosses the course 4 m ahead of the start, back and forth."""
     path = dynabarn(tmp_path, ((0, 6, -3), (8, 6, 3), (16, 6, -3)))
-    rows, measures = drive(tmp_path / "out", "--worlds", path, "--methods", "fast_dwa", "--simulator", simulator,
-                           "--no-report")
+    rows, measures = drive(
+        tmp_path / "out", "--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--no-report"
+    )
     assert [r["world"] for r in rows] == ["world_3"]
     assert rows[0]["success"] == "True", measures
-    assert 18.0 < float(rows[0]["path_length_m"]) < 26.0 and float(rows[0]["time_s"]) > 18.0
+    assert 18.0 < float(rows[0]["path_length_m"]) < 26.0
+    assert float(rows[0]["time_s"]) > 18.0
     trace = read_trace(tmp_path / "out", "world_3", "fast_dwa", 0)
     assert np.allclose(trace["pose"][0], [11.0, 0.0, np.pi], atol=0.1)
     mover = worlds.load(path).movers[0]
@@ -59,26 +71,40 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path, simulator):
     """Under the paper's rules the trial goes on, and the row says that it touched."""
     path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
     (row,), _ = drive(tmp_path / "out", "--worlds", path, "--methods", "dwa", "--simulator", simulator, "--no-report")
-    assert row["collided"] == "True" and int(row["decisions"]) > 3
+    assert row["collided"] == "True"
+    assert int(row["decisions"]) > 3
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_barn_challenge(tmp_path, simulator):
     """Its start, goal and limit; a collision ends the run; both versions of the metric in the report."""
     base = worlds.load("generated:2")
-    bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))      # from behind, faster
+    bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))  # from behind, faster
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
     sdf_writer.write(world, str(tmp_path / "hit.world"))
-    arguments = ["--worlds", "generated:2,%s" % (tmp_path / "hit.world"), "--methods", "dwa", "--simulator", simulator,
-                 "--protocol", "barn-challenge"]
+    arguments = [
+        "--worlds",
+        "generated:2,%s" % (tmp_path / "hit.world"),
+        "--methods",
+        "dwa",
+        "--simulator",
+        simulator,
+        "--protocol",
+        "barn-challenge",
+    ]
     rows, measures = drive(tmp_path / "out", *arguments)
     free, hit = rows
-    assert free["success"] == "True" and free["collided"] == "False" and 18.0 < float(free["time_s"]) < 100.0
+    assert free["success"] == "True"
+    assert free["collided"] == "False"
+    assert 18.0 < float(free["time_s"]) < 100.0
     trace = read_trace(tmp_path / "out", "generated:2", "dwa", 0)
     assert np.allclose(trace["pose"][0], [-2.25, 3.0, np.pi / 2], atol=0.1)
     assert abs(np.hypot(*(trace["pose"][-1][:2] - (-2.25, 13.0))) - 1.0) < 0.1
-    assert hit["collided"] == "True" and hit["success"] == "False" and hit["timeout"] == "False"
-    assert measures[1]["reason"] == "contact" and float(hit["time_s"]) < 10.0
+    assert hit["collided"] == "True"
+    assert hit["success"] == "False"
+    assert hit["timeout"] == "False"
+    assert measures[1]["reason"] == "contact"
+    assert float(hit["time_s"]) < 10.0
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
         table = {row["worlds"]: row for row in csv.DictReader(file)}
     route, time = float(measures[0]["route_m"]), float(free["time_s"])

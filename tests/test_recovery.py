@@ -1,16 +1,17 @@
 """The recoveries by themselves: order, the rotation turn by turn, clearing under the layer's real name."""
+
 import math
 
 import numpy as np
 import pytest
+from toy_robot import ToyRobot
 
 from applr_ros1.planner import recovery
-from applr_ros1.planner.costmap import Costmap
-from applr_ros1.planner.footprint import pad
-from applr_ros1.planner.parameter_check import complete
-from applr_ros1.planner.parameters import JACKAL, RECOVERY_TYPES
-from applr_ros1.planner.scan import PointCloud
-from toy_robot import ToyRobot
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.footprint import pad
+from applr_ros1.planner.costmap.scan import PointCloud
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.declarations import JACKAL, RECOVERY_TYPES
 
 FOOTPRINT = pad([[-0.21, -0.165], [-0.21, 0.165], [0.21, 0.165], [0.21, -0.165]], 0.1)
 
@@ -52,13 +53,15 @@ def test_listed_recoveries_replace_the_usual():
 
 def test_clearing_forgets_outside_the_square_only():
     local, world = costmap(), costmap()
-    assert lethal(local, 2.0, 0.0) and lethal(local, 0.81, 0.81)
+    assert lethal(local, 2.0, 0.0)
+    assert lethal(local, 0.81, 0.81)
     clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
     assert clear.step(0.0, (0.0, 0.0, 0.0), local, world) is None
     empty = PointCloud((0.0, 0.0, 0.0), local.obstacles.cloud.points[:0])
     for made in (local, world):
         made.update((0.0, 0.0, 0.0), empty)
-        assert not lethal(made, 2.0, 0.0) and lethal(made, 0.81, 0.81)
+        assert not lethal(made, 2.0, 0.0)
+        assert lethal(made, 0.81, 0.81)
 
 
 def test_rotation_is_one_full_turn_anticlockwise():
@@ -96,7 +99,9 @@ def test_rotation_of_a_robot_that_cannot_turn_ends():
     assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
 
 
-@pytest.mark.parametrize("a, b, want", [(0, 1, 1), (1, 0, -1), (3, -3, 2 * math.pi - 6), (0, math.pi, math.pi),
-                                        (0, -math.pi, math.pi), (10, 10, 0)])
+@pytest.mark.parametrize(
+    ("a", "b", "want"),
+    [(0, 1, 1), (1, 0, -1), (3, -3, 2 * math.pi - 6), (0, math.pi, math.pi), (0, -math.pi, math.pi), (10, 10, 0)],
+)
 def test_angle_difference(a, b, want):
     assert recovery.angle_difference(a, b) == pytest.approx(want, abs=1e-12)

@@ -1,4 +1,5 @@
 """The replay: what is stored, what is drawn, what is refused; and its journal on disk."""
+
 import os
 
 import numpy as np
@@ -8,10 +9,10 @@ from hypothesis import strategies as st
 
 pytest.importorskip("torch")
 
-from training.journal import Journal  # noqa: E402
-from training.replay import Replay  # noqa: E402
+from training.experience.journal import Journal  # noqa: E402
+from training.experience.replay import Replay  # noqa: E402
+from training.experience.trajectory import Layout, Trajectory, TrajectoryError  # noqa: E402
 from training.storage import StorageError  # noqa: E402
-from training.trajectory import Layout, Trajectory, TrajectoryError  # noqa: E402
 
 SMALL = Layout(scan=4, rest=2, action=2)
 
@@ -19,31 +20,39 @@ SMALL = Layout(scan=4, rest=2, action=2)
 def episode(t, number=0, terminated=False, actor="a", layout=SMALL, rng=None, rewards=None):
     rng = rng or np.random.default_rng(number)
     observations = rng.uniform(-1, 1, (t + 1, layout.size))
-    return Trajectory.of(layout, observations, rng.uniform(-1, 1, (t, layout.action)),
-                         rng.normal(size=t) if rewards is None else rewards, terminated,
-                         {"actor": actor, "episode": number})
+    return Trajectory.of(
+        layout,
+        observations,
+        rng.uniform(-1, 1, (t, layout.action)),
+        rng.normal(size=t) if rewards is None else rewards,
+        terminated,
+        {"actor": actor, "episode": number},
+    )
 
 
 def test_the_papers_five_million_transitions_fit_in_eight_gigabytes():
-    replay = Replay(Layout(), 5_500_000)        # allocated lazily: costs nothing here
+    replay = Replay(Layout(), 5_500_000)  # allocated lazily: costs nothing here
     assert replay.nbytes < 4.5e9
-    assert Layout().step * 1.0 == pytest.approx(2 / 255)    # of [-1, 1], which is 2 m: 7.8 mm
+    assert Layout().step * 1.0 == pytest.approx(2 / 255)  # of [-1, 1], which is 2 m: 7.8 mm
 
 
 def test_the_scan_comes_back_within_half_a_step():
     layout = Layout()
     observations = np.random.default_rng(0).uniform(-1, 1, (5, layout.size)).astype(np.float32)
-    back = layout.restore(layout.quantise(observations), observations[:, layout.scan:])
+    back = layout.restore(layout.quantise(observations), observations[:, layout.scan :])
     assert np.abs(back - observations)[:, :720].max() <= layout.step / 2 + 1e-6
     assert np.array_equal(back[:, 720:], observations[:, 720:])
     edges = np.zeros((1, layout.size), np.float32)
-    edges[0, :3] = -1, 1, 5                     # beyond the range: clipped, not wrapped
+    edges[0, :3] = -1, 1, 5  # beyond the range: clipped, not wrapped
     assert layout.quantise(edges)[0, :3].tolist() == [0, 255, 255]
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12), st.integers(12, 40),
-       st.integers(1, 5))
+@given(
+    st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12),
+    st.integers(12, 40),
+    st.integers(1, 5),
+)
 def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
     """Against a plain list of episodes, in a ring that has been around several times."""
     gamma, replay, truth = 0.9, Replay(SMALL, capacity), {}
@@ -52,18 +61,27 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
         replay.add(trajectory)
         for k in range(t):
             m = min(n, t - k)
-            total = sum(gamma ** i * float(trajectory.reward[k + i]) for i in range(m))
+            total = sum(gamma**i * float(trajectory.reward[k + i]) for i in range(m))
             ended = terminated and k + m == t
-            truth[trajectory.rest[k].tobytes()] = (total, 0.0 if ended else gamma ** m, trajectory.rest[k + m],
-                                                   trajectory.scan[k + m], trajectory.action[k], trajectory.scan[k])
+            truth[trajectory.rest[k].tobytes()] = (
+                total,
+                0.0 if ended else gamma**m,
+                trajectory.rest[k + m],
+                trajectory.scan[k + m],
+                trajectory.action[k],
+                trajectory.scan[k],
+            )
     rng = np.random.default_rng(0)
     rows = replay.draw(rng, 200)
     rewards, discounts, following = replay.look_ahead(rows, n, gamma)
     for row, reward, discount, after in zip(rows, rewards, discounts, following):
         total, factor, rest, scan, action, here = truth[replay.rest[row].tobytes()]
-        assert reward == pytest.approx(total, abs=1e-5) and discount == pytest.approx(factor)
-        assert np.array_equal(replay.rest[after], rest) and np.array_equal(replay.scan[after], scan)
-        assert np.array_equal(replay.action[row], action) and np.array_equal(replay.scan[row], here)
+        assert reward == pytest.approx(total, abs=1e-5)
+        assert discount == pytest.approx(factor)
+        assert np.array_equal(replay.rest[after], rest)
+        assert np.array_equal(replay.scan[after], scan)
+        assert np.array_equal(replay.action[row], action)
+        assert np.array_equal(replay.scan[row], here)
     assert replay.held == np.count_nonzero(replay.end != 3)
     assert replay.transitions == sum(t for t, _ in lengths)
 
@@ -74,7 +92,8 @@ def test_every_transition_is_drawn_equally_often():
         replay.add(episode(t, number))
     counts = np.bincount(replay.draw(np.random.default_rng(0), 130_000), minlength=16)
     assert np.count_nonzero(counts) == 13
-    assert counts[counts > 0].min() > 9_600 and counts.max() < 10_400
+    assert counts[counts > 0].min() > 9_600
+    assert counts.max() < 10_400
 
 
 def test_batch_is_what_the_rows_say():
@@ -97,9 +116,9 @@ def test_mirror_turns_half_of_a_batch_left_for_right():
     for name in ("observation", "following"):
         ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
         np.testing.assert_array_equal(ours[32:], theirs[32:])
-        np.testing.assert_array_equal(ours[:32, :SMALL.scan], theirs[:32, :SMALL.scan][:, ::-1])
+        np.testing.assert_array_equal(ours[:32, : SMALL.scan], theirs[:32, : SMALL.scan][:, ::-1])
         np.testing.assert_array_equal(ours[:32, SMALL.scan], -theirs[:32, SMALL.scan])
-        np.testing.assert_array_equal(ours[:32, SMALL.scan + 1:], theirs[:32, SMALL.scan + 1:])
+        np.testing.assert_array_equal(ours[:32, SMALL.scan + 1 :], theirs[:32, SMALL.scan + 1 :])
     for name in ("action", "reward", "discount", "noise"):
         np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
 
@@ -110,17 +129,20 @@ def broken(change):
     return trajectory
 
 
-@pytest.mark.parametrize("change, why", [
-    (lambda t: t.rest.__setitem__((1, 0), np.nan), "rest holds NaN"),
-    (lambda t: t.reward.__setitem__(0, np.inf), "reward holds NaN or inf"),
-    (lambda t: t.action.__setitem__((0, 0), 1.5), "outside"),
-    (lambda t: setattr(t, "scan", t.scan[:-1]), "scan is uint8"),
-    (lambda t: setattr(t, "scan", t.scan.astype(np.float32)), "scan is float32"),
-    (lambda t: setattr(t, "reward", np.zeros(0, np.float32)), "0 transitions"),
-    (lambda t: t.info.pop("actor"), "no valid actor"),
-    (lambda t: t.info.update(episode=-1), "no valid actor"),
-    (lambda t: t.info.update(episode="1"), "no valid actor"),
-])
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda t: t.rest.__setitem__((1, 0), np.nan), "rest holds NaN"),
+        (lambda t: t.reward.__setitem__(0, np.inf), "reward holds NaN or inf"),
+        (lambda t: t.action.__setitem__((0, 0), 1.5), "outside"),
+        (lambda t: setattr(t, "scan", t.scan[:-1]), "scan is uint8"),
+        (lambda t: setattr(t, "scan", t.scan.astype(np.float32)), "scan is float32"),
+        (lambda t: setattr(t, "reward", np.zeros(0, np.float32)), "0 transitions"),
+        (lambda t: t.info.pop("actor"), "no valid actor"),
+        (lambda t: t.info.update(episode=-1), "no valid actor"),
+        (lambda t: t.info.update(episode="1"), "no valid actor"),
+    ],
+)
 def test_malformed_trajectories_are_refused_and_leave_no_trace(change, why):
     replay = Replay(SMALL, 50)
     replay.add(episode(4, 7))
@@ -137,7 +159,8 @@ def test_the_same_episode_twice_is_refused_in_any_order():
             replay.add(episode(2, number))
     replay.add(episode(2, 1))
     replay.add(episode(2, 3, actor="another"))
-    assert replay.episodes_of("a") == 4 and replay.episodes_of("nobody") == 0
+    assert replay.episodes_of("a") == 4
+    assert replay.episodes_of("nobody") == 0
     with pytest.raises(TrajectoryError, match="do not fit"):
         Replay(SMALL, 3).add(episode(4))
 
@@ -146,7 +169,8 @@ def test_bytes_there_and_back_and_nonsense_refused():
     trajectory = episode(3, 5, True)
     trajectory.info["return"] = -1.5
     back = Trajectory.unpack(trajectory.pack())
-    assert back.info == trajectory.info and back.terminated is True
+    assert back.info == trajectory.info
+    assert back.terminated is True
     assert all(np.array_equal(getattr(back, k), getattr(trajectory, k)) for k in ("scan", "rest", "action", "reward"))
     blob = trajectory.pack()
     for nonsense in (b"", b"{}", blob[:50], blob[:-5], b"\x80\x04K\x01.", os.urandom(500), b"\xff" * 100):
@@ -175,7 +199,9 @@ def test_journal_keeps_order_and_drops_only_a_torn_last_record(tmp_path):
     assert list(Journal(tmp_path).read()) == blobs + [b"more"]
     torn.forget_before(5)
     kept = list(Journal(tmp_path).read())
-    assert blobs[5] in kept and kept[-1] == b"more" and blobs[0] not in kept
+    assert blobs[5] in kept
+    assert kept[-1] == b"more"
+    assert blobs[0] not in kept
 
 
 def test_journal_says_when_a_checkpoint_needs_more_than_is_there(tmp_path):
@@ -186,7 +212,7 @@ def test_journal_says_when_a_checkpoint_needs_more_than_is_there(tmp_path):
     os.truncate(tmp_path / "000000.segment", 30)
     with pytest.raises(StorageError, match="missing or damaged"):
         list(Journal(tmp_path).read(until=place))
-    (tmp_path / "000000.segment").write_bytes(b"")      # a zero-byte file is an empty journal
+    (tmp_path / "000000.segment").write_bytes(b"")  # a zero-byte file is an empty journal
     assert list(Journal(tmp_path).read()) == []
 
 
@@ -198,6 +224,7 @@ def test_journal_on_a_full_disk_stays_whole(tmp_path, monkeypatch):
         if len(data) > 7:
             return real(descriptor, data[:7])
         raise OSError(28, "No space left on device")
+
     real = os.write
     monkeypatch.setattr(os, "write", full)
     with pytest.raises(StorageError, match="No space left.*--resume"):
@@ -207,6 +234,8 @@ def test_journal_on_a_full_disk_stays_whole(tmp_path, monkeypatch):
 
 
 def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
-    monkeypatch.setattr("training.replay.os.sysconf", lambda name: 4096 if "SIZE" in name else 2 ** 20)     # 4 GiB
+    monkeypatch.setattr(
+        "training.experience.replay.os.sysconf", lambda name: 4096 if "SIZE" in name else 2**20
+    )  # 4 GiB
     with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
-        Replay(Layout(), 10 ** 8)
+        Replay(Layout(), 10**8)

@@ -1,4 +1,5 @@
 """The simulated Jackal over ROS: topics, tf, commands and their time-out, reset, change of world, mistakes, factors."""
+
 import time
 from math import hypot, pi
 
@@ -12,6 +13,7 @@ import rospy  # noqa: E402
 import tf2_ros  # noqa: E402
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
+from ros_harness import ROOT, session, wait_for  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 from sensor_msgs.msg import Imu, JointState, LaserScan  # noqa: E402
 from std_msgs.msg import Bool, String  # noqa: E402
@@ -19,12 +21,19 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger  # noqa: E402
 from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
 
 import worlds  # noqa: E402
-from ros_harness import ROOT, session, wait_for  # noqa: E402
 
 SCRIPT = ROOT / "applr_ros1" / "scripts" / "sim_bridge.py"
-HEARD = {"/clock": Clock, "/front/scan": LaserScan, "/odometry/filtered": Odometry, "/imu/data": Imu,
-         "/joint_states": JointState, "/collision": Bool, "/sim_bridge/ground_truth": Odometry,
-         "/sim_bridge/obstacles": MarkerArray, "/sim_bridge/current_world": String}
+HEARD = {
+    "/clock": Clock,
+    "/front/scan": LaserScan,
+    "/odometry/filtered": Odometry,
+    "/imu/data": Imu,
+    "/joint_states": JointState,
+    "/collision": Bool,
+    "/sim_bridge/ground_truth": Odometry,
+    "/sim_bridge/obstacles": MarkerArray,
+    "/sim_bridge/current_world": String,
+}
 
 
 def start(name, parameters):
@@ -37,8 +46,10 @@ class Robot:
 
     def __init__(self, **parameters):
         self.heard = {topic: [] for topic in HEARD}
-        self.subscribers = [rospy.Subscriber(topic, kind, self._keep, (topic,), queue_size=200, buff_size=2 ** 22)
-                            for topic, kind in HEARD.items()]
+        self.subscribers = [
+            rospy.Subscriber(topic, kind, self._keep, (topic,), queue_size=200, buff_size=2**22)
+            for topic, kind in HEARD.items()
+        ]
         self.command = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
         self.set_pose = rospy.Publisher("/set_pose", PoseWithCovarianceStamped, queue_size=1)
         self.process = start("sim_bridge", parameters)
@@ -112,12 +123,15 @@ def test_topics_and_rates(robot):
     heard = {topic: list(messages) for topic, messages in robot.heard.items()}
     for topic in ("/front/scan", "/odometry/filtered", "/imu/data", "/joint_states", "/sim_bridge/ground_truth"):
         assert seconds_between(heard[topic]).mean() == pytest.approx(0.02, rel=0.03), topic
-        assert 0.01 < seconds_between(heard[topic]).min() and seconds_between(heard[topic]).max() < 0.03
+        assert seconds_between(heard[topic]).min() > 0.01
+        assert seconds_between(heard[topic]).max() < 0.03
     assert np.diff([c.clock.to_sec() for c in heard["/clock"]]).mean() == pytest.approx(0.01, rel=0.03)
-    assert len(heard["/clock"]) == pytest.approx(150, abs=25)          # real time
+    assert len(heard["/clock"]) == pytest.approx(150, abs=25)  # real time
     scan, odometry = heard["/front/scan"][-1], heard["/odometry/filtered"][-1]
-    assert scan.header.frame_id == "front_laser" and len(scan.ranges) == 720
-    assert scan.angle_min == pytest.approx(-2.35619) and scan.angle_max == pytest.approx(2.35619)
+    assert scan.header.frame_id == "front_laser"
+    assert len(scan.ranges) == 720
+    assert scan.angle_min == pytest.approx(-2.35619)
+    assert scan.angle_max == pytest.approx(2.35619)
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
     assert heard["/sim_bridge/ground_truth"][-1].header.frame_id == "world"
 
@@ -131,7 +145,8 @@ def test_frames(robot):
     start = worlds.load("generated:0").course.start
     wait_for(lambda: buffer.can_transform("world", "odom", rospy.Time(0)), 5.0, "tf of the world")
     origin = buffer.lookup_transform("world", "odom", rospy.Time(0)).transform
-    assert (origin.translation.x, origin.translation.y) == pytest.approx(start[:2]) and origin.rotation.w == 1.0
+    assert (origin.translation.x, origin.translation.y) == pytest.approx(start[:2])
+    assert origin.rotation.w == 1.0
     listener.unregister()
 
 
@@ -139,7 +154,8 @@ def test_obstacles_are_shown(robot):
     world = worlds.load("generated:0")
     markers = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, 5.0).markers
     cylinders = [m for m in markers if m.type == Marker.CYLINDER and m.action == Marker.ADD]
-    assert len(cylinders) == len(world.cylinders) and markers[0].action == Marker.DELETEALL
+    assert len(cylinders) == len(world.cylinders)
+    assert markers[0].action == Marker.DELETEALL
     assert len({m.id for m in cylinders}) == len(cylinders)
     assert rospy.wait_for_message("/sim_bridge/current_world", String, 5.0).data == "generated:0"
 
@@ -154,7 +170,7 @@ def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
     assert robot.speed == pytest.approx(0.5, abs=0.05)
     stopped_from = rospy.Time.from_sec(robot.heard["/clock"][-1].clock.to_sec())
     robot.wait(lambda: robot.heard["/clock"][-1].clock > stopped_from + rospy.Duration(0.5))
-    assert abs(robot.speed) < 0.02                                       # no planner: it stands within .5 s
+    assert abs(robot.speed) < 0.02  # no planner: it stands within .5 s
 
 
 def test_commands_that_are_no_numbers_are_refused_and_do_not_drive(robot):
@@ -173,8 +189,9 @@ def test_reset_puts_robot_and_odometry_back_and_clears_the_costmaps(robot):
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()
     odometry, truth = robot.odometry, robot.next("/sim_bridge/ground_truth")
     start = worlds.load("generated:0").course.start
-    assert position(odometry) == (0.0, 0.0) and position(truth) == pytest.approx(start[:2], abs=1e-3)
-    assert robot.heard["/clock"][-1].clock > before                      # ROS time does not go back
+    assert position(odometry) == (0.0, 0.0)
+    assert position(truth) == pytest.approx(start[:2], abs=1e-3)
+    assert robot.heard["/clock"][-1].clock > before  # ROS time does not go back
     service.shutdown("done")
     assert cleared
 
@@ -196,7 +213,7 @@ def test_set_pose_sets_what_the_odometry_believes(robot):
     robot.set_pose.publish(message)
     robot.wait(lambda: position(robot.heard["/odometry/filtered"][-1]) == pytest.approx((1.0, 2.0), abs=0.01))
     assert position(robot.next("/sim_bridge/ground_truth")) == pytest.approx(truth, abs=1e-3)
-    message.pose.pose.orientation.w = 0.0                               # no rotation at all
+    message.pose.pose.orientation.w = 0.0  # no rotation at all
     robot.set_pose.publish(message)
     robot.wait(lambda: "/set_pose refused" in robot.process.text)
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()
@@ -208,7 +225,7 @@ def test_contact_is_reported(robot):
     robot.forget()
     time.sleep(0.3)
     assert not any(message.data for message in robot.heard["/collision"])
-    robot.drive(0.0, 1.57, 1.0)                                          # turn to the side wall and run into it
+    robot.drive(0.0, 1.57, 1.0)  # turn to the side wall and run into it
     for _ in range(10):
         robot.drive(1.0, 0.0, 0.5)
         if any(message.data for message in robot.heard["/collision"]):
@@ -220,7 +237,8 @@ def test_changes_the_world_without_a_restart(robot):
     load = rospy.ServiceProxy("/sim_bridge/load_world", Trigger)
     rospy.set_param("/sim_bridge/world", "physical_course")
     answer = load()
-    assert answer.success and answer.message == "world physical_course"
+    assert answer.success
+    assert answer.message == "world physical_course"
     assert rospy.wait_for_message("/sim_bridge/current_world", String, 5.0).data == "physical_course"
     kinds = {m.type for m in rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, 5.0).markers[1:]}
     assert Marker.CUBE in kinds
@@ -228,7 +246,9 @@ def test_changes_the_world_without_a_restart(robot):
     assert position(robot.next("/sim_bridge/ground_truth")) == pytest.approx(start[:2], abs=1e-3)
     rospy.set_param("/sim_bridge/world", "generated:5000")
     answer = load()
-    assert not answer.success and "generated:5000" in answer.message and "\n" not in answer.message
+    assert not answer.success
+    assert "generated:5000" in answer.message
+    assert "\n" not in answer.message
     publisher = rospy.Publisher("/sim_bridge/world", String, queue_size=1)
     wait_for(publisher.get_num_connections, 5.0, "connection")
     publisher.publish("generated:1")
@@ -237,26 +257,37 @@ def test_changes_the_world_without_a_restart(robot):
 
 def test_ends_on_interrupt(robot):
     began = time.monotonic()
-    assert robot.process.end() == 0 and time.monotonic() - began < 3.0
+    assert robot.process.end() == 0
+    assert time.monotonic() - began < 3.0
     assert "Traceback" not in robot.process.text
 
 
-@pytest.mark.parametrize("parameters, words", [
-    ({"world": "nowhere.world"}, "nowhere.world"), ({"real_time_factor": -1.0}, "real_time_factor"),
-    ({"simulator": "gazebo"}, "gazebo"), ({"seed": -5}, "seed"), ({"world": "physical_course", "gui": "true"}, "gui"),
-    ({"simulator": "kinematic", "gui": "true"}, "no window"), ({"randomisation": 5}, "randomisation is 5"),
-    ({"randomisation": {"slop": 1}}, "slop"), ({"randomisation": {"slip": "much"}}, "slip")])
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"world": "nowhere.world"}, "nowhere.world"),
+        ({"real_time_factor": -1.0}, "real_time_factor"),
+        ({"simulator": "gazebo"}, "gazebo"),
+        ({"seed": -5}, "seed"),
+        ({"world": "physical_course", "gui": "true"}, "gui"),
+        ({"simulator": "kinematic", "gui": "true"}, "no window"),
+        ({"randomisation": 5}, "randomisation is 5"),
+        ({"randomisation": {"slop": 1}}, "slop"),
+        ({"randomisation": {"slip": "much"}}, "slip"),
+    ],
+)
 def test_mistakes_end_it_with_one_line(parameters, words):
     child = start("wrong_bridge", parameters)
     assert child.process.wait(30.0) == 1
     lines = [line for line in child.text.splitlines() if line.strip()]
-    assert len(lines) == 1 and words in lines[0], child.text
+    assert len(lines) == 1 and words in lines[0], child.text  # noqa: PT018
     rospy.delete_param("/wrong_bridge")
 
 
 def test_factor_zero_keeps_step_with_who_commands():
     """A planner that takes 20 ms a cycle is never overtaken, and the simulation is faster than real time; once it falls
-    silent the clock runs on."""
+    silent the clock runs on.
+    """
     session()
     robot = Robot(world="generated:0", simulator="kinematic", real_time_factor=0.0)
     try:
@@ -272,7 +303,8 @@ def test_factor_zero_keeps_step_with_who_commands():
             gaps.append(now - last)
             last = now
             robot.command.publish(message)
-        assert max(gaps) < 0.11 and np.median(gaps) == pytest.approx(0.05, abs=0.012)
+        assert max(gaps) < 0.11
+        assert np.median(gaps) == pytest.approx(0.05, abs=0.012)
         assert (last - start) / 2.0 > 1.5
         time.sleep(1.0)
         assert 0.4 < robot.heard["/clock"][-1].clock.to_sec() - last < 1.5

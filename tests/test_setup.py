@@ -1,5 +1,7 @@
 """./applr when something is missing: one clear line and a non-zero exit, before anything is changed. The script runs
-from a copy in another folder, with stand-ins for the system's programs first on PATH; nothing is installed."""
+from a copy in another folder, with stand-ins for the system's programs first on PATH; nothing is installed.
+"""
+
 import os
 import shutil
 import subprocess
@@ -24,8 +26,9 @@ def clone(tmp_path):
             (programs / name).write_text("#!/bin/sh\n" + body + "\n")
             (programs / name).chmod(0o755)
         environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % programs, **environment)
-        done = subprocess.run([str(tmp_path / "applr"), *words], env=environment, capture_output=True, text=True,
-                              timeout=120, check=False)
+        done = subprocess.run(
+            [str(tmp_path / "applr"), *words], env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
         return done.returncode, done.stderr.strip().splitlines()
 
     run.programs = programs
@@ -33,25 +36,34 @@ def clone(tmp_path):
 
 
 NOTHING = {"dpkg-query": "exit 1"}
-ALL = {"dpkg-query": "shift 3; for p in \"$@\"; do echo installed $p; done"}
+ALL = {"dpkg-query": 'shift 3; for p in "$@"; do echo installed $p; done'}
 
 
 def test_help_and_wrong_commands(clone):
     assert clone("--help") == (0, [])
     code, lines = clone("dance")
-    assert code == 1 and len(lines) == 1 and "dance" in lines[0] and "setup" in lines[0]
+    assert code == 1
+    assert len(lines) == 1
+    assert "dance" in lines[0]
+    assert "setup" in lines[0]
 
 
 def test_without_root_the_missing_packages_are_named(clone):
     code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"))
-    assert code == 1 and len(lines) == 1
-    assert "apt-get install" in lines[0] and ("python3-rospy" in lines[0] or "ros-noetic-rospy" in lines[0])
+    assert code == 1
+    assert len(lines) == 1
+    assert "apt-get install" in lines[0]
+    assert "python3-rospy" in lines[0] or "ros-noetic-rospy" in lines[0]
 
 
 def test_without_network_apt_says_so(clone):
-    code, lines = clone("setup", stand_ins=dict(
-        NOTHING, id="echo 0", **{"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}))
-    assert code == 1 and "network" in lines[-1] and "Unable to fetch" in lines[-1]
+    code, lines = clone(
+        "setup",
+        stand_ins=dict(NOTHING, id="echo 0", **{"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}),
+    )
+    assert code == 1
+    assert "network" in lines[-1]
+    assert "Unable to fetch" in lines[-1]
     assert all(line.startswith("applr: ") for line in lines)
 
 
@@ -59,18 +71,26 @@ def test_without_network_apt_says_so(clone):
 def test_an_old_python_is_refused(clone, version):
     old = {"old-python": "echo " + version}
     code, lines = clone("setup", stand_ins=old, APPLR_PYTHON=str(clone.programs / "old-python"))
-    assert code == 1 and len(lines) == 1 and version in lines[0] and "3.8 or later" in lines[0]
+    assert code == 1
+    assert len(lines) == 1
+    assert version in lines[0]
+    assert "3.8 or later" in lines[0]
 
 
 def test_no_python_is_refused(clone):
     code, lines = clone("setup", APPLR_PYTHON="/no/such/python")
-    assert code == 1 and len(lines) == 1 and "/no/such/python" in lines[0]
+    assert code == 1
+    assert len(lines) == 1
+    assert "/no/such/python" in lines[0]
 
 
 def test_without_network_pip_says_so(clone):
-    code, lines = clone("setup", stand_ins=ALL, PIP_NO_INDEX="1", PIP_FIND_LINKS="/no/such/folder",
-                        PIP_CONFIG_FILE=os.devnull)
-    assert code == 1 and "network" in lines[-1] and all(line.startswith("applr: ") for line in lines)
+    code, lines = clone(
+        "setup", stand_ins=ALL, PIP_NO_INDEX="1", PIP_FIND_LINKS="/no/such/folder", PIP_CONFIG_FILE=os.devnull
+    )
+    assert code == 1
+    assert "network" in lines[-1]
+    assert all(line.startswith("applr: ") for line in lines)
 
 
 def test_a_second_run_does_nothing():

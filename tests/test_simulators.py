@@ -1,4 +1,5 @@
 """What both simulators promise: speeds as commanded, time-out, contact, odometry, repetition under a seed."""
+
 import subprocess
 import sys
 from math import hypot, isfinite, pi
@@ -15,9 +16,13 @@ NAMES = ["kinematic", "pybullet"]
 
 
 def world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
-    return SimpleNamespace(name="test", cylinders=np.array(cylinders, dtype=float).reshape(-1, 3),
-                           boxes=np.array(boxes, dtype=float).reshape(-1, 5), movers=tuple(movers),
-                           course=SimpleNamespace(start=start))
+    return SimpleNamespace(
+        name="test",
+        cylinders=np.array(cylinders, dtype=float).reshape(-1, 3),
+        boxes=np.array(boxes, dtype=float).reshape(-1, 5),
+        movers=tuple(movers),
+        course=SimpleNamespace(start=start),
+    )
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -60,7 +65,8 @@ def test_a_turn_in_place_drifts_by_centimetres(simulator):
 
 def test_curves_beyond_grip_slide_outwards(simulator):
     m = calibration.measure(simulator, 2.0, 3.14)
-    assert m.driven_v * m.driven_w < 5.5 and m.driven_v < 1.9
+    assert m.driven_v * m.driven_w < 5.5
+    assert m.driven_v < 1.9
 
 
 def test_limits_of_speed(simulator):
@@ -69,19 +75,19 @@ def test_limits_of_speed(simulator):
 
 
 # -- commands --------------------------------------------------------------------------------------
-@pytest.mark.parametrize("v, w", [(2.0, 0.0), (0.5, 1.0), (0.0, 3.0), (-0.5, 0.0)])
+@pytest.mark.parametrize(("v", "w"), [(2.0, 0.0), (0.5, 1.0), (0.0, 3.0), (-0.5, 0.0)])
 def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
     simulator.reset(world(), 1)
     drive(simulator, v, w, 1.0)
-    assert hypot(*simulator.advance(0.20).twist) > 0.1           # still going on the last command
-    simulator.advance(0.55)                              # 2 m/s take .41 s to brake at the tyres' limit
+    assert hypot(*simulator.advance(0.20).twist) > 0.1  # still going on the last command
+    simulator.advance(0.55)  # 2 m/s take .41 s to brake at the tyres' limit
     assert hypot(*simulator.state.twist) < 0.01
     pose = simulator.state.pose
     simulator.advance(1.0)
     assert np.allclose(simulator.state.pose, pose, atol=1e-3)
 
 
-@pytest.mark.parametrize("v, w", [(float("nan"), 0.0), (0.0, float("inf"))])
+@pytest.mark.parametrize(("v", "w"), [(float("nan"), 0.0), (0.0, float("inf"))])
 def test_commands_that_are_no_numbers_are_refused(simulator, v, w):
     simulator.reset(world(), 0)
     with pytest.raises(SimulatorError, match="finite"):
@@ -94,7 +100,8 @@ def test_latency_delays_the_response():
         simulator.reset(world(), 0)
     a = [drive(quick, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
     b = [drive(slow, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
-    assert b[:2] == [0.0, 0.0] and np.allclose(a[:10], b[2:], atol=0.01)
+    assert b[:2] == [0.0, 0.0]
+    assert np.allclose(a[:10], b[2:], atol=0.01)
 
 
 # -- contact ---------------------------------------------------------------------------------------
@@ -102,24 +109,27 @@ def test_a_wall_stops_the_robot_and_is_reported(simulator):
     simulator.reset(world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
     assert not drive(simulator, 0.5, 0.0, 0.8).contact
     state = drive(simulator, 0.5, 0.0, 3.0)
-    assert state.contact and not state.flipped
+    assert state.contact
+    assert not state.flipped
     assert state.pose[0] == pytest.approx(0.9 - jackal.BODY_HALF_LENGTH, abs=0.02)
     assert abs(state.twist[0]) < 0.05
-    assert not drive(simulator, -0.5, 0.0, 1.0).contact          # and lets it go again
-    assert state.odom_pose[0] > 1.2                              # the wheels went on turning
+    assert not drive(simulator, -0.5, 0.0, 1.0).contact  # and lets it go again
+    assert state.odom_pose[0] > 1.2  # the wheels went on turning
 
 
 def test_it_slides_along_what_it_hits_at_a_low_angle(simulator):
     simulator.reset(world(boxes=[(2.0, -0.15, 0.12, 4.0, 0.2)]), 2)
     touched = [drive(simulator, 0.5, 0.0, 0.05).contact for _ in range(120)]
     assert sum(touched) > 60
-    assert simulator.state.pose[0] > 2.8 and simulator.state.pose[2] == pytest.approx(0.12, abs=0.01)
+    assert simulator.state.pose[0] > 2.8
+    assert simulator.state.pose[2] == pytest.approx(0.12, abs=0.01)
 
 
 def test_it_turns_flat_onto_what_it_hits_at_a_high_angle(simulator):
     simulator.reset(world(boxes=[(1.5, 0.0, 0.5, 4.0, 0.2)]), 2)
     state = drive(simulator, 0.5, 0.0, 6.0)
-    assert state.pose[2] == pytest.approx(0.5 - pi / 2, abs=0.01) and abs(state.twist[0]) < 0.02
+    assert state.pose[2] == pytest.approx(0.5 - pi / 2, abs=0.01)
+    assert abs(state.twist[0]) < 0.02
 
 
 def test_a_moving_cylinder_pushes_the_robot(simulator):
@@ -134,9 +144,10 @@ def test_a_moving_cylinder_pushes_the_robot(simulator):
     simulator.reset(scene, 0)
     assert simulator.scan()[360] == pytest.approx(3.0 - 0.5 - 0.12, abs=0.02)
     touched = [drive(simulator, 0.0, 0.0, 0.05).contact for _ in range(120)]
-    assert any(touched) and not any(touched[:80])
+    assert any(touched)
+    assert not any(touched[:80])
     pose = simulator.state.pose
-    assert pose[0] < -0.3 or abs(pose[1]) > 0.3                  # shoved along, or aside
+    assert pose[0] < -0.3 or abs(pose[1]) > 0.3  # shoved along, or aside
     assert hypot(pose[0], pose[1]) > 0.68
 
 
@@ -146,13 +157,15 @@ def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
     simulator.reset(world(ring), 0)
     for _ in range(30):
         state = drive(simulator, rng.uniform(-0.5, 2.0), rng.uniform(-3, 3), 0.5)
-        assert hypot(*state.pose[:2]) < 0.85 and all(map(isfinite, state.pose))
+        assert hypot(*state.pose[:2]) < 0.85
+        assert all(map(isfinite, state.pose))
 
 
 # -- frames and odometry ---------------------------------------------------------------------------
 def test_odom_begins_at_the_start_with_the_worlds_axes(simulator):
     state = simulator.reset(world(start=(3.0, -2.0, 2.5)), 0)
-    assert state.pose == (3.0, -2.0, 2.5) and state.odom_pose == (0.0, 0.0, 2.5)
+    assert state.pose == (3.0, -2.0, 2.5)
+    assert state.odom_pose == (0.0, 0.0, 2.5)
     state = drive(simulator, 1.0, 0.3, 3.0)
     assert np.allclose(simulator.to_odom(state.pose), state.odom_pose, atol=0.15)
     assert np.allclose(simulator.to_world(simulator.to_odom((1.0, 2.0, 3.0))), (1.0, 2.0, 3.0))
@@ -165,7 +178,7 @@ def test_odometry_errs_by_per_cents(simulator):
         state = drive(simulator, 1.0, 0.1, 10.0)
         errors.append(hypot(state.odom_pose[0] - state.pose[0], state.odom_pose[1] - state.pose[1]))
         assert abs(turned(state.odom_pose[2], state.pose[2])) < 0.02
-    assert 0.01 < max(errors) < 0.5                              # of 10 m
+    assert 0.01 < max(errors) < 0.5  # of 10 m
 
 
 def test_odometry_can_be_set(simulator):
@@ -179,17 +192,18 @@ def test_odometry_can_be_set(simulator):
 def test_imu(simulator):
     simulator.reset(world(), 0)
     simulator.command(1.0, 0.0)
-    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)      # what friction .5 can do
+    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # what friction .5 can do
     state = drive(simulator, 0.0, 1.0, 1.0)
     assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * jackal.GYRO_NOISE)
-    assert state.imu[1] == pytest.approx(1.0, abs=0.2)           # uneven ground
+    assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # uneven ground
 
 
 # -- laser -----------------------------------------------------------------------------------------
 def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     simulator.reset(world([(2.0, 0.0, 0.5)]), 0)
     scans = np.array([simulator.scan() for _ in range(200)])
-    assert scans.dtype == np.float32 and scans.shape == (200, 720)
+    assert scans.dtype == np.float32
+    assert scans.shape == (200, 720)
     assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - jackal.LASER_OFFSET[0], abs=1e-3)
     assert scans[:, 360].std() == pytest.approx(jackal.SCAN_NOISE, rel=0.2)
     assert (scans[:, 0] == np.inf).all()
@@ -202,8 +216,15 @@ def trace(simulator, seed, scene):
     rows = []
     for _ in range(60):
         state = drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2, 2), 0.1)
-        rows.append(state.pose + state.twist + state.odom_pose + state.odom_twist + state.imu
-                    + (state.contact,) + tuple(simulator.scan()[::90]))
+        rows.append(
+            state.pose
+            + state.twist
+            + state.odom_pose
+            + state.odom_twist
+            + state.imu
+            + (state.contact,)
+            + tuple(simulator.scan()[::90])
+        )
     return np.array(rows)
 
 
@@ -211,7 +232,7 @@ def test_repeats_to_the_last_bit(simulator):
     rng = np.random.default_rng(1)
     scene = world(np.column_stack([rng.uniform(0.5, 3, 30), rng.uniform(-2, 2, 30), np.full(30, 0.075)]))
     first = trace(simulator, 7, scene)
-    trace(simulator, 8, world(start=(1.0, 1.0, 1.0)))           # something else in between
+    trace(simulator, 8, world(start=(1.0, 1.0, 1.0)))  # something else in between
     assert np.array_equal(first, trace(simulator, 7, scene))
     other = type(simulator)()
     assert np.array_equal(first, trace(other, 7, scene))
@@ -224,29 +245,39 @@ def test_how_time_is_cut_does_not_matter(simulator):
     for step in (0.05, 0.1, 0.025):
         simulator.reset(world(), 0)
         poses.append(drive(simulator, 0.7, 0.5, 2.0, step).pose)
-    assert np.allclose(poses[0], poses[1]) and np.allclose(poses[0], poses[2])
+    assert np.allclose(poses[0], poses[1])
+    assert np.allclose(poses[0], poses[2])
     assert simulator.state.time == pytest.approx(2.0)
 
 
 # -- randomisation and mistakes --------------------------------------------------------------------
 def test_randomised_starts_stay_within_their_bounds():
-    simulator = sim_bridge.make("kinematic", start_xy=0.2, start_yaw=0.3, latency=(0.0, 0.1),
-                                friction=(0.5, 1.5))
+    simulator = sim_bridge.make("kinematic", start_xy=0.2, start_yaw=0.3, latency=(0.0, 0.1), friction=(0.5, 1.5))
     poses, drawn = [], []
     for seed in range(50):
         poses.append(simulator.reset(world(start=(1.0, 2.0, 0.5)), seed).pose)
         drawn.append((simulator.drawn.latency, simulator.drawn.friction))
     spread = np.abs(np.array(poses) - (1.0, 2.0, 0.5)).max(axis=0)
-    assert (spread <= (0.2, 0.2, 0.3)).all() and (spread > (0.15, 0.15, 0.2)).all()
+    assert (spread <= (0.2, 0.2, 0.3)).all()
+    assert (spread > (0.15, 0.15, 0.2)).all()
     drawn = np.array(drawn)
-    assert drawn[:, 0].min() >= 0.0 and drawn[:, 0].max() <= 0.1 and np.ptp(drawn[:, 1]) > 0.5
+    assert drawn[:, 0].min() >= 0.0
+    assert drawn[:, 0].max() <= 0.1
+    assert np.ptp(drawn[:, 1]) > 0.5
     assert simulator.to_odom(poses[-1])[:2] == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("name, options, words", [
-    ("gazebo", {}, "gazebo.*pybullet or kinematic"), ("kinematic", {"slipp": 1.0}, "slipp"),
-    ("kinematic", {"slip": -1.0}, "slip"), ("pybullet", {"latency": (0.2, 0.1)}, "latency"),
-    ("kinematic", {"friction": float("nan")}, "friction"), ("kinematic", {"gui": True}, "gui")])
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("gazebo", {}, "gazebo.*pybullet or kinematic"),
+        ("kinematic", {"slipp": 1.0}, "slipp"),
+        ("kinematic", {"slip": -1.0}, "slip"),
+        ("pybullet", {"latency": (0.2, 0.1)}, "latency"),
+        ("kinematic", {"friction": float("nan")}, "friction"),
+        ("kinematic", {"gui": True}, "gui"),
+    ],
+)
 def test_wrong_arguments_are_one_line(name, options, words):
     with pytest.raises(SimulatorError, match=words) as error:
         sim_bridge.make(name, **options)
@@ -269,8 +300,10 @@ def test_kinematic_drives_like_pybullet():
         rows = []
         for simulator in pair:
             simulator.reset(world(), 3)
-            rows.append([drive(simulator, v, w, 0.05).twist for _ in range(20)]
-                        + [drive(simulator, 0.0, 0.0, 0.05).twist for _ in range(6)])
+            rows.append(
+                [drive(simulator, v, w, 0.05).twist for _ in range(20)]
+                + [drive(simulator, 0.0, 0.0, 0.05).twist for _ in range(6)]
+            )
         assert np.abs(np.array(rows[0]) - rows[1]).max() < 0.05
     pair[0].close()
 
@@ -282,18 +315,28 @@ def test_kinematic_contacts_end_like_pybullets():
     rows = fit.compare(scenes, recorded, KinematicParameters())
     pybullet.close()
     hit = rows[:, 4] > 0
-    assert hit.sum() > 8 and np.median(rows[hit, 0]) < 0.06 and np.median(rows[hit, 1]) < 0.1
+    assert hit.sum() > 8
+    assert np.median(rows[hit, 0]) < 0.06
+    assert np.median(rows[hit, 1]) < 0.1
     assert np.mean(rows[:, 4] == rows[:, 5]) > 0.9
 
 
 def test_kinematic_needs_no_pybullet():
-    code = ("import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
-            "\ntry: sim_bridge.make('pybullet')\nexcept ValueError as e: print(e)")
+    code = (
+        "import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
+        "\ntry: sim_bridge.make('pybullet')\nexcept ValueError as e: print(e)"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0 and "cannot be imported" in done.stdout and done.stderr == ""
+    assert done.returncode == 0
+    assert "cannot be imported" in done.stdout
+    assert done.stderr == ""
 
 
 def test_importing_pybullet_says_nothing():
-    done = subprocess.run([sys.executable, "-c", "import sim_bridge; sim_bridge.make('pybullet').close()"],
-                          capture_output=True, text=True, timeout=60)
+    done = subprocess.run(
+        [sys.executable, "-c", "import sim_bridge; sim_bridge.make('pybullet').close()"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -1,20 +1,28 @@
 """TD3 beside stable-baselines3's, step by step, and on a task small enough to learn in seconds."""
+
 import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch")
 
-from training.replay import Replay  # noqa: E402
-from training.td3 import TD3, Batch, LearnerError, TD3Config  # noqa: E402
-from training.trajectory import Layout, Trajectory  # noqa: E402
+from training.experience.replay import Replay  # noqa: E402
+from training.experience.trajectory import Layout, Trajectory  # noqa: E402
+from training.td3.td3 import TD3, Batch, LearnerError, TD3Config  # noqa: E402
 
 
 def _batch(rng, size, n, m, gamma=0.95):
     def floats(*shape):
         return torch.from_numpy(rng.uniform(-1, 1, shape).astype(np.float32))
-    discount = torch.from_numpy(np.where(rng.random(size) < 0.2, 0.0, gamma ** 4).astype(np.float32))
-    return Batch(floats(size, n), floats(size, m), floats(size), discount, floats(size, n),
-                 torch.from_numpy(rng.standard_normal((size, m)).astype(np.float32)))
+
+    discount = torch.from_numpy(np.where(rng.random(size) < 0.2, 0.0, gamma**4).astype(np.float32))
+    return Batch(
+        floats(size, n),
+        floats(size, m),
+        floats(size),
+        discount,
+        floats(size, n),
+        torch.from_numpy(rng.standard_normal((size, m)).astype(np.float32)),
+    )
 
 
 def _sb3(n, m, hidden, batch_size):
@@ -25,16 +33,27 @@ def _sb3(n, m, hidden, batch_size):
         observation_space = gym.spaces.Box(-1, 1, (n,), np.float32)
         action_space = gym.spaces.Box(-1, 1, (m,), np.float32)
 
-    model = sb3.TD3("MlpPolicy", Spaces(), learning_rate=1e-3, batch_size=batch_size, tau=0.005, buffer_size=10,
-                    policy_kwargs={"net_arch": list(hidden)}, device="cpu")
+    model = sb3.TD3(
+        "MlpPolicy",
+        Spaces(),
+        learning_rate=1e-3,
+        batch_size=batch_size,
+        tau=0.005,
+        buffer_size=10,
+        policy_kwargs={"net_arch": list(hidden)},
+        device="cpu",
+    )
     model.set_logger(sb3.common.logger.Logger(None, []))
     return model
 
 
 def _copy_to_sb3(td3, model):
-    pairs = [(td3.actor, model.actor.mu), (td3.actor_target, model.actor_target.mu),
-             *zip(td3.critics, (model.critic.qf0, model.critic.qf1)),
-             *zip(td3.critic_targets, (model.critic_target.qf0, model.critic_target.qf1))]
+    pairs = [
+        (td3.actor, model.actor.mu),
+        (td3.actor_target, model.actor_target.mu),
+        *zip(td3.critics, (model.critic.qf0, model.critic.qf1)),
+        *zip(td3.critic_targets, (model.critic_target.qf0, model.critic_target.qf1)),
+    ]
     with torch.no_grad():
         for ours, theirs in pairs:
             for (weight, bias), layer in zip(ours.layers, [x for x in theirs if hasattr(x, "weight")]):
@@ -46,16 +65,23 @@ def _copy_to_sb3(td3, model):
 def _sb3_update(model, batch, seed):
     """One of SB3's updates on our batch; its smoothing noise is drawn from torch's generator."""
     from types import SimpleNamespace
-    data = SimpleNamespace(observations=batch.observation, actions=batch.action, rewards=batch.reward[:, None],
-                           next_observations=batch.following, dones=torch.zeros(len(batch.reward), 1),
-                           discounts=batch.discount[:, None])
+
+    data = SimpleNamespace(
+        observations=batch.observation,
+        actions=batch.action,
+        rewards=batch.reward[:, None],
+        next_observations=batch.following,
+        dones=torch.zeros(len(batch.reward), 1),
+        discounts=batch.discount[:, None],
+    )
     model.replay_buffer.sample = lambda *a, **k: data
     torch.manual_seed(seed)
     model.train(1, len(batch.reward))
 
 
-@pytest.mark.parametrize("n, m, hidden, size, double", [
-    (30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)])
+@pytest.mark.parametrize(
+    ("n", "m", "hidden", "size", "double"), [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)]
+)
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
     """At the paper's size in double precision: there, in single, Adam's first steps of tiny gradients are rounding."""
     rng = np.random.default_rng(5)
@@ -82,10 +108,10 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
         for (weight, bias), layer in zip(ours.layers, [x for x in theirs if hasattr(x, "weight")]):
             torch.testing.assert_close(weight, layer.weight.data, atol=1e-5, rtol=0)
             torch.testing.assert_close(bias, layer.bias.data, atol=1e-5, rtol=0)
-    assert (td3.actor.layers[0][0] - start).abs().max() > 1e-3       # it did move
+    assert (td3.actor.layers[0][0] - start).abs().max() > 1e-3  # it did move
 
 
-@pytest.mark.parametrize("alpha, saturation", [(0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)])
+@pytest.mark.parametrize(("alpha", "saturation"), [(0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)])
 def test_gradients_equal_autograd(alpha, saturation):
     """The written-out gradient of the policy's loss, TD3+BC's and the saturation's terms included."""
     td3 = TD3(12, 3, TD3Config(hidden=(16, 16), bc_alpha=alpha, saturation=saturation), seed=1)
@@ -97,6 +123,7 @@ def test_gradients_equal_autograd(alpha, saturation):
             x = torch.nn.functional.linear(x, layers[i], layers[i + 1])
             x = x.relu() if i + 2 < len(layers) else x
         return x
+
     z = mlp(batch.observation, parameters)
     action = torch.tanh(z)
     q = mlp(torch.cat((batch.observation, action), 1), td3.critics[0].parameters)
@@ -133,7 +160,7 @@ def test_learns_a_small_task():
         for _ in range(20):
             td3.update(replay.sample(rng, 128, 2, 0.9))
     returns = [sum(episode(lambda x: td3.action(np.array([[x]]))[0, 0])[2]) for _ in range(40)]
-    assert np.mean(returns) > -1.2      # doing nothing: -5; the best: -.83
+    assert np.mean(returns) > -1.2  # doing nothing: -5; the best: -.83
 
 
 def test_same_seed_same_weights_and_state_round_trip():
@@ -165,12 +192,12 @@ def test_running_average_is_what_is_handed_out_and_travels_with_the_state():
         plain.update(batch)
         if td3.updates % 2 == 0:
             expected = 0.75 * expected + 0.25 * plain.actor_weights()["0.weight"]
-    assert torch.equal(td3.actor.layers[0][0], plain.actor.layers[0][0])        # learning itself is the same
+    assert torch.equal(td3.actor.layers[0][0], plain.actor.layers[0][0])  # learning itself is the same
     np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
     again, late = (TD3(10, 2, TD3Config(hidden=(64,), average=0.75), seed=8) for _ in range(2))
     again.load(*td3.state())
     np.testing.assert_array_equal(again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"])
-    late.load(*plain.state())           # a run that had none so far
+    late.load(*plain.state())  # a run that had none so far
     np.testing.assert_array_equal(late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"])
 
 

@@ -1,4 +1,5 @@
 """Teleoperation: what keys and sticks become, and a live node whose bag is a demonstration."""
+
 import os
 import struct
 
@@ -21,14 +22,25 @@ def drive(pilot, seconds, now=0.0, dt=0.05, key=""):
 def test_held_key_drives_smoothly_and_a_key_let_go_stops():
     pilot = Pilot(speed=0.5, turn=1.0)
     pilot.key("i", 0.0)
-    assert pilot.command(0.0, 0.05) == pytest.approx((0.05, 0.0))       # 1 m/s^2
+    assert pilot.command(0.0, 0.05) == pytest.approx((0.05, 0.0))  # 1 m/s^2
     assert drive(pilot, 2.0, 0.05, key="i") == pytest.approx((0.5, 0.0))
-    assert drive(pilot, 0.5, 2.05) == pytest.approx((0.5, 0.0))         # a terminal repeats late
+    assert drive(pilot, 0.5, 2.05) == pytest.approx((0.5, 0.0))  # a terminal repeats late
     assert drive(pilot, 1.0, 2.55) == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("key, signs", [("u", (1, 1)), ("o", (1, -1)), ("j", (0, 1)), ("l", (0, -1)), (",", (-1, 0)),
-                                        ("m", (-1, -1)), (".", (-1, 1)), ("k", (0, 0))])
+@pytest.mark.parametrize(
+    ("key", "signs"),
+    [
+        ("u", (1, 1)),
+        ("o", (1, -1)),
+        ("j", (0, 1)),
+        ("l", (0, -1)),
+        (",", (-1, 0)),
+        ("m", (-1, -1)),
+        (".", (-1, 1)),
+        ("k", (0, 0)),
+    ],
+)
 def test_keys(key, signs):
     assert drive(Pilot(0.4, 0.8), 2.0, key=key) == pytest.approx((0.4 * signs[0], 0.8 * signs[1]))
 
@@ -41,7 +53,8 @@ def test_speed_keys_stay_within_limits_and_end_keys_end():
     for _ in range(90):
         pilot.key("z", 0.0)
     assert (pilot.speed, pilot.turn) == (0.05, 0.1)
-    assert not pilot.key("\x1b", 0.0) and pilot.command(0.0, 1.0) == (0.0, 0.0)
+    assert not pilot.key("\x1b", 0.0)
+    assert pilot.command(0.0, 1.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("stick", [(1.0, 0.0, False), (float("nan"), 0.0, True), (0.05, 0.05, True), (3.0, 0.0, True)])
@@ -66,12 +79,14 @@ def test_joystick_device(tmp_path):
         for value, kind, number in ((-32767, 0x82, 1), (16384, 2, 0), (1, 1, 4), (-20000, 2, 1)):
             device.write(struct.pack("<IhBB", 0, value, kind, number))
         stick.read()
-    assert stick.buttons == {4: 1} and stick.axes == pytest.approx({1: 20000 / 32767, 0: -16384 / 32767})
+    assert stick.buttons == {4: 1}
+    assert stick.axes == pytest.approx({1: 20000 / 32767, 0: -16384 / 32767})
     stick.close()
 
 
 def test_keyboard_of_a_terminal():
     import pty
+
     master, slave = pty.openpty()
     with os.fdopen(slave, "rb") as terminal, Keyboard(terminal) as keyboard:
         for typed, heard in ((b"ik", "ik"), (b"\x1b[A", ""), (b"\x1b", "\x1b")):
@@ -89,10 +104,11 @@ def test_node_drives_and_records(tmp_path):
     import rospy
     from geometry_msgs.msg import Twist
     from nav_msgs.msg import Odometry
+    from ros_harness import session, wait_for
     from sensor_msgs.msg import Joy, LaserScan
 
-    from ros_harness import session, wait_for
-    from training import demonstration
+    from training.baselines.appld import demonstration
+
     ros, bag, commands = session(), tmp_path / "drive.bag", []
     scans = rospy.Publisher("/front/scan", LaserScan, queue_size=5)
     odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=5)
@@ -101,8 +117,14 @@ def test_node_drives_and_records(tmp_path):
     node = ros.python("-m", "applr_ros1.scripts.teleop", "_input:=joystick", "_record:=%s" % bag, "_speed:=1.0")
     wait_for(lambda: "ready" in node.text or not node.alive(), 10.0, "teleop")
     wait_for(lambda: scans.get_num_connections() and odometry.get_num_connections() and joy.get_num_connections(), 5.0)
-    scan = LaserScan(angle_min=-2.35619, angle_max=2.35619, angle_increment=2 * 2.35619 / 719, range_min=0.1,
-                     range_max=30.0, ranges=[1.0] * 720)
+    scan = LaserScan(
+        angle_min=-2.35619,
+        angle_max=2.35619,
+        angle_increment=2 * 2.35619 / 719,
+        range_min=0.1,
+        range_max=30.0,
+        ranges=[1.0] * 720,
+    )
     pose = Odometry(child_frame_id="base_link")
     pose.header.frame_id, pose.pose.pose.orientation.w = "odom", 1.0
     for i in range(45):
@@ -119,20 +141,35 @@ def test_node_drives_and_records(tmp_path):
         patch.setattr(demonstration, "SHORTEST", 1.0)
         found = demonstration.read(bag)
     assert found.source == {"demonstrator": "a person, by joystick"}
-    assert found.command[:, 0].max() == pytest.approx(0.5) and found.ranges.shape[1] == 720
-    assert found.goal == tuple(found.pose[-1])          # nobody sent one
+    assert found.command[:, 0].max() == pytest.approx(0.5)
+    assert found.ranges.shape[1] == 720
+    assert found.goal == tuple(found.pose[-1])  # nobody sent one
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("arguments, words", [
-    (["_input:=keyboard"], "no terminal"), (["_input:=joystick", "_joystick:=/nowhere/js0"], "/nowhere/js0"),
-    (["_input:=joystick", "_record:=x.txt"], ".bag")])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["_input:=keyboard"], "no terminal"),
+        (["_input:=joystick", "_joystick:=/nowhere/js0"], "/nowhere/js0"),
+        (["_input:=joystick", "_record:=x.txt"], ".bag"),
+    ],
+)
 def test_mistakes_are_one_line(arguments, words):
     pytest.importorskip("rospy")
     import subprocess
     import sys
 
     from ros_harness import ROOT, session
-    done = subprocess.run([sys.executable, "-m", "applr_ros1.scripts.teleop"] + arguments, env=session().env, cwd=ROOT,
-                          capture_output=True, text=True, timeout=20, stdin=subprocess.DEVNULL, check=False)
-    assert done.returncode == 1 and words in done.stderr and "Traceback" not in done.stderr, done.stderr
+
+    done = subprocess.run(
+        [sys.executable, "-m", "applr_ros1.scripts.teleop"] + arguments,
+        env=session().env,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=20,
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
+    assert done.returncode == 1 and words in done.stderr and "Traceback" not in done.stderr, done.stderr  # noqa: PT018

@@ -1,5 +1,7 @@
 """train.py: runs, resumes to the same numbers, survives SIGKILL, and says in one line what is wrong.
-`python -m tests.test_train 10` kills a run at ten random moments."""
+`python -m tests.test_train 10` kills a run at ten random moments.
+"""
+
 import json
 import os
 import random
@@ -15,20 +17,37 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("gymnasium")
 
-from training import config as options  # noqa: E402
-from training.config import ConfigError, TrainConfig, parse  # noqa: E402
-from training import dataset  # noqa: E402
-from training.dataset import Dataset, DatasetError, Writer, export_replay  # noqa: E402
-from training.journal import Journal  # noqa: E402
-from training.learner import Learner  # noqa: E402
-from training.rounds import Rounds  # noqa: E402
+from training.evaluation.periodic import Rounds  # noqa: E402
+from training.experience import dataset  # noqa: E402
+from training.experience.dataset import Dataset, DatasetError, Writer, export_replay  # noqa: E402
+from training.experience.journal import Journal  # noqa: E402
+from training.experience.trajectory import Layout, Trajectory, unpack  # noqa: E402
+from training.gorila import config as options  # noqa: E402
+from training.gorila.config import ConfigError, TrainConfig, parse  # noqa: E402
+from training.gorila.learner import Learner  # noqa: E402
+from training.gorila.worker import Policy  # noqa: E402
 from training.train import Training, main  # noqa: E402
-from training.trajectory import Layout, Trajectory, unpack  # noqa: E402
-from training.worker import Policy  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
-TOY = ["--env", "tests.toy_env:Line", "--hidden", "32,32", "--batch-size", "32", "--updates-per-transition", "0.5",
-       "--eval-every", "200", "--no-tensorboard", "--device", "cpu", "--threads", "1", "--actor-lr", "1e-3"]
+TOY = [
+    "--env",
+    "tests.toy_env:Line",
+    "--hidden",
+    "32,32",
+    "--batch-size",
+    "32",
+    "--updates-per-transition",
+    "0.5",
+    "--eval-every",
+    "200",
+    "--no-tensorboard",
+    "--device",
+    "cpu",
+    "--threads",
+    "1",
+    "--actor-lr",
+    "1e-3",
+]
 
 
 def toy(out, *more):
@@ -56,8 +75,15 @@ def test_learns_and_leaves_everything_behind(whole):
     rounds = [json.loads(line) for line in (whole / "evaluations.jsonl").read_text().splitlines()]
     assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
     assert rounds[-1]["return"] > rounds[1]["return"] + 1.0
-    assert {p.name for p in whole.iterdir()} >= {"config.json", "checkpoint.json", "journal", "actor.safetensors",
-                                                 "best.safetensors", "episodes.csv", "curves.png"}
+    assert {p.name for p in whole.iterdir()} >= {
+        "config.json",
+        "checkpoint.json",
+        "journal",
+        "actor.safetensors",
+        "best.safetensors",
+        "episodes.csv",
+        "curves.png",
+    }
     assert len((whole / "episodes.csv").read_text().splitlines()) == 81
     policy = Policy((whole / "best.safetensors").read_bytes())
     assert policy(np.array([0.9]))[0] < -0.3 < 0.3 < policy(np.array([-0.9]))[0]
@@ -72,12 +98,16 @@ def test_resume_continues_to_the_same_numbers(whole, tmp_path):
     assert (out / "evaluations.jsonl").read_text() == (whole / "evaluations.jsonl").read_text()
 
 
-def kill_and_resume(out, times, steps, seed=0):
+def kill_and_resume(out, times, steps, seed=0):  # noqa: RET503
     """Start the run, kill it at a random moment, resume, and so on; at last let it finish."""
     rng, resume, moments = random.Random(seed), False, []
     for i in range(times + 1):
-        command = [sys.executable, "-m", "training.train",
-                   *toy(out, "--steps", str(steps), "--checkpoint-every", "0.1")]
+        command = [
+            sys.executable,
+            "-m",
+            "training.train",
+            *toy(out, "--steps", str(steps), "--checkpoint-every", "0.1"),
+        ]
         if resume:
             command = [sys.executable, "-m", "training.train", "--resume", "--out", str(out)]
         process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
@@ -86,8 +116,11 @@ def kill_and_resume(out, times, steps, seed=0):
             return moments
         begun, deadline = out / "journal" / "000000.segment", time.monotonic() + 60
         before = begun.stat().st_size if begun.exists() else 0
-        while time.monotonic() < deadline and process.poll() is None and (
-                not begun.exists() or begun.stat().st_size == before):
+        while (
+            time.monotonic() < deadline
+            and process.poll() is None
+            and (not begun.exists() or begun.stat().st_size == before)
+        ):
             time.sleep(0.002)
         time.sleep(rng.uniform(0, 0.25))
         process.send_signal(signal.SIGKILL)
@@ -108,15 +141,20 @@ def test_sigkill_at_random_moments_loses_nothing(tmp_path):
 
 def test_ctrl_c_saves_and_stops(tmp_path):
     out = tmp_path / "run"
-    process = subprocess.Popen([sys.executable, "-m", "training.train", *toy(out, "--steps", "1000000"),
-                                "__name:=train"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "training.train", *toy(out, "--steps", "1000000"), "__name:=train"],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     while not (out / "journal" / "000000.segment").exists():
         assert process.poll() is None
         time.sleep(0.02)
     time.sleep(0.3)
     process.send_signal(signal.SIGINT)
     text, _ = process.communicate(timeout=10)
-    assert process.returncode == 130 and "Stopped by SIGINT and saved" in text
+    assert process.returncode == 130
+    assert "Stopped by SIGINT and saved" in text
     assert Learner.saved(out)["transitions"] > 0
 
 
@@ -140,8 +178,16 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
     journal, episodes = Journal(tmp_path / "run" / "journal"), []
     for i in range(3):
         t = 2 + i
-        episodes.append(Trajectory.of(Layout(), rng.uniform(-1, 1, (t + 1, 729)), rng.uniform(-1, 1, (t, 8)),
-                                      rng.uniform(-1, 0, t), True, {"actor": "a", "episode": i}))
+        episodes.append(
+            Trajectory.of(
+                Layout(),
+                rng.uniform(-1, 1, (t + 1, 729)),
+                rng.uniform(-1, 1, (t, 8)),
+                rng.uniform(-1, 0, t),
+                True,
+                {"actor": "a", "episode": i},
+            )
+        )
         journal.append(episodes[-1].pack(), {})
     journal.sync()
     assert dataset.main([str(tmp_path / "run"), str(tmp_path / "dear"), "--c-switch", "0.5"]) == 0
@@ -157,38 +203,46 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
 def one_line(capsys, arguments, status, pattern):
     assert main([str(a) for a in arguments]) == status
     error = capsys.readouterr().err.strip()
-    assert error.count("\n") == 0 and error.startswith("train.py: "), error
+    assert error.count("\n") == 0 and error.startswith("train.py: "), error  # noqa: PT018
     import re
+
     assert re.search(pattern, error), error
 
 
-@pytest.mark.parametrize("arguments, pattern", [
-    (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
-    (["--steps", "many"], "'many' is no whole number"),
-    (["--hidden", "512,0"], "--hidden is '512,0': give 1 to 15 sizes"),
-    (["--hidden", "512,99999"], "--hidden"),
-    (["--batch-size", "0"], "--batch-size is 0: give 1 to"),
-    (["--gamma", "1.5"], "--gamma is 1.5"),
-    (["--actor-lr", "nan"], "finite"),
-    (["--latency", "0.2,0.1"], "--latency"),
-    (["--latency", "100"], "--latency is '100': give a number from 0 to 2"),
-    (["--actors", "1", "--ray-address", "127.0.0.1:1"], "no Ray answers at 127.0.0.1:1"),
-    (["--pool", "threads"], "invalid choice"),
-    (["--mix"], "--mix needs"),
-    (["--worlds", "generated:900"], "generated:900"),
-    (["--env", "nowhere:Nothing"], "nowhere"),
-    (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
-    (["--device", "quantum"], "device 'quantum' is unknown"),
-    (["--out", "/proc/nowhere"], "cannot be made"),
-    (["--dataset", "/nowhere"], "no dataset"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "pattern"),
+    [
+        (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
+        (["--steps", "many"], "'many' is no whole number"),
+        (["--hidden", "512,0"], "--hidden is '512,0': give 1 to 15 sizes"),
+        (["--hidden", "512,99999"], "--hidden"),
+        (["--batch-size", "0"], "--batch-size is 0: give 1 to"),
+        (["--gamma", "1.5"], "--gamma is 1.5"),
+        (["--actor-lr", "nan"], "finite"),
+        (["--latency", "0.2,0.1"], "--latency"),
+        (["--latency", "100"], "--latency is '100': give a number from 0 to 2"),
+        (["--actors", "1", "--ray-address", "127.0.0.1:1"], "no Ray answers at 127.0.0.1:1"),
+        (["--pool", "threads"], "invalid choice"),
+        (["--mix"], "--mix needs"),
+        (["--worlds", "generated:900"], "generated:900"),
+        (["--env", "nowhere:Nothing"], "nowhere"),
+        (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
+        (["--device", "quantum"], "device 'quantum' is unknown"),
+        (["--out", "/proc/nowhere"], "cannot be made"),
+        (["--dataset", "/nowhere"], "no dataset"),
+    ],
+)
 def test_bad_options_are_one_line(arguments, pattern, tmp_path, capsys):
     given = [] if "--worlds" in arguments or "--env" in arguments else ["--env", "tests.toy_env:Line"]
     where = [] if "--out" in arguments else ["--out", tmp_path / "run"]
-    status = 1 if any(a in arguments for a in ("--worlds", "--device", "--out", "--dataset", "--ray-address")) \
-        and "--resume" not in arguments else 2
+    status = (
+        1
+        if any(a in arguments for a in ("--worlds", "--device", "--out", "--dataset", "--ray-address"))
+        and "--resume" not in arguments
+        else 2
+    )
     one_line(capsys, [*given, *where, *arguments], status, pattern)
-    for name in ("checkpoint.json", "config.json"):      # the right command may use the same folder
+    for name in ("checkpoint.json", "config.json"):  # the right command may use the same folder
         assert not (tmp_path / "run" / name).exists()
 
 
@@ -200,7 +254,7 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], 1, "another train.py works")
     lock.release()
     stored = json.loads((whole / "config.json").read_text())
-    for change, pattern in (({"colour": 1}, "unknown option 'colour'"), ({"steps": "x"}, "steps is \"x\", int needed")):
+    for change, pattern in (({"colour": 1}, "unknown option 'colour'"), ({"steps": "x"}, 'steps is "x", int needed')):
         other = tmp_path / ("stored%d" % len(pattern))
         other.mkdir()
         (other / "config.json").write_text(json.dumps({**stored, **change}))
@@ -210,13 +264,15 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
 
 def test_damaged_checkpoints_are_refused(whole, tmp_path, capsys):
     import shutil
+
     for name, damage, pattern in (
-            ("checkpoint.json", lambda p: p.write_bytes(p.read_bytes()[:100]), "not JSON"),
-            ("checkpoint.json", lambda p: p.write_bytes(b""), "not JSON"),
-            ("learner", lambda p: p.write_bytes(p.read_bytes()[:-9] + b"damaged!!"), "checksum"),
-            ("learner", lambda p: p.unlink(), "cannot be read"),
-            ("config.json", lambda p: p.write_bytes(b""), "not JSON"),
-            ("journal/000000.segment", lambda p: p.write_bytes(p.read_bytes()[:2000]), "missing or damaged")):
+        ("checkpoint.json", lambda p: p.write_bytes(p.read_bytes()[:100]), "not JSON"),
+        ("checkpoint.json", lambda p: p.write_bytes(b""), "not JSON"),
+        ("learner", lambda p: p.write_bytes(p.read_bytes()[:-9] + b"damaged!!"), "checksum"),
+        ("learner", lambda p: p.unlink(), "cannot be read"),
+        ("config.json", lambda p: p.write_bytes(b""), "not JSON"),
+        ("journal/000000.segment", lambda p: p.write_bytes(p.read_bytes()[:2000]), "missing or damaged"),
+    ):
         copy = tmp_path / "copy"
         shutil.rmtree(copy, ignore_errors=True)
         shutil.copytree(whole, copy)
@@ -226,6 +282,7 @@ def test_damaged_checkpoints_are_refused(whole, tmp_path, capsys):
 
 def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, capsys):
     import shutil
+
     copy = tmp_path / "copy"
     shutil.copytree(whole, copy)
     before, real = state_of(copy), os.fsync
@@ -234,6 +291,7 @@ def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, ca
         if "learner" in os.readlink("/proc/self/fd/%d" % descriptor):
             raise OSError(28, "No space left on device")
         return real(descriptor)
+
     monkeypatch.setattr(os, "fsync", full)
     one_line(capsys, ["--resume", "--out", copy, "--steps", "900"], 1, "No space left")
     monkeypatch.undo()
@@ -246,13 +304,23 @@ def test_datasets_with_faults_are_refused(tmp_path, capsys):
     layout, rng = Layout(0, 1, 1), np.random.default_rng(0)
     writer = Writer(tmp_path / "data", layout)
     for i in range(5):
-        writer.add(Trajectory.of(layout, rng.uniform(-1, 1, (4, 1)), rng.uniform(-1, 1, (3, 1)), rng.normal(size=3),
-                                 i % 2 == 0, {"actor": "x", "episode": i}))
+        writer.add(
+            Trajectory.of(
+                layout,
+                rng.uniform(-1, 1, (4, 1)),
+                rng.uniform(-1, 1, (3, 1)),
+                rng.normal(size=3),
+                i % 2 == 0,
+                {"actor": "x", "episode": i},
+            )
+        )
     writer.skip("truncated bag")
     manifest = writer.close()
-    assert manifest["transitions"] == 15 and manifest["skipped"] == {"truncated bag": 1}
+    assert manifest["transitions"] == 15
+    assert manifest["skipped"] == {"truncated bag": 1}
     back = list(Dataset(tmp_path / "data", layout))
-    assert [t.terminated for t in back] == [True, False, True, False, True] and back[3].info["episode"] == 3
+    assert [t.terminated for t in back] == [True, False, True, False, True]
+    assert back[3].info["episode"] == 3
     with pytest.raises(DatasetError, match="layout"):
         Dataset(tmp_path / "data", Layout())
     run = toy(tmp_path / "run", "--dataset", tmp_path / "data")
@@ -262,6 +330,7 @@ def test_datasets_with_faults_are_refused(tmp_path, capsys):
     one_line(capsys, run, 1, "shard-00000.npz: checksum is wrong")
     import hashlib
     import io
+
     arrays = dict(np.load(io.BytesIO(good)))
     arrays["reward"][2] = np.nan
     buffer = io.BytesIO()
@@ -281,24 +350,40 @@ def test_an_environment_that_always_fails_ends_the_run_in_one_line(tmp_path, cap
 
 def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     """Its times are no rivals of the first one's."""
+
     def drive(rounds, step, seconds):
         for number in iter(lambda: rounds.due(step), None):
             tasks = rounds.begin(number, step, step)
             for task in tasks:
-                summary = rounds.add({"task": task, "return": -seconds, "length": 5, "success": seconds < 100,
-                                      "collided": task["world"] == 1, "time_s": seconds, "timeout": False})
+                summary = rounds.add(
+                    {
+                        "task": task,
+                        "return": -seconds,
+                        "length": 5,
+                        "success": seconds < 100,
+                        "collided": task["world"] == 1,
+                        "time_s": seconds,
+                        "timeout": False,
+                    }
+                )
             yield summary
+
     first = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="kinematic")
     assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
     (summary,) = drive(first, 130, 10.0)
-    assert summary["round"] == 1 and summary["score"] == 12.0 and summary["best"]
+    assert summary["round"] == 1
+    assert summary["score"] == 12.0
+    assert summary["best"]
     assert [s["best"] for s in drive(first, 210, 11.0)] == [False]
     again = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="kinematic")
-    assert again.best["step"] == 130 and again.default["time_s"] == 20.0 and again.due(299) is None
+    assert again.best["step"] == 130
+    assert again.default["time_s"] == 20.0
+    assert again.due(299) is None
     other = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="pybullet")
     summaries = list(drive(other, 310, 100.0))
     assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
-    assert summaries[1]["time_s"] is None and summaries[1]["score"] == 102.0
+    assert summaries[1]["time_s"] is None
+    assert summaries[1]["score"] == 102.0
 
 
 def test_help_names_every_option_and_noise_is_the_papers():
@@ -306,8 +391,10 @@ def test_help_names_every_option_and_noise_is_the_papers():
     for name in TrainConfig.__dataclass_fields__:
         assert "--" + name.replace("_", "-") in text
     paper = TrainConfig().resolved()
-    assert paper.noise(0) == 0.5 and paper.noise(1_000_000) == pytest.approx(0.375)
-    assert paper.noise(3_840_000) == pytest.approx(0.02) and paper.noise(5_000_000) == 0.02
+    assert paper.noise(0) == 0.5
+    assert paper.noise(1_000_000) == pytest.approx(0.375)
+    assert paper.noise(3_840_000) == pytest.approx(0.02)
+    assert paper.noise(5_000_000) == 0.02
     assert TrainConfig(steps=50_000).resolved().noise(38_400) == pytest.approx(0.02)
     with pytest.raises(ConfigError):
         TrainConfig(actors=-1)
@@ -315,10 +402,13 @@ def test_help_names_every_option_and_noise_is_the_papers():
 
 if __name__ == "__main__":
     import tempfile
+
     times = int(sys.argv[1]) if len(sys.argv) > 1 else 10
     with tempfile.TemporaryDirectory() as folder:
         where = kill_and_resume(Path(folder) / "killed", times, 4000, seed=int(time.time()))
         assert main(toy(Path(folder) / "whole", "--steps", "4000")) == 0
         assert state_of(Path(folder) / "killed") == state_of(Path(folder) / "whole")
-        print("killed %d times (journal's size then: %s bytes): the same weights, replay and random state" % (
-            times, ", ".join(map(str, where))))
+        print(
+            "killed %d times (journal's size then: %s bytes): the same weights, replay and random state"
+            % (times, ", ".join(map(str, where)))
+        )

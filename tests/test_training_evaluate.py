@@ -1,5 +1,7 @@
 """evaluate.py: the plan, seeds, trials.csv row for row after a kill, torn files, workers that die, and every mistake
-one line. A toy driver stands in for the robot; the real one is driven at the end."""
+one line. A toy driver stands in for the robot; the real one is driven at the end.
+"""
+
 import csv
 import json
 import os
@@ -12,7 +14,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from training import evaluate, methods, trial_store, trials
+from training import evaluate
+from training.evaluation import methods, trials
+from training.evaluation import store as trial_store
 from training.storage import StorageError
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -21,8 +25,22 @@ HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path
 
 
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
-    return [sys.executable, "-m", "training.evaluate", "--worlds", worlds, "--methods", chosen, "--trials", "4",
-            "--out", str(out), "--driver", "toy_driver:ToyDriver", "--no-report"] + [str(m) for m in more]
+    return [
+        sys.executable,
+        "-m",
+        "training.evaluate",
+        "--worlds",
+        worlds,
+        "--methods",
+        chosen,
+        "--trials",
+        "4",
+        "--out",
+        str(out),
+        "--driver",
+        "toy_driver:ToyDriver",
+        "--no-report",
+    ] + [str(m) for m in more]
 
 
 def environment(**more):
@@ -35,7 +53,7 @@ def run(*arguments, **env):
 
 def refused(done, *words):
     lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert done.returncode == 1 and len(lines) == 1 and "Traceback" not in done.stderr, done.stderr
+    assert done.returncode == 1 and len(lines) == 1 and "Traceback" not in done.stderr, done.stderr  # noqa: PT018
     for word in words:
         assert word in lines[0], lines[0]
 
@@ -47,8 +65,9 @@ def test_same_seeds_for_every_method_and_whatever_else_is_driven():
     seeds = {(t.world, t.trial, t.method): t.seed for t in both}
     assert all(seeds[w, n, "x"] == seeds[w, n, "y"] for w in "ab" for n in range(3))
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
-    assert len({t.seed for t in both}) == 6 and seeds["a", 0, "x"] != trials.seed_of(6, "a", 0)
-    assert both == trials.plan([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]    # more only append
+    assert len({t.seed for t in both}) == 6
+    assert seeds["a", 0, "x"] != trials.seed_of(6, "a", 0)
+    assert both == trials.plan([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # more only append
 
 
 def test_answers_come_out_in_the_plans_order():
@@ -78,21 +97,27 @@ def test_answers_come_out_in_the_plans_order():
 def test_csv_has_exactly_the_pinned_columns(tmp_path):
     assert run(command(tmp_path)).returncode == 0
     lines = (tmp_path / "trials.csv").read_text().splitlines()
-    assert lines[0] == HEADER and len(lines) == 1 + 3 * 2 * 4
+    assert lines[0] == HEADER
+    assert len(lines) == 1 + 3 * 2 * 4
     rows = list(csv.DictReader(lines))
     assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == [
-        ("0", "generated:0", "dwa"), ("0", "generated:0", "random"), ("0", "generated:7", "dwa")]
+        ("0", "generated:0", "dwa"),
+        ("0", "generated:0", "random"),
+        ("0", "generated:7", "dwa"),
+    ]
     assert {r["success"] for r in rows} <= {"True", "False"}
     settings = json.loads((tmp_path / "evaluation.json").read_text())
-    assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5 and settings["wall_s"] > 0
+    assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5
+    assert settings["wall_s"] > 0
 
 
 def test_killed_and_started_again_gives_the_same_rows(tmp_path):
     whole, killed = tmp_path / "whole", tmp_path / "killed"
     assert run(command(whole)).returncode == 0
     for signal_ in (signal.SIGKILL, signal.SIGINT, signal.SIGKILL):
-        process = subprocess.Popen(command(killed), cwd=ROOT, env=environment(TOY_SECONDS=0.4),
-                                   stderr=subprocess.DEVNULL)
+        process = subprocess.Popen(
+            command(killed), cwd=ROOT, env=environment(TOY_SECONDS=0.4), stderr=subprocess.DEVNULL
+        )
         deadline = time.monotonic() + 60
         before = _rows(killed)
         while _rows(killed) < before + 3 and process.poll() is None and time.monotonic() < deadline:
@@ -180,10 +205,11 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     store.close()
     whole = (tmp_path / "trials.csv").read_bytes()
 
-    def refuse(words, settings={"seed": 0}, tasks=plan):
+    def refuse(words, settings={"seed": 0}, tasks=plan):  # noqa: B006
         with pytest.raises(StorageError) as error:
             trial_store.Store(tmp_path, settings, tasks)
-        assert words in str(error.value) and "\n" not in str(error.value)
+        assert words in str(error.value)
+        assert "\n" not in str(error.value)
 
     refuse("another seed", {"seed": 1})
     refuse("line 2 is trial w/m/0", tasks=trials.plan([("w", "w")], [("m", "m")], 3, seed=1))
@@ -201,39 +227,45 @@ def test_another_evaluations_folder_is_refused(tmp_path):
 
 def test_worker_that_dies_is_replaced_and_the_rows_are_the_same(tmp_path):
     done = run(command(tmp_path, chosen="dwa,mortal=random"), TOY_MARK=tmp_path / "mark")
-    assert done.returncode == 0 and (tmp_path / "mark").exists()
+    assert done.returncode == 0
+    assert (tmp_path / "mark").exists()
     assert _rows(tmp_path) == 25
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
-    refused(run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:",
-            " failed: the toy will not")
+    refused(
+        run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:", " failed: the toy will not"
+    )
     refused(run(command(tmp_path / "b"), TOY_BROKEN="1"), "cannot start", "the toy is broken")
 
 
-@pytest.mark.parametrize("arguments, words", [
-    (["--trials", "0"], ["--trials", "1 to"]),
-    (["--trials", "many"], ["no whole number"]),
-    (["--simulator", "gazebo"], ["pybullet"]),
-    (["--worlds", "generated:300"], ["generated:300"]),
-    (["--worlds", "/nowhere.world"], ["nowhere.world"]),
-    (["--worlds", "generated:1,generated:1"], ["two worlds"]),
-    (["--methods", "dwa,dwa"], ["two methods"]),
-    (["--methods", "nothing"], ["nothing", "dwa"]),
-    (["--methods", "/nowhere.safetensors"], ["nowhere.safetensors"]),
-    (["--methods", "/nowhere.json"], ["nowhere.json"]),
-    (["--methods", "appld:/nowhere"], ["nowhere"]),
-    (["--methods", "no_such_module:Mine"], ["no_such_module"]),
-    (["--methods", "frozen:speed:dwa"], ["speed", "max_vel_x"]),
-    (["--methods", "a b=dwa"], ["letters"]),
-    (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
-    (["--wrong"], ["--wrong", "--help"]),
-    (["--protocol", "barn-challenge", "--worlds", "physical_course"], ["barn-challenge", "physical_course"]),
-])
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--trials", "0"], ["--trials", "1 to"]),
+        (["--trials", "many"], ["no whole number"]),
+        (["--simulator", "gazebo"], ["pybullet"]),
+        (["--worlds", "generated:300"], ["generated:300"]),
+        (["--worlds", "/nowhere.world"], ["nowhere.world"]),
+        (["--worlds", "generated:1,generated:1"], ["two worlds"]),
+        (["--methods", "dwa,dwa"], ["two methods"]),
+        (["--methods", "nothing"], ["nothing", "dwa"]),
+        (["--methods", "/nowhere.safetensors"], ["nowhere.safetensors"]),
+        (["--methods", "/nowhere.json"], ["nowhere.json"]),
+        (["--methods", "appld:/nowhere"], ["nowhere"]),
+        (["--methods", "no_such_module:Mine"], ["no_such_module"]),
+        (["--methods", "frozen:speed:dwa"], ["speed", "max_vel_x"]),
+        (["--methods", "a b=dwa"], ["letters"]),
+        (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
+        (["--wrong"], ["--wrong", "--help"]),
+        (["--protocol", "barn-challenge", "--worlds", "physical_course"], ["barn-challenge", "physical_course"]),
+    ],
+)
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     assert evaluate.main(["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"] + arguments) == 1
     line = capsys.readouterr().err
-    assert line.count("\n") == 1 and line.startswith("error: ")
+    assert line.count("\n") == 1
+    assert line.startswith("error: ")
     for word in words:
         assert word in line, line
     assert not (tmp_path / "o" / "trials.csv").exists()
@@ -245,8 +277,13 @@ def test_ros_arguments_are_ignored():
 
 # -- methods ---------------------------------------------------------------------------------------------------------
 def context(**more):
-    given = dict(observation=np.zeros(729, np.float32), ranges=np.full(720, 2.0, np.float32), phi=0.0,
-                 theta=methods.SPACE.theta0, time=0.0)
+    given = dict(
+        observation=np.zeros(729, np.float32),
+        ranges=np.full(720, 2.0, np.float32),
+        phi=0.0,
+        theta=methods.SPACE.theta0,
+        time=0.0,
+    )
     return methods.Context(**{**given, **more})
 
 
@@ -257,7 +294,9 @@ def theta(method, name):
 def test_baselines(tmp_path):
     assert np.array_equal(methods.make("dwa").theta(context()), methods.SPACE.theta0)
     fast = methods.make("fast_dwa")
-    assert theta(fast, "max_vel_x") == 1.0 and theta(fast, "vx_samples") == 12 and theta(fast, "vtheta_samples") == 20
+    assert theta(fast, "max_vel_x") == 1.0
+    assert theta(fast, "vx_samples") == 12
+    assert theta(fast, "vtheta_samples") == 20
     (tmp_path / "set.json").write_text('{"parameters": {"max_vel_x": 1.5}, "log": "whatever"}')
     assert theta(methods.make(str(tmp_path / "set.json")), "max_vel_x") == 1.5
     (tmp_path / "set.json").write_text('{"max_vel_x": 99}')
@@ -275,22 +314,25 @@ def test_random_depends_on_the_trials_seed_only():
     assert not np.array_equal(method.theta(context()), first[0])
     method.reset(4)
     assert np.array_equal([method.theta(context()) for _ in range(3)], first)
-    assert (np.array(first) >= methods.SPACE.low).all() and (np.array(first) <= methods.SPACE.high).all()
+    assert (np.array(first) >= methods.SPACE.low).all()
+    assert (np.array(first) <= methods.SPACE.high).all()
 
 
 def test_a_persons_own_class(tmp_path, monkeypatch):
     (tmp_path / "my_module.py").write_text(
-        "from training.methods import SPACE\n"
+        "from training.evaluation.methods import SPACE\n"
         "class Cautious:\n    def __init__(self, text='1.0'): self.speed = float(text)\n"
         "    def reset(self, seed): self.seed = seed\n"
         "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': self.speed})\n"
         "class Wild:\n    def theta(self, context): return [float('nan')] * 8\n"
-        "class Nothing: pass\n")
+        "class Nothing: pass\n"
+    )
     monkeypatch.syspath_prepend(str(tmp_path))
     assert theta(methods.make("my_module:Cautious"), "max_vel_x") == 1.0
     own = methods.make("my_module:Cautious:0.7")
     own.reset(3)
-    assert theta(own, "max_vel_x") == 0.7 and own.made.seed == 3
+    assert theta(own, "max_vel_x") == 0.7
+    assert own.made.seed == 3
     with pytest.raises(methods.MethodError, match="gave no parameters"):
         methods.make("my_module:Wild").theta(context())
     with pytest.raises(methods.MethodError, match="no theta"):
@@ -300,9 +342,11 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
 
 def test_ablation_freezes_one_parameter_at_a_time():
     found = methods.parse("ablation:fast_dwa")
-    assert len(found) == 8 and found[0] == ("fast_dwa-without-max_vel_x", "frozen:max_vel_x:fast_dwa")
+    assert len(found) == 8
+    assert found[0] == ("fast_dwa-without-max_vel_x", "frozen:max_vel_x:fast_dwa")
     frozen = methods.make(found[0][1])
-    assert theta(frozen, "max_vel_x") == 0.5 and theta(frozen, "vx_samples") == 12
+    assert theta(frozen, "max_vel_x") == 0.5
+    assert theta(frozen, "vx_samples") == 12
 
 
 # -- the real stack --------------------------------------------------------------------------------------------------
@@ -322,11 +366,16 @@ def test_trial_depends_on_its_task_only():
 
 def test_protocols():
     import worlds
+
     world = trials.under("barn-challenge", worlds.load("generated:7"))
-    assert world.course.start[:2] == (-2.25, 3.0) and world.course.goal[:2] == (-2.25, 13.0)
-    assert world.course.goal_tolerance == 1.0 and world.course.finish_y is None
-    assert world.course.done(-2.25, 12.01) and not world.course.done(-2.25, 11.9)
-    assert trials.PROTOCOLS["barn-challenge"].end_on_contact and not trials.PROTOCOLS["paper"].end_on_contact
+    assert world.course.start[:2] == (-2.25, 3.0)
+    assert world.course.goal[:2] == (-2.25, 13.0)
+    assert world.course.goal_tolerance == 1.0
+    assert world.course.finish_y is None
+    assert world.course.done(-2.25, 12.01)
+    assert not world.course.done(-2.25, 11.9)
+    assert trials.PROTOCOLS["barn-challenge"].end_on_contact
+    assert not trials.PROTOCOLS["paper"].end_on_contact
 
 
 def test_store_and_traces(tmp_path):
@@ -336,8 +385,13 @@ def test_store_and_traces(tmp_path):
     with pytest.raises(StorageError, match="another"):
         trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
     key = list(plan[0].key)
-    store.append({"row": key + ["True"] * 3 + ["1.0", "1", "1.0"], "measures": key + ["x"] * 6,
-                  "trace": trials.pack_trace(trace)})
+    store.append(
+        {
+            "row": key + ["True"] * 3 + ["1.0", "1", "1.0"],
+            "measures": key + ["x"] * 6,
+            "trace": trials.pack_trace(trace),
+        }
+    )
     store.close()
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 1) is None
@@ -347,6 +401,7 @@ def test_on_a_ray_cluster(tmp_path):
     """The same rows from Ray actors as from processes."""
     ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
+
     assert run(command(tmp_path / "here")).returncode == 0
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
     try:

@@ -1,4 +1,5 @@
 """The report: statistics by hand, the paper's tables from made-up trials, every output; comparison with Gazebo."""
+
 import csv
 import math
 
@@ -6,7 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from training import compare_gazebo, trial_store, trials
+from training import compare_gazebo
+from training.evaluation import store as trial_store
+from training.evaluation import trials
 from training.report import ReportError, data, paper, statistics, tables, tables_more, write
 from training.report.regions import clearance, region_of
 from training.report.table import Table
@@ -28,9 +31,18 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
     plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
-    settings = {"worlds": worlds, "world_specs": worlds, "methods": {"dwa": {"parameters": {"max_vel_x": 0.5}},
-                "applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor", "frozen": "max_vel_x"}},
-                "simulator": "kinematic", "protocol": "paper", "seed": 0}
+    settings = {
+        "worlds": worlds,
+        "world_specs": worlds,
+        "methods": {
+            "dwa": {"parameters": {"max_vel_x": 0.5}},
+            "applr": {"class": "Actor"},
+            METHODS[2]: {"class": "Actor", "frozen": "max_vel_x"},
+        },
+        "simulator": "kinematic",
+        "protocol": "paper",
+        "seed": 0,
+    }
     store = trial_store.Store(out, settings, plan)
     rng = np.random.default_rng(1)
     for task in plan:
@@ -41,8 +53,13 @@ def folder(tmp_path_factory):
         key = list(task.key)
         row = [good, False, not good, seconds, math.ceil(seconds / 2), 6.5]
         measures = ["finished" if good else "time limit", 7.0, 0.3, 5.0, 1.0, 0.1]
-        store.append({"row": key + [str(v) for v in row], "measures": key + [str(v) for v in measures],
-                      "trace": trials.pack_trace(Trace) if task.trace and task.world in ("generated:20",) else None})
+        store.append(
+            {
+                "row": key + [str(v) for v in row],
+                "measures": key + [str(v) for v in measures],
+                "trace": trials.pack_trace(Trace) if task.trace and task.world in ("generated:20",) else None,
+            }
+        )
     store.finish(75.0, workers=2)
     store.close()
     return out
@@ -63,7 +80,8 @@ def test_welch_is_scipys_and_edges_are_told():
     a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
     assert statistics.welch_p(a, b) == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
     assert math.isnan(statistics.welch_p(a[:1], b))
-    assert statistics.welch_p(np.ones(3), np.ones(3)) == 1.0 and statistics.welch_p(np.ones(3), np.zeros(3)) == 0.0
+    assert statistics.welch_p(np.ones(3), np.ones(3)) == 1.0
+    assert statistics.welch_p(np.ones(3), np.zeros(3)) == 0.0
 
 
 def test_identical_methods_win_as_often_as_the_paper_page_says():
@@ -78,7 +96,7 @@ def test_identical_methods_win_as_often_as_the_paper_page_says():
 
 def test_holm_by_hand():
     p = np.array([0.01, 0.04, 0.03, 0.005])
-    assert statistics.holm(p).tolist() == [True, False, False, True]      # .005 < .0125, .01 < .0167, .03 >= .025
+    assert statistics.holm(p).tolist() == [True, False, False, True]  # .005 < .0125, .01 < .0167, .03 >= .025
     assert statistics.holm(np.zeros(0)).tolist() == []
 
 
@@ -99,18 +117,31 @@ def test_bootstrap_over_worlds_covers():
 
 
 def test_barn_metric_by_hand():
-    cell = data.Cell(*[np.array(v) for v in ([True, True, True, False], [False, False, True, False], [False] * 4,
-                                             [6.0, 30.0, 20.0, 100.0], [3, 15, 10, 50], [7.0] * 4)], [""] * 4,
-                     *[np.full(4, 7.0)] * 5)
+    cell = data.Cell(
+        *[
+            np.array(v)
+            for v in (
+                [True, True, True, False],
+                [False, False, True, False],
+                [False] * 4,
+                [6.0, 30.0, 20.0, 100.0],
+                [3, 15, 10, 50],
+                [7.0] * 4,
+            )
+        ],
+        [""] * 4,
+        *[np.full(4, 7.0)] * 5,
+    )
     assert statistics.barn_metric(cell, 2.0) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
     assert statistics.barn_metric(cell, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
 def test_sets_are_barns():
-    assert [data.set_of(w) for w in ("generated:0", "generated:1", "world_0", "world_1", "physical_course", "house",
-                                     "generated:999")] == ["Test", "Training", "Test", "Training", "Physical course",
-                                                           "Other", "Other"]
+    assert [
+        data.set_of(w)
+        for w in ("generated:0", "generated:1", "world_0", "world_1", "physical_course", "house", "generated:999")
+    ] == ["Test", "Training", "Test", "Training", "Physical course", "Other", "Other"]
 
 
 def test_table_1_counts_successes_in_seconds_and_decisions(results):
@@ -118,9 +149,11 @@ def test_table_1_counts_successes_in_seconds_and_decisions(results):
     row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
     times = np.concatenate([results.cells["applr"][w].times for w in results.of_set("Training")])
     base = np.concatenate([results.cells["dwa"][w].times for w in results.of_set("Training")])
-    assert row["time [s]"] == "%.2f" % times.mean() and row["two-second decisions"] == "%.2f" % (times.mean() / 2)
+    assert row["time [s]"] == "%.2f" % times.mean()
+    assert row["two-second decisions"] == "%.2f" % (times.mean() / 2)
     assert row["faster [%]"] == "%.1f" % (100 * (1 - times.mean() / base.mean()))
-    assert row["paper [decisions]"] == "11.96" and row["paper [s]"] == "23.92"
+    assert row["paper [decisions]"] == "11.96"
+    assert row["paper [s]"] == "23.92"
     assert any("two-second decisions" in n and "9.7 %" not in n for n in table.notes)
     assert any("9.7 %" in n for n in table.notes)
 
@@ -129,10 +162,14 @@ def test_table_2_tests_each_world(results):
     table = tables.table_2(results)
     row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
     worlds = results.of_set("Training")
-    won = sum(stats.ttest_ind(results.cells["applr"][w].times, results.cells["dwa"][w].times, equal_var=False).pvalue
-              < .05 for w in worlds if w != "generated:3")
-    assert row["method better"].startswith("%d (" % won) and row["dwa better"].startswith("0 (")
-    assert row["tested"] == "%d of %d" % (len(worlds) - 1, len(worlds))       # generated:3 never succeeds
+    won = sum(
+        stats.ttest_ind(results.cells["applr"][w].times, results.cells["dwa"][w].times, equal_var=False).pvalue < 0.05
+        for w in worlds
+        if w != "generated:3"
+    )
+    assert row["method better"].startswith("%d (" % won)
+    assert row["dwa better"].startswith("0 (")
+    assert row["tested"] == "%d of %d" % (len(worlds) - 1, len(worlds))  # generated:3 never succeeds
     assert row["paper: applr better"] == "88 (35 %)"
 
 
@@ -141,7 +178,9 @@ def test_table_3_has_thirds_and_the_papers_slip(results):
     sizes = [int(r[2]) for r in table.rows if r[0].endswith("All") and r[1] == "applr"]
     assert sizes == [13, 13, 13]
     assert [r[-1] for r in table.rows if r[0] in ("Medium All", "Difficult All") and r[1] == "applr"] == [
-        "3 % (*)", "14 % (*)"]
+        "3 % (*)",
+        "14 % (*)",
+    ]
     assert any(paper.SWAP_SLIP in n for n in table.notes)
     assert results.thirds()["Difficult"][-1] == "generated:3"
 
@@ -156,13 +195,16 @@ def test_table_4_names_failures(results):
 def test_ablation(results):
     table = tables_more.ablation(results)
     assert [row[:2] for row in table.rows] == [["applr", "max_vel_x"]]
-    assert 25 < float(table.rows[0][-1]) < 55         # .10 of the .25 that applr saves
+    assert 25 < float(table.rows[0][-1]) < 55  # .10 of the .25 that applr saves
 
 
 def test_formats_escape():
     table = Table("t", "a & b", ["x_1", "y"], [["50 %", "<b> | ±"]], ["note: θ"])
-    assert "50 \\%" in table.latex() and "$\\pm$" in table.latex() and "x\\_1" in table.latex()
-    assert "&lt;b&gt;" in table.html() and "\\|" in table.markdown()
+    assert "50 \\%" in table.latex()
+    assert "$\\pm$" in table.latex()
+    assert "x\\_1" in table.latex()
+    assert "&lt;b&gt;" in table.html()
+    assert "\\|" in table.markdown()
     assert list(csv.reader(table.csv().splitlines()))[1] == ["50 %", "<b> | ±"]
 
 
@@ -170,14 +212,17 @@ def test_formats_escape():
 def test_report_is_whole(folder):
     page = write(folder)
     out = folder / "report"
-    text = open(page, encoding="utf-8").read()
+    text = open(page, encoding="utf-8").read()  # noqa: SIM115
     for name in ("table_1", "table_2", "table_3", "table_4", "rates", "smoothness", "ablation", "methods"):
         for ending in ("csv", "tex", "md"):
             assert (out / ("%s.%s" % (name, ending))).stat().st_size > 0
     pictures = ["times.png", "paths_generated-20.png", "profile_generated-20_applr.png"]
     for name in pictures:
-        assert (out / name).read_bytes()[:4] == b"\x89PNG" and name in text
-    assert "1 min 15 s" in text and "kinematic" in text and "nan" not in text
+        assert (out / name).read_bytes()[:4] == b"\x89PNG"
+        assert name in text
+    assert "1 min 15 s" in text
+    assert "kinematic" in text
+    assert "nan" not in text
     assert (out / "report.md").read_text().count("###") == 8
 
 
@@ -185,8 +230,13 @@ def test_report_of_one_method_and_one_world(tmp_path):
     plan = trials.plan([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
     store = trial_store.Store(tmp_path, {"worlds": ["house"], "world_specs": ["/gone.world"]}, plan)
     key = list(plan[0].key)
-    store.append({"row": key + ["False", "True", "True", "100.0", "50", "3.0"],
-                  "measures": key + ["time limit"] + ["nan"] * 5, "trace": trials.pack_trace(Trace)})
+    store.append(
+        {
+            "row": key + ["False", "True", "True", "100.0", "50", "3.0"],
+            "measures": key + ["time limit"] + ["nan"] * 5,
+            "trace": trials.pack_trace(Trace),
+        }
+    )
     store.close()
     assert write(tmp_path).endswith("index.html")
 
@@ -200,6 +250,7 @@ def test_nothing_to_report_is_one_line(tmp_path, folder):
 
 def test_regions():
     import worlds
+
     world = worlds.load("generated:7")
     assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
     poses = np.column_stack([np.full(100, -2.25), np.full(100, 12.0)])
@@ -220,15 +271,23 @@ def test_compare_with_gazebo(tmp_path, capsys, monkeypatch):
         rows.writerow(["world", "n", "n_success", "time_mean_succ", "tortuosity"])
         for n in range(30):
             rows.writerow([n, 20, 18, 24.0 + n + rng.normal(0, 2), 1.1])
-    found = compare_gazebo.compare(compare_gazebo.ours(tmp_path / "trials.csv", "dwa"),
-                                   compare_gazebo.gazebo(tmp_path / "gazebo.csv"))
-    assert found["worlds"] == 30 and found["ours_all"]["success"] == 0.75 and found["gazebo_all"]["success"] == 0.9
+    found = compare_gazebo.compare(
+        compare_gazebo.ours(tmp_path / "trials.csv", "dwa"), compare_gazebo.gazebo(tmp_path / "gazebo.csv")
+    )
+    assert found["worlds"] == 30
+    assert found["ours_all"]["success"] == 0.75
+    assert found["gazebo_all"]["success"] == 0.9
     assert found["ours_all"]["time_s"] == pytest.approx(34.5)
-    assert found["gazebo_all"]["time_s"] == pytest.approx(36.5, abs=1.0)       # two seconds taken off
+    assert found["gazebo_all"]["time_s"] == pytest.approx(36.5, abs=1.0)  # two seconds taken off
     assert found["spearman"] > 0.95
-    for arguments, status in ((["trials.csv", "gazebo.csv"], 0), (["gazebo.csv", "gazebo.csv"], 1),
-                              (["trials.csv", "nowhere.csv"], 1), (["trials.csv", "trials.csv"], 1)):
+    for arguments, status in (
+        (["trials.csv", "gazebo.csv"], 0),
+        (["gazebo.csv", "gazebo.csv"], 1),
+        (["trials.csv", "nowhere.csv"], 1),
+        (["trials.csv", "trials.csv"], 1),
+    ):
         monkeypatch.setattr("sys.argv", ["compare"] + [str(tmp_path / a) for a in arguments])
         assert compare_gazebo.main() == status
         caught = capsys.readouterr()
-        assert caught.err.count("\n") == status and ("Spearman" in caught.out) == (status == 0)
+        assert caught.err.count("\n") == status
+        assert ("Spearman" in caught.out) == (status == 0)

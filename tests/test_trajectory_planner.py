@@ -1,23 +1,29 @@
 """The trajectory planner: its short cuts choose what the plain way chooses; parameters, memory, single samples."""
+
 import math
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from applr_ros1.planner import trajectory_bounds as bounds
-from applr_ros1.planner import trajectory_scoring as scoring
-from applr_ros1.planner.costmap import Costmap
-from applr_ros1.planner.footprint import footprint_cost
-from applr_ros1.planner.inflation_layer import InflationParameters
-from applr_ros1.planner.parameters import JACKAL
-from applr_ros1.planner.trajectory_planner import TrajectoryPlanner, TrajectoryPlannerError
-from applr_ros1.planner.trajectory_sampling import STATE
 from plain_trajectories import Plain
 
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.footprint import footprint_cost
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.planner.trajectory import bounds, scoring
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner, TrajectoryPlannerError
+from applr_ros1.planner.trajectory.sampling import STATE
+
 JACKAL_FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
-FEET = [JACKAL_FOOT, np.array([[-0.2, -0.2], [0.3, 0.0], [-0.2, 0.2]]), np.zeros((0, 2)), np.array([[0.1, 0.1]]),
-        np.array([[0.0, 0.0], [0.2, 0.1]]), np.array([[-2.5, -0.4], [-2.5, 0.4], [2.5, 0.4], [2.5, -0.4]])]
+FEET = [
+    JACKAL_FOOT,
+    np.array([[-0.2, -0.2], [0.3, 0.0], [-0.2, 0.2]]),
+    np.zeros((0, 2)),
+    np.array([[0.1, 0.1]]),
+    np.array([[0.0, 0.0], [0.2, 0.1]]),
+    np.array([[-2.5, -0.4], [-2.5, 0.4], [2.5, 0.4], [2.5, -0.4]]),
+]
 PARAMS = JACKAL["TrajectoryPlannerROS"]
 
 
@@ -33,11 +39,18 @@ def planner(plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_
 
 # -- against the plain way ---------------------------------------------------------------------------------------
 
+
 def random_map(random, foot):
     nx, ny = (int(v) for v in random.integers(12, 130, 2))
     resolution = float(random.choice([0.05, 0.1, 0.03]))
-    made = Costmap((nx + 0.5) * resolution, (ny + 0.5) * resolution, resolution, random.uniform(-3, 3, 2).round(3),
-                   footprint=foot, inflation=InflationParameters(float(random.uniform(0, 0.6))))
+    made = Costmap(
+        (nx + 0.5) * resolution,
+        (ny + 0.5) * resolution,
+        resolution,
+        random.uniform(-3, 3, 2).round(3),
+        footprint=foot,
+        inflation=InflationParameters(float(random.uniform(0, 0.6))),
+    )
     cells = np.zeros((ny, nx), np.uint8)
     cells[random.random((ny, nx)) < random.choice([0, 0.002, 0.01, 0.03])] = 254
     if random.random() < 0.3:
@@ -66,9 +79,11 @@ def random_pose(random, costmap):
 def give_room(random, costmap, pose, foot):
     """Take away what the robot would stand on, so that there is something to choose."""
     radius = max([float(np.hypot(*vertex)) for vertex in foot] + [0.1]) + random.uniform(0.05, 0.3)
-    rows, columns = np.mgrid[:costmap.size[1], :costmap.size[0]] + 0.5
-    away = np.hypot(costmap.origin[0] + columns * costmap.resolution - pose[0],
-                    costmap.origin[1] + rows * costmap.resolution - pose[1])
+    rows, columns = np.mgrid[: costmap.size[1], : costmap.size[0]] + 0.5
+    away = np.hypot(
+        costmap.origin[0] + columns * costmap.resolution - pose[0],
+        costmap.origin[1] + rows * costmap.resolution - pose[1],
+    )
     costmap.cells[(away < radius) & (costmap.cells > 100)] = int(random.choice([0, 0, 50, 253]))
     if random.random() < 0.5:
         walls = costmap.cells > 252
@@ -78,16 +93,30 @@ def give_room(random, costmap, pose, foot):
 def random_parameters(random):
     def one(*values):
         return float(random.choice(values))
+
     fastest = float(random.uniform(0.3, 3.14))
     return dict(
-        PARAMS, vx_samples=int(random.integers(1, 6)), vtheta_samples=int(random.integers(1, 12)),
-        max_vel_x=one(0.5, 1, 2), min_vel_x=one(0, 0.1, 0.3), max_vel_theta=fastest, min_vel_theta=-fastest,
-        occdist_scale=one(0, 0.05, 0.1, 1), path_distance_bias=one(0, 0.1, 0.75, 1.5),
-        goal_distance_bias=one(0, 0.1, 1, 2), acc_lim_x=one(10, 1, 0.1, 0), acc_lim_y=one(2.5, 0.1),
-        acc_lim_theta=one(20, 3, 0.5), sim_time=one(0.5, 1, 2, 4), sim_granularity=one(0.02, 0.1),
-        angular_sim_granularity=one(0.02, 0.1, 0.7), heading_lookahead=one(0.325, 0, 1),
-        dwa=bool(random.random() < 0.8), simple_attractor=bool(random.random() < 0.1),
-        heading_scoring=bool(random.random() < 0.1))
+        PARAMS,
+        vx_samples=int(random.integers(1, 6)),
+        vtheta_samples=int(random.integers(1, 12)),
+        max_vel_x=one(0.5, 1, 2),
+        min_vel_x=one(0, 0.1, 0.3),
+        max_vel_theta=fastest,
+        min_vel_theta=-fastest,
+        occdist_scale=one(0, 0.05, 0.1, 1),
+        path_distance_bias=one(0, 0.1, 0.75, 1.5),
+        goal_distance_bias=one(0, 0.1, 1, 2),
+        acc_lim_x=one(10, 1, 0.1, 0),
+        acc_lim_y=one(2.5, 0.1),
+        acc_lim_theta=one(20, 3, 0.5),
+        sim_time=one(0.5, 1, 2, 4),
+        sim_granularity=one(0.02, 0.1),
+        angular_sim_granularity=one(0.02, 0.1, 0.7),
+        heading_lookahead=one(0.325, 0, 1),
+        dwa=bool(random.random() < 0.8),
+        simple_attractor=bool(random.random() < 0.1),
+        heading_scoring=bool(random.random() < 0.1),
+    )
 
 
 def random_state(random, pose):
@@ -145,8 +174,22 @@ def test_outline_cost_equals_the_footprints(seed):
         cx, cy = costmap.world_to_map(x, y)
         if cx < 0:
             continue
-        ours = scoring.outline_cost(costmap.cells, costmap.cells.reshape(-1), ox, oy, costmap.resolution, foot,
-                                    lines, x, y, math.cos(yaw), math.sin(yaw), cx, cy, 0.0)
+        ours = scoring.outline_cost(
+            costmap.cells,
+            costmap.cells.reshape(-1),
+            ox,
+            oy,
+            costmap.resolution,
+            foot,
+            lines,
+            x,
+            y,
+            math.cos(yaw),
+            math.sin(yaw),
+            cx,
+            cy,
+            0.0,
+        )
         theirs = footprint_cost(costmap.cells, ox, oy, costmap.resolution, foot, x, y, yaw)
         assert ours == theirs if theirs >= 0 else ours < 0
 
@@ -160,18 +203,20 @@ def test_closed_forms_end_where_the_steps_end():
         steps = scoring.step_count(params[0], vx, 0.0, w)
         dt = 2.0 / steps
         exact = bounds.exact_end(params[0], start, vx, w, steps)
-        moves, x, y, c, s = bounds.ramp(params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt,
-                                        steps - 1)
+        moves, x, y, c, s = bounds.ramp(params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1)
         ours = bounds.along_arc(x, y, c, s, vx * dt, w * dt, steps - 1 - moves)
         assert np.allclose(ours, exact, rtol=0, atol=1e-11)
 
 
 # -- behaviour ---------------------------------------------------------------------------------------------------
 
+
 def test_drives_to_a_goal_straight_ahead():
     result = planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    assert (result.v, result.w) == (0.5, 0.0) and result.drive == (0.5, 0.0)
-    assert result.points.shape == (50, 3) and tuple(result.points[0]) == (0, 0, 0)
+    assert (result.v, result.w) == (0.5, 0.0)
+    assert result.drive == (0.5, 0.0)
+    assert result.points.shape == (50, 3)
+    assert tuple(result.points[0]) == (0, 0, 0)
 
 
 def test_slows_down_before_the_last_point():
@@ -182,7 +227,8 @@ def test_slows_down_before_the_last_point():
 def test_turns_towards_a_goal_behind():
     made = planner([(0, 0), (-3, 0)])
     result = made.find_best_path(open_map(), (0, 0, 0.2), (0, 0, 0))
-    assert result.v == 0 and result.w > 0
+    assert result.v == 0
+    assert result.w > 0
     assert made.state[:4] == [0, 0, 1, 0]
     assert (made.state[5:7]) == [0.0, 0.0]
 
@@ -202,28 +248,38 @@ def test_enclosed_robot_backs_up_and_says_so():
     made = planner()
     result = made.find_best_path(costmap, (-0.28, 0, 0), (0, 0, 0))
     assert (result.cost, result.v, result.drive, result.count) == (1.0, -0.5, (-0.5, 0.0), 0)
-    assert result.points.shape == (0, 3) and made.state[4] == 1
+    assert result.points.shape == (0, 3)
+    assert made.state[4] == 1
 
 
 def test_no_way_to_the_goal_is_no_command():
     costmap = open_map()
     costmap.cells[:, 120] = 254
     result = planner().find_best_path(costmap, (0, 0, 0), (0, 0, 0))
-    assert result.cost == -2.0 and result.drive == (0.0, 0.0)
+    assert result.cost == -2.0
+    assert result.drive == (0.0, 0.0)
 
 
 def test_empty_plan_is_no_command():
     assert planner([]).find_best_path(open_map(), (0, 0, 0), (0, 0, 0)).cost < 0
 
 
-@pytest.mark.parametrize("changes", [{"vx_samples": 1}, {"vtheta_samples": 1}, {"vx_samples": 1, "vtheta_samples": 1},
-                                     {"vx_samples": 0, "vtheta_samples": -3}])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"vx_samples": 1},
+        {"vtheta_samples": 1},
+        {"vx_samples": 1, "vtheta_samples": 1},
+        {"vx_samples": 0, "vtheta_samples": -3},
+    ],
+)
 def test_one_sample_is_one_value(changes):
     """C++ divides by zero; ours does not and chooses the same."""
     made = planner(**changes)
     result = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
     window = made.window
-    assert result.cost >= 0 and all(math.isfinite(v) for v in window.values())
+    assert result.cost >= 0
+    assert all(math.isfinite(v) for v in window.values())
     assert window["dvx"] == 0 if "vx_samples" in changes else window["dvtheta"] == 0
 
 
@@ -256,18 +312,28 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
 def test_reconfigure_takes_some_values_and_keeps_the_rest():
     made = planner()
     made.reconfigure({"max_vel_x": 1.5, "unknown_to_it": 3})
-    assert made.effective["max_vel_x"] == 1.5 and made.effective["sim_time"] == 2.0
+    assert made.effective["max_vel_x"] == 1.5
+    assert made.effective["sim_time"] == 2.0
 
 
-@pytest.mark.parametrize("name, value", [("max_vel_x", math.nan), ("sim_time", 0.0), ("sim_granularity", -1.0),
-                                         ("angular_sim_granularity", 0.0), ("occdist_scale", -0.1),
-                                         ("acc_lim_theta", math.inf)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("max_vel_x", math.nan),
+        ("sim_time", 0.0),
+        ("sim_granularity", -1.0),
+        ("angular_sim_granularity", 0.0),
+        ("occdist_scale", -0.1),
+        ("acc_lim_theta", math.inf),
+    ],
+)
 def test_refused_parameters_change_nothing(name, value):
     made = planner()
     before = made.effective
     with pytest.raises(TrajectoryPlannerError, match=name) as caught:
         made.reconfigure({name: value, "max_vel_theta": 0.3})
-    assert "\n" not in str(caught.value) and made.effective == before
+    assert "\n" not in str(caught.value)
+    assert made.effective == before
 
 
 def test_missing_parameter_is_named():
@@ -313,6 +379,7 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     cloud = made.cost_cloud(costmap)
     path, goal, within = made.grids()
-    assert cloud.dtype == np.float32 and len(cloud) == 30 * 30 - int(within.sum())
+    assert cloud.dtype == np.float32
+    assert len(cloud) == 30 * 30 - int(within.sum())
     row = cloud[(np.abs(cloud[:, 0] + 0.45) < 1e-4) & (np.abs(cloud[:, 1] + 0.45) < 1e-4)][0]
     assert np.allclose(row[3:], [path[5, 5], goal[5, 5], 77, 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 7.7])

@@ -1,4 +1,5 @@
 """The generator follows BARN's recipe, the built-in worlds are what it makes, and a robot can pass all of them."""
+
 import numpy as np
 import pytest
 
@@ -8,50 +9,66 @@ from worlds import builtin, compare, field, generator, metrics, search
 
 def test_kinds_follow_barns_numbering():
     assert [generator.kind(n) for n in (0, 24, 25, 50, 75, 150, 225, 299)] == [
-        (.15, 2), (.15, 2), (.15, 3), (.15, 4), (.20, 2), (.25, 2), (.30, 2), (.30, 4)]
+        (0.15, 2),
+        (0.15, 2),
+        (0.15, 3),
+        (0.15, 4),
+        (0.20, 2),
+        (0.25, 2),
+        (0.30, 2),
+        (0.30, 4),
+    ]
 
 
 def test_split():
-    assert len(builtin.TEST) == 50 and len(builtin.TRAIN) == 250
+    assert len(builtin.TEST) == 50
+    assert len(builtin.TRAIN) == 250
     assert sorted(builtin.TEST + builtin.TRAIN) == list(range(300))
-    assert builtin.TEST[:5] == (0, 8, 17, 19, 27) and builtin.TEST[-1] == 294
+    assert builtin.TEST[:5] == (0, 8, 17, 19, 27)
+    assert builtin.TEST[-1] == 294
 
 
 @pytest.mark.parametrize("number", [0, 7, 60, 130, 190])
 def test_built_in_worlds_are_the_generators(number):
     filled, path = generator.generate_field(number)
     stored_filled, stored_path = builtin.fields()[number]
-    assert np.array_equal(filled, stored_filled) and np.array_equal(path, stored_path)
+    assert np.array_equal(filled, stored_filled)
+    assert np.array_equal(path, stored_path)
 
 
 def test_smoothing_by_hand():
     filled = np.zeros((30, 30), dtype=bool)
     filled[10:13, 10:13] = True
-    filled[11, 11] = False          # a ring: its middle has 8 neighbours and fills
-    filled[20, 20] = True           # alone: clears
+    filled[11, 11] = False  # a ring: its middle has 8 neighbours and fills
+    filled[20, 20] = True  # alone: clears
     smoothed = generator.smooth(filled)
-    assert smoothed[11, 11] and not smoothed[20, 20]
-    assert smoothed[10, 11] and smoothed[10, 10]        # 4 and 2 neighbours: they stay
+    assert smoothed[11, 11]
+    assert not smoothed[20, 20]
+    assert smoothed[10, 11]
+    assert smoothed[10, 10]
     filled[:] = False
     filled[[0, -1]] = True
-    assert np.array_equal(generator.smooth(filled)[0], filled[0])      # walls last: rows outside count as filled
+    assert np.array_equal(generator.smooth(filled)[0], filled[0])  # walls last: rows outside count as filled
 
 
 def test_hollow_leaves_out_enclosed_cells_only():
     filled = np.zeros((30, 30), dtype=bool)
     filled[5:10, 5:10] = True
     hollow = generator.hollow(filled)
-    assert not hollow[6:9, 6:9].any() and hollow.sum() == 16
+    assert not hollow[6:9, 6:9].any()
+    assert hollow.sum() == 16
 
 
 def test_every_built_in_world_has_room_along_its_path():
-    for number, (filled, path) in builtin.fields().items():
+    for number, (filled, path) in builtin.fields().items():  # noqa: B007
         world = builtin.world(number)
         distance = np.hypot(*(world.course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
         assert (distance - world.cylinders[:, 2]).min() >= 0.375 - 1e-9, number
         steps = np.diff(path, axis=0)
-        assert np.abs(steps).max() == 1 and (np.abs(steps).sum(axis=1) > 0).all()
-        assert path[0, 1] == 0 and path[-1, 1] == 29
+        assert np.abs(steps).max() == 1
+        assert (np.abs(steps).sum(axis=1) > 0).all()
+        assert path[0, 1] == 0
+        assert path[-1, 1] == 29
         turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))))
         assert (turns <= np.pi / 4 + 1e-9).all()
 
@@ -60,26 +77,32 @@ def test_course_is_the_papers():
     course = worlds.load("generated:7").course
     x, y = course.path[0]
     assert course.start == (pytest.approx(x), 4.075, pytest.approx(np.pi / 2))
-    assert course.path[0, 1] == pytest.approx(5.175) and course.length_m == pytest.approx(5.925)
-    assert course.goal[0] == pytest.approx(course.path[-1, 0]) and course.goal[1] == pytest.approx(9.525 + 5.0)
-    assert not course.done(x, 9.99) and course.done(x, 10.01)
+    assert course.path[0, 1] == pytest.approx(5.175)
+    assert course.length_m == pytest.approx(5.925)
+    assert course.goal[0] == pytest.approx(course.path[-1, 0])
+    assert course.goal[1] == pytest.approx(9.525 + 5.0)
+    assert not course.done(x, 9.99)
+    assert course.done(x, 10.01)
     assert course.route_m >= 5.925
 
 
 def test_cylinders_are_barns():
     world = worlds.load("generated:7")
-    assert world.cylinders.shape[1] == 3 and (world.cylinders[:, 2] == 0.075).all() and world.boxes.shape == (0, 5)
+    assert world.cylinders.shape[1] == 3
+    assert (world.cylinders[:, 2] == 0.075).all()
+    assert world.boxes.shape == (0, 5)
     filled, _ = builtin.fields()[7]
     assert len(world.cylinders) == filled.sum() + 30 + 2 * 33
     assert np.array_equal(field.fill_of(world.cylinders), filled)
-    assert world.cylinders[:, 0].min() == pytest.approx(-4.425) and world.cylinders[:, 1].min() == pytest.approx(.075)
+    assert world.cylinders[:, 0].min() == pytest.approx(-4.425)
+    assert world.cylinders[:, 1].min() == pytest.approx(0.075)
 
 
 def test_fill_and_difficulty_agree_with_barns_figures():
     ours = compare.measure([builtin.world(n) for n in range(300)])
     low, middle, high = np.quantile(ours["fill"], (0.05, 0.5, 0.95))
-    assert [low, middle, high] == pytest.approx([.11, .18, .28], abs=.01)
-    for name in metrics.NAMES:      # medians within what 300 worlds leave to chance
+    assert [low, middle, high] == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
+    for name in metrics.NAMES:  # medians within what 300 worlds leave to chance
         assert np.median(ours[name]) == pytest.approx(compare.BARN[name][0.50], rel=0.05), name
 
 
@@ -89,10 +112,12 @@ def test_metrics_by_hand():
     filled[[0, -1]] = True
     path = np.column_stack([np.full(30, 15), np.arange(30)])
     m = metrics.grid_difficulty(filled, path)
-    assert m["closest_obstacle"] == 12.0 and m["tortuosity"] == 1.0 and m["dispersion"] == 0.0
+    assert m["closest_obstacle"] == 12.0
+    assert m["tortuosity"] == 1.0
+    assert m["dispersion"] == 0.0
     # least free axis: the columns across (12 + 11 cells), but diagonals are shorter near the ends
     assert 0.0 < m["dimension"] < 23.0
-    filled[13, 10] = True           # blocked cells at rows 11 to 15: the path's cells 8 to 12 lie in them
+    filled[13, 10] = True  # blocked cells at rows 11 to 15: the path's cells 8 to 12 lie in them
     assert metrics.grid_difficulty(filled, path)["closest_obstacle"] < 12.0
 
 
@@ -100,8 +125,11 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_shyness():
     free = np.ones((30, 30), dtype=bool)
     free[[0, 1, 2, 27, 28, 29]] = False
     path = search.barn_path(free, (3, 0), (3, 29))
-    assert tuple(path[0]) == (3, 0) and tuple(path[-1]) == (3, 29)
-    assert search.shyness(free)[3, 5] == 5.0 and search.shyness(free)[4, 5] == 2.5 and search.shyness(free)[5, 5] == 0.0
+    assert tuple(path[0]) == (3, 0)
+    assert tuple(path[-1]) == (3, 29)
+    assert search.shyness(free)[3, 5] == 5.0
+    assert search.shyness(free)[4, 5] == 2.5
+    assert search.shyness(free)[5, 5] == 0.0
     free[:, 12] = False
     assert search.barn_path(free, (3, 0), (3, 29)) is None
     assert search.shortest_path(free, [(3, 0)], [(3, 29)]) is None
@@ -148,8 +176,10 @@ def _cheapest(free, start, goal):
 
 def test_physical_course_is_open_long_and_passable():
     world = worlds.load("physical_course")
-    assert len(world.boxes) > 30 and len(world.cylinders) == 0
-    assert 20.0 < world.course.route_m < 25.0 and world.course.length_m == pytest.approx(18.0)
+    assert len(world.boxes) > 30
+    assert len(world.cylinders) == 0
+    assert 20.0 < world.course.route_m < 25.0
+    assert world.course.length_m == pytest.approx(18.0)
     assert np.allclose(world.boxes, worlds.load("physical_course").boxes)
 
 
@@ -159,12 +189,24 @@ def test_load_all():
     assert [w.name for w in worlds.load_all("physical_course")] == ["physical_course"]
 
 
-@pytest.mark.parametrize("spec", ["generated:300", "generated:-1", "generated:x", "generated:", "nothing", "",
-                                  "generated:²", "generated:99999999999999999999"])
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "generated:300",
+        "generated:-1",
+        "generated:x",
+        "generated:",
+        "nothing",
+        "",
+        "generated:²",
+        "generated:99999999999999999999",
+    ],
+)
 def test_unknown_world_is_one_line(spec):
     with pytest.raises(worlds.WorldError) as error:
         worlds.load(spec)
-    assert "\n" not in str(error.value) and "generated:N" in str(error.value)
+    assert "\n" not in str(error.value)
+    assert "generated:N" in str(error.value)
 
 
 def test_one_world_needed():
@@ -174,10 +216,13 @@ def test_one_world_needed():
 
 def test_mover_passes_its_waypoints_and_begins_anew():
     mover = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (2.0, 1.0, 0.0), (4.0, 1.0, 3.0)))
-    assert mover.position(0.0) == (0.0, 0.0) and mover.position(2.0) == (1.0, 0.0)
-    assert mover.position(5.0) == mover.position(1.0) and mover.position(400.0) == (0.0, 0.0)
+    assert mover.position(0.0) == (0.0, 0.0)
+    assert mover.position(2.0) == (1.0, 0.0)
+    assert mover.position(5.0) == mover.position(1.0)
+    assert mover.position(400.0) == (0.0, 0.0)
     near_end = mover.position(3.999999)
-    assert near_end[0] == pytest.approx(1.0, abs=1e-4) and near_end[1] == pytest.approx(3.0, abs=1e-4)
+    assert near_end[0] == pytest.approx(1.0, abs=1e-4)
+    assert near_end[1] == pytest.approx(3.0, abs=1e-4)
 
 
 def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():

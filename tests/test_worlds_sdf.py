@@ -1,28 +1,31 @@
 """Gazebo worlds are read as Gazebo would place them, and what we write reads back the same."""
+
 import math
 
 import numpy as np
 import pytest
+from worlds_sdf import as_barn, cylinder, put, sdf
 
 import worlds
 from worlds import builtin, sdf_writer
-from worlds_sdf import as_barn, cylinder, put, sdf
 
 
 def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
     _, path = builtin.fields()[7]
-    read = worlds.load(put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path])))    # first point doubled
+    read = worlds.load(put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path])))  # first point doubled
     assert read.name == "world_7"
     assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
-    assert read.course.start == world.course.start and read.course.goal == world.course.goal
+    assert read.course.start == world.course.start
+    assert read.course.goal == world.course.goal
     assert np.array_equal(read.course.path, world.course.path)
 
 
 def test_barn_file_without_path_file_gets_a_course_of_its_own(tmp_path):
     world = worlds.load("generated:130")
     course = worlds.load(put(tmp_path, as_barn(world))).course
-    assert course.length_m == pytest.approx(5.925) and course.finish_y == 10.0
+    assert course.length_m == pytest.approx(5.925)
+    assert course.finish_y == 10.0
     distance = np.hypot(*(course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
     assert distance.min() - 0.075 >= 0.375 - 1e-9
 
@@ -42,48 +45,66 @@ def test_nested_models(tmp_path):
 
 
 def test_saved_state_overrides_poses_as_in_gazebo(tmp_path):
-    body = cylinder(1, 1, name="a") + cylinder(2, 2, name="b") + cylinder(3, 3, name="c") + """
+    body = (
+        cylinder(1, 1, name="a")
+        + cylinder(2, 2, name="b")
+        + cylinder(3, 3, name="c")
+        + """
         <state world_name='default'>
           <model name='a'><pose>5 5 0 0 0 0</pose></model>
           <model name='b'><pose>9 9 0 0 0 0</pose><link name='link'><pose>6 6 0 0 0 0</pose></link></model>
           <model name='c'><pose>3 3 0 0 0 0</pose><scale>2 2 1</scale></model>
           <insertions>%s</insertions>
-        </state>""" % cylinder(8, 8, name="d")
+        </state>"""
+        % cylinder(8, 8, name="d")
+    )
     found = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
-    assert np.allclose(sorted(map(tuple, found)), [(3, 3, .15), (5, 5, .075), (6, 6, .075), (8, 8, .075)])
+    assert np.allclose(sorted(map(tuple, found)), [(3, 3, 0.15), (5, 5, 0.075), (6, 6, 0.075), (8, 8, 0.075)])
 
 
 def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
     def model(name, pose, shape):
-        return ("<model name='%s'><pose>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry></collision>"
-                "</link></model>" % (name, pose, shape))
+        return (
+            "<model name='%s'><pose>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry></collision>"
+            "</link></model>" % (name, pose, shape)
+        )
+
     roller = "<cylinder><radius>0.2</radius><length>2</length></cylinder>"
-    body = (model("lying", "0 0 0.2 1.5707963267948966 0 0", roller)
-            + model("bridge", "0 5 3 0 0 0", "<box><size>4 1 0.2</size></box>")
-            + model("ball", "3 3 0.3 0 0 0", "<sphere><radius>0.3</radius></sphere>")
-            + model("on its side", "6 0 0.5 0 1.5707963267948966 0", "<box><size>1 2 0.5</size></box>"))
+    body = (
+        model("lying", "0 0 0.2 1.5707963267948966 0 0", roller)
+        + model("bridge", "0 5 3 0 0 0", "<box><size>4 1 0.2</size></box>")
+        + model("ball", "3 3 0.3 0 0 0", "<sphere><radius>0.3</radius></sphere>")
+        + model("on its side", "6 0 0.5 0 1.5707963267948966 0", "<box><size>1 2 0.5</size></box>")
+    )
     world = worlds.load(put(tmp_path, sdf(body), "w.world"))
-    assert np.allclose(world.cylinders, [[3, 3, .3]])
+    assert np.allclose(world.cylinders, [[3, 3, 0.3]])
     assert len(world.boxes) == 2
     lying, side = world.boxes
-    assert sorted(lying[3:]) == pytest.approx([.4, 2.0]) and abs(math.sin(lying[2])) * lying[3] == pytest.approx(2.0)
-    assert sorted(side[3:]) == pytest.approx([.5, 2.0])
+    assert sorted(lying[3:]) == pytest.approx([0.4, 2.0])
+    assert abs(math.sin(lying[2])) * lying[3] == pytest.approx(2.0)
+    assert sorted(side[3:]) == pytest.approx([0.5, 2.0])
 
 
 def test_degrees_and_the_empty_pose(tmp_path):
-    body = ("<model name='m'><pose/><link name='l'><collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
-            "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>")
+    body = (
+        "<model name='m'><pose/><link name='l'><collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
+        "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
+    )
     assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]])
 
 
 def test_search_finds_the_gap_in_any_world(tmp_path):
-    wall = "".join("<model name='w%d'><pose>%f 2 0.5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
-                   "<size>%f 0.3 1</size></box></geometry></collision></link></model>" % (n, x, size)
-                   for n, (x, size) in enumerate([(-2.5, 5.0), (4.5, 7.0)]))       # gap from x = 0 to 1
+    wall = "".join(
+        "<model name='w%d'><pose>%f 2 0.5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+        "<size>%f 0.3 1</size></box></geometry></collision></link></model>" % (n, x, size)
+        for n, (x, size) in enumerate([(-2.5, 5.0), (4.5, 7.0)])
+    )  # gap from x = 0 to 1
     course = worlds.load(put(tmp_path, sdf(wall), "w.world")).course
     at_wall = course.path[np.argmin(np.abs(course.path[:, 1] - 2.0))]
     assert 0.3 <= at_wall[0] <= 0.7
-    assert course.start[1] < 1.85 and course.goal[1] > 2.15 and course.finish_y is None
+    assert course.start[1] < 1.85
+    assert course.goal[1] > 2.15
+    assert course.finish_y is None
 
 
 @pytest.mark.parametrize("spec", ["generated:7", "physical_course"])
@@ -104,36 +125,53 @@ def test_movers_are_written_and_read(tmp_path):
 
 
 def _same(a, b):
-    assert np.array_equal(a.cylinders, b.cylinders) and np.allclose(a.boxes, b.boxes, rtol=0, atol=1e-12)
-    assert a.movers == b.movers and np.array_equal(a.course.path, b.course.path)
+    assert np.array_equal(a.cylinders, b.cylinders)
+    assert np.allclose(a.boxes, b.boxes, rtol=0, atol=1e-12)
+    assert a.movers == b.movers
+    assert np.array_equal(a.course.path, b.course.path)
     assert (a.course.start, a.course.goal, a.course.finish_y, a.course.goal_tolerance) == (
-        b.course.start, b.course.goal, b.course.finish_y, b.course.goal_tolerance)
+        b.course.start,
+        b.course.goal,
+        b.course.finish_y,
+        b.course.goal_tolerance,
+    )
     return True
 
 
-DYNAMIC = cylinder(-.225, .075, radius=.5, name="obs_3").replace(
-    "</model>", "<plugin name='obs_3' filename='obs_3.so'/></model>")
+DYNAMIC = cylinder(-0.225, 0.075, radius=0.5, name="obs_3").replace(
+    "</model>", "<plugin name='obs_3' filename='obs_3.so'/></model>"
+)
 
 
 def test_dynabarn_cylinder_follows_its_plugins_source(tmp_path):
     (tmp_path / "plugins").mkdir()
-    (tmp_path / "plugins" / "obs_3.cc").write_text("".join(
-        "key = anim->CreateKeyFrame(%.2f);\nkey->Translation(ignition::math::Vector3d(%.2f, %.2f, 0));\n" % row
-        for row in ((0, -10, 1), (4.5, 0, 2), (9, 10, 3))))
-    wall = ("<model name='back_wall'><pose frame=>-10 0 .5 0 0 0</pose><link name='l'><collision name='c'><geometry>"
-            "<box><size>.5 20 1</size></box></geometry></collision></link></model>")       # sic: DynaBARN's attribute
+    (tmp_path / "plugins" / "obs_3.cc").write_text(
+        "".join(
+            "key = anim->CreateKeyFrame(%.2f);\nkey->Translation(ignition::math::Vector3d(%.2f, %.2f, 0));\n" % row
+            for row in ((0, -10, 1), (4.5, 0, 2), (9, 10, 3))
+        )
+    )
+    wall = (
+        "<model name='back_wall'><pose frame=>-10 0 .5 0 0 0</pose><link name='l'><collision name='c'><geometry>"
+        "<box><size>.5 20 1</size></box></geometry></collision></link></model>"
+    )  # sic: DynaBARN's attribute
     world = worlds.load(put(tmp_path, sdf(DYNAMIC + wall), "world_1.world"))
-    assert len(world.cylinders) == 0 and world.boxes.shape == (1, 5)
-    assert world.movers[0].radius == .5 and world.movers[0].waypoints == ((0, -10, 1), (4.5, 0, 2), (9, 10, 3))
-    assert world.course.start == (11.0, 0.0, math.pi) and world.course.goal[:2] == (-8.7, 0.0)
+    assert len(world.cylinders) == 0
+    assert world.boxes.shape == (1, 5)
+    assert world.movers[0].radius == 0.5
+    assert world.movers[0].waypoints == ((0, -10, 1), (4.5, 0, 2), (9, 10, 3))
+    assert world.course.start == (11.0, 0.0, math.pi)
+    assert world.course.goal[:2] == (-8.7, 0.0)
 
 
 def test_dynabarn_without_the_source_draws_the_same_trajectory_each_time(tmp_path, caplog):
     path = put(tmp_path, sdf(DYNAMIC), "world_1.world")
     first, second = worlds.load(path).movers[0], worlds.load(path).movers[0]
-    assert first == second and "obs_3.cc" in caplog.text
+    assert first == second
+    assert "obs_3.cc" in caplog.text
     points = np.array(first.waypoints)
-    assert np.abs(points[:, 1:]).max() <= 10.0 and (np.diff(points[:, 0]) > 0).all()
+    assert np.abs(points[:, 1:]).max() <= 10.0
+    assert (np.diff(points[:, 0]) > 0).all()
 
 
 def test_folder_in_the_order_of_numbers(tmp_path):

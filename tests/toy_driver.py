@@ -1,12 +1,14 @@
 """A driver of evaluation trials that drives nothing: an answer from the task alone, after a moment. Methods named
-"bad..." fail, "mortal..." end their process the first time. tests/test_training_evaluate.py gives it to the workers."""
+"bad..." fail, "mortal..." end their process the first time. tests/test_training_evaluate.py gives it to the workers.
+"""
+
 import os
 import time
 import zlib
 
 import numpy as np
 
-from training.trials import COLUMNS, MEASURES  # noqa: F401  (the shape of what it answers)
+from training.evaluation.trials import COLUMNS, MEASURES  # noqa: F401  (the shape of what it answers)
 
 
 class ToyDriver:
@@ -27,7 +29,13 @@ class ToyDriver:
         success = rng.random() < 0.9
         seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
         key = list(task.key)
-        row = [success, rng.random() < 0.1, not success, round(seconds, 4), int(seconds // 2) + 1,
-               round(rng.uniform(6, 8), 4)]
-        measures = ["finished" if success else "time limit", 7.0, round(rng.uniform(.1, .5), 4), 8.0, 1.5, 0.1]
+        row = [
+            success,
+            rng.random() < 0.1,
+            not success,
+            round(seconds, 4),
+            int(seconds // 2) + 1,
+            round(rng.uniform(6, 8), 4),
+        ]
+        measures = ["finished" if success else "time limit", 7.0, round(rng.uniform(0.1, 0.5), 4), 8.0, 1.5, 0.1]
         return {"row": key + [str(v) for v in row], "measures": key + [str(v) for v in measures], "trace": None}

@@ -1,4 +1,5 @@
 """A tiny task for the tests of training: go to zero on a line. No planner, no simulator, a millisecond an episode."""
+
 import gymnasium
 import numpy as np
 
@@ -9,7 +10,7 @@ class Line(gymnasium.Env):
     observation_space = gymnasium.spaces.Box(-10, 10, (1,), np.float32)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
 
-    class space:        # as ApplrEnv's: what the default parameters are
+    class space:  # as ApplrEnv's: what the default parameters are
         theta0 = np.zeros(1)
 
         @staticmethod
@@ -35,6 +36,7 @@ class Slow(Line):
 
     def step(self, action):
         import time
+
         time.sleep(0.02)
         return super().step(action)
 
@@ -51,5 +53,6 @@ class Dying(Line):
         result = super().reset(seed=seed)
         if self.x > 0.75:
             import os
+
             os._exit(9)
         return result

@@ -1,12 +1,13 @@
 """A robot and a laser made up for tests of MoveBase: it does exactly what it is told, among round obstacles."""
+
 import copy
 import math
 
 import numpy as np
 
+from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters import JACKAL
-from applr_ros1.planner.scan import LaserScan
+from applr_ros1.planner.parameters.declarations import JACKAL
 
 BEAMS, ANGLE_MIN, ANGLE_MAX = 720, -2.35619, 2.35619
 INCREMENT = (ANGLE_MAX - ANGLE_MIN) / (BEAMS - 1)
@@ -33,9 +34,9 @@ class ToyRobot:
         best = np.full(BEAMS, np.inf)
         for x, y, radius in self.circles:
             along = (x - sx) * c + (y - sy) * s
-            across2 = (x - sx) ** 2 + (y - sy) ** 2 - along ** 2
-            hit = (along > 0) & (across2 <= radius ** 2)
-            distance = along - np.sqrt(np.maximum(0.0, radius ** 2 - across2))
+            across2 = (x - sx) ** 2 + (y - sy) ** 2 - along**2
+            hit = (along > 0) & (across2 <= radius**2)
+            distance = along - np.sqrt(np.maximum(0.0, radius**2 - across2))
             best = np.where(hit & (distance >= RANGE_MIN), np.minimum(best, distance), best)
         return best.astype(np.float32)
 
@@ -56,8 +57,10 @@ class ToyRobot:
 
 def ring(x, y, radius, posts=40, size=0.1):
     """Posts (n, 3) all around a point."""
-    return [(x + radius * math.cos(a), y + radius * math.sin(a), size)
-            for a in np.linspace(0, 2 * math.pi, posts, endpoint=False)]
+    return [
+        (x + radius * math.cos(a), y + radius * math.sin(a), size)
+        for a in np.linspace(0, 2 * math.pi, posts, endpoint=False)
+    ]
 
 
 def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):

@@ -1,6 +1,8 @@
 """APPLD, the paper's second baseline, from demonstrations to a file that drives: rosrun applr_ros1 appld.py, or
 python -m training.appld. Changepoints cut the demonstrations into contexts, CMA-ES finds each context's parameters,
-a small network learns to tell the context from the scan. The file is for evaluate.py (appld:FILE) and mode:=appld."""
+a small network learns to tell the context from the scan. The file is for evaluate.py (appld:FILE) and mode:=appld.
+"""
+
 from __future__ import annotations
 
 import argparse
@@ -14,10 +16,12 @@ import numpy as np
 
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.parameter_space import SPACE
-from training import appld_classifier, appld_fit, contexts
-from training.appld_card import card
-from training.bags import BagError, Topics, find
-from training.demonstration import Demonstration, read
+from training.bags.reader import BagError, Topics, find
+from training.baselines.appld import classifier as appld_classifier
+from training.baselines.appld import fit as appld_fit
+from training.baselines.appld import segmentation as contexts
+from training.baselines.appld.card import card
+from training.baselines.appld.demonstration import Demonstration, read
 from training.storage import StorageError, make_folder, write_bytes
 
 
@@ -30,11 +34,18 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
         say("%s %5.1f to %5.1f s: context %s" % (d.name, d.time[s.first], d.time[s.last - 1], found.names[s.context]))
     fits = _fits(demonstrations, found, options, say)
     labels = [np.full(s.last - s.first, s.context) for s in found.segments]
-    scans = [demonstrations[s.demonstration].ranges[s.first:s.last] for s in found.segments]
-    weights, classifier = appld_classifier.train(appld_classifier.inputs(np.concatenate(scans)),
-                                                 np.concatenate(labels), len(found.names), options.seed, options.steps)
-    say("classifier: %.3f of the instants right, %s of those held out" % (classifier["accuracy"],
-                                                                          classifier["held_out"]))
+    scans = [demonstrations[s.demonstration].ranges[s.first : s.last] for s in found.segments]
+    weights, classifier = appld_classifier.train(
+        appld_classifier.inputs(np.concatenate(scans)),
+        np.concatenate(labels),
+        len(found.names),
+        options.seed,
+        options.steps,
+    )
+    say(
+        "classifier: %.3f of the instants right, %s of those held out"
+        % (classifier["accuracy"], classifier["held_out"])
+    )
     log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
     try:
@@ -57,14 +68,25 @@ def _fits(demonstrations, found, options, say) -> List[appld_fit.Fit]:
             copies[s.context].append(stretch)
     fits = []
     for k, (name, own) in enumerate(zip(found.names, copies)):
+
         def tell(now, name=name):
             if options.verbose:
                 say("  %s: %d replays, loss %.4f" % (name, now.evaluations, now.loss))
+
         fits.append(appld_fit.fit(own, options.evaluations, options.seed + k, tell))
         last = fits[-1]
-        say("context %s: loss %.4f (theta_0: %.4f), rms %.2f m/s %.2f rad/s, %d replays of %d instants: %s"
-            % (name, last.loss, last.loss_theta0, *last.error, last.evaluations, last.instants,
-               json.dumps(_short(last.theta))))
+        say(
+            "context %s: loss %.4f (theta_0: %.4f), rms %.2f m/s %.2f rad/s, %d replays of %d instants: %s"
+            % (
+                name,
+                last.loss,
+                last.loss_theta0,
+                *last.error,
+                last.evaluations,
+                last.instants,
+                json.dumps(_short(last.theta)),
+            )
+        )
     return fits
 
 
@@ -76,25 +98,46 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
     return {
         "command": "python -m training.appld " + " ".join(options.given),
         "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
-        "segments": [{"demonstration": s.demonstration, "from_s": round(float(demonstrations[s.demonstration]
-                      .time[s.first]), 2), "instants": s.last - s.first, "context": found.names[s.context]}
-                     for s in found.segments],
-        "contexts": [{"name": name, "features": dict(zip(contexts.FEATURES, mean.round(3).tolist())),
-                      "parameters": SPACE.as_dict(f.theta), "loss": round(f.loss, 5),
-                      "loss_theta0": round(f.loss_theta0, 5), "rms_v_w": f.error, "rms_v_w_theta0": f.error_theta0,
-                      "replays": f.evaluations, "instants": f.instants, "search": f.log}
-                     for name, mean, f in zip(found.names, found.means, fits)],
-        "classifier": classifier, "turn_weight": appld_fit.TURN_WEIGHT, "pull": appld_fit.PULL,
-        "seconds": round(seconds, 1)}
+        "segments": [
+            {
+                "demonstration": s.demonstration,
+                "from_s": round(float(demonstrations[s.demonstration].time[s.first]), 2),
+                "instants": s.last - s.first,
+                "context": found.names[s.context],
+            }
+            for s in found.segments
+        ],
+        "contexts": [
+            {
+                "name": name,
+                "features": dict(zip(contexts.FEATURES, mean.round(3).tolist())),
+                "parameters": SPACE.as_dict(f.theta),
+                "loss": round(f.loss, 5),
+                "loss_theta0": round(f.loss_theta0, 5),
+                "rms_v_w": f.error,
+                "rms_v_w_theta0": f.error_theta0,
+                "replays": f.evaluations,
+                "instants": f.instants,
+                "search": f.log,
+            }
+            for name, mean, f in zip(found.names, found.means, fits)
+        ],
+        "classifier": classifier,
+        "turn_weight": appld_fit.TURN_WEIGHT,
+        "pull": appld_fit.PULL,
+        "seconds": round(seconds, 1),
+    }
 
 
 def parse(arguments) -> argparse.Namespace:
-    p = argparse.ArgumentParser(prog="appld.py", description=__doc__,
-                                formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p = argparse.ArgumentParser(
+        prog="appld.py", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
     p.add_argument("bags", nargs="+", help="demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and commands")
     p.add_argument("--out", required=True, help="the file to write (.safetensors); log and card go beside it")
-    p.add_argument("--contexts", type=int, default=4, help="at most so many; 0: each segment is one, as in the APPLD "
-                                                           "paper")
+    p.add_argument(
+        "--contexts", type=int, default=4, help="at most so many; 0: each segment is one, as in the APPLD paper"
+    )
     p.add_argument("--penalty", type=float, default=3.0, help="of a changepoint: more gives fewer segments")
     p.add_argument("--evaluations", type=int, default=150, help="replays of each context in the search")
     p.add_argument("--longest", type=int, default=100, help="instants of 50 ms of a segment that are replayed")
@@ -104,7 +147,7 @@ def parse(arguments) -> argparse.Namespace:
     p.add_argument("--odometry", default=Topics.odometry, help="topic of the odometry")
     p.add_argument("--command", default=Topics.command, help="topic of the velocity commands")
     p.add_argument("--verbose", action="store_true", help="a line for each generation of the search")
-    given = [a for a in arguments if ":=" not in a]     # ROS remapping arguments are ignored
+    given = [a for a in arguments if ":=" not in a]  # ROS remapping arguments are ignored
     options = p.parse_args(given)
     options.given = [_plain(a) for a in given]
     return options

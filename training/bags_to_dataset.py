@@ -1,5 +1,7 @@
 """Makes a dataset for offline training of recorded drives: rosrun applr_ros1 bags_to_dataset.py, or
-python -m training.bags_to_dataset. Bags of ROS 1 and ROS 2, of real robots and of simulation, may be mixed."""
+python -m training.bags_to_dataset. Bags of ROS 1 and ROS 2, of real robots and of simulation, may be mixed.
+"""
+
 from __future__ import annotations
 
 import argparse
@@ -7,15 +9,15 @@ import sys
 from dataclasses import asdict, fields
 from pathlib import Path
 
-from training.bag_episodes import Report, trajectories
-from training.bags import BagError, Topics, find, read
-from training.dataset import DatasetError, Writer
-from training.reward import Reward
+from training.bags.episodes import Report, trajectories
+from training.bags.reader import BagError, Topics, find, read
+from training.experience.dataset import DatasetError, Writer
+from training.experience.trajectory import TrajectoryError
+from training.mdp.reward import Reward
 from training.storage import StorageError
-from training.trajectory import TrajectoryError
 
 
-def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(), finish=None, say=print) -> dict:
+def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(), finish=None, say=print) -> dict:  # noqa: B008
     """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns its manifest.
 
     A bag or episode that is damaged or incomplete is skipped, said and counted under its reason. Raises BagError when
@@ -34,16 +36,25 @@ def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(),
         except (BagError, TrajectoryError) as error:
             report.skip(str(error).partition(": ")[2].partition(" (")[0] if isinstance(error, BagError) else str(error))
             say("%s" % error)
-        except Exception as error:      # a message deep inside a damaged bag: rosbags raises many kinds
+        except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
             report.skip("damaged inside")
             say("%s: damaged inside (%s)" % (bag, (str(error).splitlines() or [type(error).__name__])[0]))
         for reason, count in report.skipped.items():
             for _ in range(count):
                 writer.skip(reason)
-        source["bags"].append({"name": Path(bag).name, "episodes": report.episodes, "verified": report.verified,
-                               "transitions": report.transitions, "skipped": report.skipped})
-        say("%s: %d transitions in %d episodes, %d observations equal to the node's%s"
-            % (bag, report.transitions, report.episodes, report.verified, _reasons(report.skipped)))
+        source["bags"].append(
+            {
+                "name": Path(bag).name,
+                "episodes": report.episodes,
+                "verified": report.verified,
+                "transitions": report.transitions,
+                "skipped": report.skipped,
+            }
+        )
+        say(
+            "%s: %d transitions in %d episodes, %d observations equal to the node's%s"
+            % (bag, report.transitions, report.episodes, report.verified, _reasons(report.skipped))
+        )
     if not any(b["transitions"] for b in source["bags"]):
         raise BagError("no transition could be used%s" % _reasons(writer.skipped))
     return writer.close()
@@ -57,14 +68,24 @@ def parse(arguments) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="bags_to_dataset.py", description=__doc__)
     parser.add_argument("bags", nargs="+", help="bags (.bag, .mcap), ROS 2 bag folders, or folders that hold bags")
     parser.add_argument("--out", required=True, help="folder for the dataset; must not hold one")
-    parser.add_argument("--finish", type=float, help="metres towards the goal after which a course counts as reached "
-                        "(5.925 on the paper's course); without it, move_base's result decides")
-    parser.add_argument("--reward", action="append", default=[], metavar="NAME=VALUE",
-                        help="a coefficient of the reward: %s" % ", ".join(f.name for f in fields(Reward)))
+    parser.add_argument(
+        "--finish",
+        type=float,
+        help="metres towards the goal after which a course counts as reached "
+        "(5.925 on the paper's course); without it, move_base's result decides",
+    )
+    parser.add_argument(
+        "--reward",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a coefficient of the reward: %s" % ", ".join(f.name for f in fields(Reward)),
+    )
     for topic in fields(Topics):
-        parser.add_argument("--" + topic.name.replace("_", "-"), default=topic.default,
-                            help="topic or name space (default %(default)s)")
-    return parser.parse_args([a for a in arguments if ":=" not in a])    # ROS remapping arguments are ignored
+        parser.add_argument(
+            "--" + topic.name.replace("_", "-"), default=topic.default, help="topic or name space (default %(default)s)"
+        )
+    return parser.parse_args([a for a in arguments if ":=" not in a])  # ROS remapping arguments are ignored
 
 
 def main(arguments=None) -> int:

@@ -1,6 +1,8 @@
 """How our simulator's trials compare with Gazebo's, world by world: `python -m training.compare_gazebo
 results/trials.csv gazebo_dwa_train.csv`. The second file is a table of default DWA's times in Gazebo (columns in
-COLUMNS); it is other people's data, and not in this repo."""
+COLUMNS); it is other people's data, and not in this repo.
+"""
+
 from __future__ import annotations
 
 import argparse
@@ -13,12 +15,12 @@ from typing import Any, Dict, List, NamedTuple
 import numpy as np
 from scipy import stats
 
+from training.evaluation.store import read_rows
+from training.evaluation.trials import COLUMNS as OURS
 from training.storage import StorageError, read_bytes
-from training.trial_store import read_rows
-from training.trials import COLUMNS as OURS
 
 COLUMNS = ("world", "n", "n_success", "time_mean_succ")
-LONGER = 2.0        # [s] that Gazebo's course, to y = 11 m, takes longer than ours, to y = 10 m
+LONGER = 2.0  # [s] that Gazebo's course, to y = 11 m, takes longer than ours, to y = 10 m
 
 
 class CompareError(ValueError):
@@ -27,6 +29,7 @@ class CompareError(ValueError):
 
 class World(NamedTuple):
     """Trials, successes and the mean time of the successes [s; nan without any] of one world."""
+
     n: int
     successes: int
     time: float
@@ -40,8 +43,9 @@ def ours(path: str, method: str) -> Dict[int, World]:
         if number and row[1] == method:
             found.setdefault(int(number.group(1)), []).append(row)
     if not found:
-        raise CompareError("%s holds no trial of %s in a world_N; give a trials.csv of BARN's own worlds, or --method"
-                           % (path, method))
+        raise CompareError(
+            "%s holds no trial of %s in a world_N; give a trials.csv of BARN's own worlds, or --method" % (path, method)
+        )
     return {n: _world(rows) for n, rows in found.items()}
 
 
@@ -54,11 +58,14 @@ def gazebo(path: str, longer: float = LONGER) -> Dict[int, World]:
     """The table of Gazebo's times, `longer` seconds taken off."""
     rows = list(csv.DictReader(read_bytes(path).decode("utf-8", "replace").splitlines()))
     try:
-        return {int(r["world"]): World(int(r["n"]), int(r["n_success"]),
-                                       float(r["time_mean_succ"] or "nan") - longer) for r in rows}
+        return {
+            int(r["world"]): World(int(r["n"]), int(r["n_success"]), float(r["time_mean_succ"] or "nan") - longer)
+            for r in rows
+        }
     except (KeyError, TypeError, ValueError) as error:
-        raise CompareError("%s is no table of Gazebo's times (%s); it needs the columns %s"
-                           % (path, error, ", ".join(COLUMNS))) from None
+        raise CompareError(
+            "%s is no table of Gazebo's times (%s); it needs the columns %s" % (path, error, ", ".join(COLUMNS))
+        ) from None
 
 
 def compare(a: Dict[int, World], b: Dict[int, World]) -> Dict[str, Any]:
@@ -70,29 +77,47 @@ def compare(a: Dict[int, World], b: Dict[int, World]) -> Dict[str, Any]:
     rank = stats.spearmanr([a[n].time for n in timed], [b[n].time for n in timed])
     found = {"worlds": len(common), "spearman": float(rank.statistic), "spearman_worlds": len(timed)}
     by_time = sorted(timed, key=lambda n: b[n].time)
-    for name, worlds in [("all", common)] + [("third_%d" % (i + 1), list(part))
-                                             for i, part in enumerate(np.array_split(by_time, 3))]:
+    for name, worlds in [("all", common)] + [
+        ("third_%d" % (i + 1), list(part)) for i, part in enumerate(np.array_split(by_time, 3))
+    ]:
         for side, table in (("ours", a), ("gazebo", b)):
             trials, good = sum(table[n].n for n in worlds), sum(table[n].successes for n in worlds)
             seconds = sum(table[n].successes * table[n].time for n in worlds if table[n].successes)
-            found["%s_%s" % (side, name)] = {"trials": trials, "success": good / trials,
-                                             "time_s": seconds / good if good else float("nan")}
+            found["%s_%s" % (side, name)] = {
+                "trials": trials,
+                "success": good / trials,
+                "time_s": seconds / good if good else float("nan"),
+            }
     return found
 
 
 def lines(found: Dict[str, Any]) -> List[str]:
     """The figures in words."""
     out = ["%d worlds. %-28s %10s %10s %10s" % (found["worlds"], "", "ours", "Gazebo", "")]
-    for name, label in (("all", "all"), ("third_1", "Gazebo's fastest third"), ("third_2", "middle third"),
-                        ("third_3", "slowest third")):
+    for name, label in (
+        ("all", "all"),
+        ("third_1", "Gazebo's fastest third"),
+        ("third_2", "middle third"),
+        ("third_3", "slowest third"),
+    ):
         us, them = found["ours_" + name], found["gazebo_" + name]
-        out.append("%-38s %9.1f%% %9.1f%% %+7.1f points" % (
-            "success rate, " + label, 100 * us["success"], 100 * them["success"],
-            100 * (us["success"] - them["success"])))
-        out.append("%-38s %8.2f s %8.2f s %+7.1f %%" % (
-            "mean of successes, " + label, us["time_s"], them["time_s"], 100 * (us["time_s"] / them["time_s"] - 1)))
-    out.append("Spearman correlation of the worlds' mean times over successes (%d worlds): %.3f"
-               % (found["spearman_worlds"], found["spearman"]))
+        out.append(
+            "%-38s %9.1f%% %9.1f%% %+7.1f points"
+            % (
+                "success rate, " + label,
+                100 * us["success"],
+                100 * them["success"],
+                100 * (us["success"] - them["success"]),
+            )
+        )
+        out.append(
+            "%-38s %8.2f s %8.2f s %+7.1f %%"
+            % ("mean of successes, " + label, us["time_s"], them["time_s"], 100 * (us["time_s"] / them["time_s"] - 1))
+        )
+    out.append(
+        "Spearman correlation of the worlds' mean times over successes (%d worlds): %.3f"
+        % (found["spearman_worlds"], found["spearman"])
+    )
     return out
 
 
@@ -101,8 +126,12 @@ def main() -> int:
     parser.add_argument("trials", help="trials.csv of BARN's own worlds")
     parser.add_argument("gazebo", help="table with the columns %s" % ", ".join(COLUMNS))
     parser.add_argument("--method", default="dwa", help="whose trials (default: dwa)")
-    parser.add_argument("--longer", type=float, default=LONGER,
-                        help="seconds that the table's course takes longer (default: %(default)s)")
+    parser.add_argument(
+        "--longer",
+        type=float,
+        default=LONGER,
+        help="seconds that the table's course takes longer (default: %(default)s)",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     options = parser.parse_args()
     try:

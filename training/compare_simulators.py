@@ -6,6 +6,7 @@ writes them side by side: comparison.csv, a row per trial, and comparison.md, co
 agreement of failures, contacts. A single trial is chaotic: with --trials 2 or more, pybullet's agreement with itself on
 other seeds stands beside it, which is the best that any simulator could reach.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -21,23 +22,23 @@ from scipy import stats
 import worlds as worlds_package
 from applr_ros1.policy.parameter_space import SPACE
 from training import evaluate
+from training.evaluation.store import TRIALS, read_rows
+from training.evaluation.trials import COLUMNS
+from training.gorila.tasks import spread
 from training.storage import StorageError, write_bytes
-from training.tasks import spread
-from training.trial_store import TRIALS, read_rows
-from training.trials import COLUMNS
 from worlds import WorldError
 
-KNOWN = ("dwa", "fast_dwa")         # the first sets, theta_0 and Fast-DWA; those behind them are drawn
-LIMIT = 100.0                       # [s] what a failure counts as, where failures are ranked, too
+KNOWN = ("dwa", "fast_dwa")  # the first sets, theta_0 and Fast-DWA; those behind them are drawn
+LIMIT = 100.0  # [s] what a failure counts as, where failures are ranked, too
 
-Cell = Tuple[str, str]              # world, set
+Cell = Tuple[str, str]  # world, set
 
 
 class Drawn:
     """A method for evaluate.py: set number N, uniform over the ranges, the same in every run."""
 
     def __init__(self, number: str):
-        self.values = SPACE.to_theta(np.random.default_rng([0x5e75, int(number)]).uniform(-1.0, 1.0, len(SPACE)))
+        self.values = SPACE.to_theta(np.random.default_rng([0x5E75, int(number)]).uniform(-1.0, 1.0, len(SPACE)))
 
     def theta(self, context):
         return self.values
@@ -56,14 +57,14 @@ def read(folder: str) -> Dict[Cell, np.ndarray]:
     found: Dict[Cell, List[Tuple[float, float, float]]] = {}
     for row in read_rows(os.path.join(folder, TRIALS), COLUMNS):
         success = row[4] == "True"
-        found.setdefault((row[0], row[1]), []).append(
-            (success, float(row[7]) if success else LIMIT, row[5] == "True"))
+        found.setdefault((row[0], row[1]), []).append((success, float(row[7]) if success else LIMIT, row[5] == "True"))
     return {cell: np.array(trials, dtype=float) for cell, trials in found.items()}
 
 
 def agreement(a: Dict[Cell, np.ndarray], b: Dict[Cell, np.ndarray]) -> Dict[str, float]:
     """Figures over the cells that both hold. Times are means over a cell's successes, of the cells that have one in
-    both; NaN where there are too few. Outcomes are compared trial by trial."""
+    both; NaN where there are too few. Outcomes are compared trial by trial.
+    """
     cells = sorted(set(a) & set(b))
     both = [c for c in cells if a[c][:, 0].any() and b[c][:, 0].any()]
     good_a, good_b = ([side[c][side[c][:, 0] > 0, 1].mean() for c in both] for side in (a, b))
@@ -72,16 +73,23 @@ def agreement(a: Dict[Cell, np.ndarray], b: Dict[Cell, np.ndarray]) -> Dict[str,
     def rate(side, column):
         return float(np.mean([side[c][:, column].mean() for c in cells])) if cells else np.nan
 
-    return {"cells": len(cells), "compared": len(both),
-            "pearson": _correlation(stats.pearsonr, good_a, good_b),
-            "spearman": _correlation(stats.spearmanr, good_a, good_b),
-            "spearman_all": _correlation(stats.spearmanr, *([side[c][:, 1].mean() for c in cells] for side in (a, b))),
-            "ratio": float(np.sum(good_b) / np.sum(good_a)) if both else np.nan,
-            "trials": len(pairs), "same_outcome": float(np.mean(pairs[:, 0] == pairs[:, 1])) if len(pairs) else np.nan,
-            "both_failed": int((~pairs).all(1).sum()), "only_first_failed": int((~pairs[:, 0] & pairs[:, 1]).sum()),
-            "only_second_failed": int((pairs[:, 0] & ~pairs[:, 1]).sum()),
-            "success_first": rate(a, 0), "success_second": rate(b, 0),
-            "contact_first": rate(a, 2), "contact_second": rate(b, 2)}
+    return {
+        "cells": len(cells),
+        "compared": len(both),
+        "pearson": _correlation(stats.pearsonr, good_a, good_b),
+        "spearman": _correlation(stats.spearmanr, good_a, good_b),
+        "spearman_all": _correlation(stats.spearmanr, *([side[c][:, 1].mean() for c in cells] for side in (a, b))),
+        "ratio": float(np.sum(good_b) / np.sum(good_a)) if both else np.nan,
+        "trials": len(pairs),
+        "same_outcome": float(np.mean(pairs[:, 0] == pairs[:, 1])) if len(pairs) else np.nan,
+        "both_failed": int((~pairs).all(1).sum()),
+        "only_first_failed": int((~pairs[:, 0] & pairs[:, 1]).sum()),
+        "only_second_failed": int((pairs[:, 0] & ~pairs[:, 1]).sum()),
+        "success_first": rate(a, 0),
+        "success_second": rate(b, 0),
+        "contact_first": rate(a, 2),
+        "contact_second": rate(b, 2),
+    }
 
 
 def _correlation(measure, x, y) -> float:
@@ -94,16 +102,33 @@ def halves(a: Dict[Cell, np.ndarray]):
 
 
 # -- what is written -------------------------------------------------------------------------------------------------
-ROWS = {"cells": "worlds x sets", "compared": "of these with a success in both",
-        "pearson": "correlation of their times (Pearson)", "spearman": "rank correlation of their times (Spearman)",
-        "spearman_all": "rank correlation of all, failures as %g s" % LIMIT,
-        "ratio": "ratio of mean times, second / first",
-        "trials": "trials of each", "same_outcome": "same outcome, trial by trial", "both_failed": "failed in both",
-        "only_first_failed": "failed in the first only", "only_second_failed": "failed in the second only",
-        "success_first": "success rate, first", "success_second": "success rate, second",
-        "contact_first": "trials with contact, first", "contact_second": "trials with contact, second"}
-SETS_HEAD = ("set", "success", "with contact", "mean time of successes [s]", "ratio", "Pearson", "Spearman",
-             "same outcome")
+ROWS = {
+    "cells": "worlds x sets",
+    "compared": "of these with a success in both",
+    "pearson": "correlation of their times (Pearson)",
+    "spearman": "rank correlation of their times (Spearman)",
+    "spearman_all": "rank correlation of all, failures as %g s" % LIMIT,
+    "ratio": "ratio of mean times, second / first",
+    "trials": "trials of each",
+    "same_outcome": "same outcome, trial by trial",
+    "both_failed": "failed in both",
+    "only_first_failed": "failed in the first only",
+    "only_second_failed": "failed in the second only",
+    "success_first": "success rate, first",
+    "success_second": "success rate, second",
+    "contact_first": "trials with contact, first",
+    "contact_second": "trials with contact, second",
+}
+SETS_HEAD = (
+    "set",
+    "success",
+    "with contact",
+    "mean time of successes [s]",
+    "ratio",
+    "Pearson",
+    "Spearman",
+    "same outcome",
+)
 
 
 def markdown(first: str, second: str, a: Dict[Cell, np.ndarray], b: Dict[Cell, np.ndarray]) -> str:
@@ -111,23 +136,41 @@ def markdown(first: str, second: str, a: Dict[Cell, np.ndarray], b: Dict[Cell, n
     columns = [("%s, then %s" % (first, second), agreement(a, b))]
     if min(len(trials) for trials in a.values()) > 1:
         columns.append(("%s against itself, half the trials each" % first, agreement(*halves(a))))
-    lines = _table([""] + [title for title, _ in columns],
-                   [[name] + [_said(figures[key]) for _, figures in columns] for key, name in ROWS.items()])
+    lines = _table(
+        [""] + [title for title, _ in columns],
+        [[name] + [_said(figures[key]) for _, figures in columns] for key, name in ROWS.items()],
+    )
     sets = list(dict.fromkeys(c[1] for c in a))
     rows = []
     for name in sets:
         side_a, side_b = ({c: t for c, t in side.items() if c[1] == name} for side in (a, b))
         f = agreement(side_a, side_b)
-        rows.append([name, "%s / %s" % (_said(f["success_first"]), _said(f["success_second"])),
-                     "%s / %s" % (_said(f["contact_first"]), _said(f["contact_second"])),
-                     "%s / %s" % (_mean(side_a), _mean(side_b)), _said(f["ratio"]), _said(f["pearson"]),
-                     _said(f["spearman"]), _said(f["same_outcome"])])
+        rows.append(
+            [
+                name,
+                "%s / %s" % (_said(f["success_first"]), _said(f["success_second"])),
+                "%s / %s" % (_said(f["contact_first"]), _said(f["contact_second"])),
+                "%s / %s" % (_mean(side_a), _mean(side_b)),
+                _said(f["ratio"]),
+                _said(f["pearson"]),
+                _said(f["spearman"]),
+                _said(f["same_outcome"]),
+            ]
+        )
     lines += ["", "Per set, %s / %s:" % (first, second), ""] + _table(SETS_HEAD, rows)
     cells = list(dict.fromkeys(c[0] for c in a))
     lines += ["", "Mean time of successes [s], %s / %s (– where no trial succeeded):" % (first, second), ""]
-    lines += _table(["world"] + sets, [[world] + ["%s / %s" % tuple(
-        _mean({c: side[c] for c in [(world, name)] if c in side}) for side in (a, b)) for name in sets]
-        for world in cells])
+    lines += _table(
+        ["world"] + sets,
+        [
+            [world]
+            + [
+                "%s / %s" % tuple(_mean({c: side[c] for c in [(world, name)] if c in side}) for side in (a, b))
+                for name in sets
+            ]
+            for world in cells
+        ],
+    )
     return "\n".join(lines) + "\n"
 
 
@@ -137,8 +180,9 @@ def side_by_side(first: str, second: str, folders: Sequence[str]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     parts = ("success", "collided", "time_s")
-    writer.writerow(["world", "set", "trial", "seed"]
-                    + ["%s_%s" % (part, name) for name in (first, second) for part in parts])
+    writer.writerow(
+        ["world", "set", "trial", "seed"] + ["%s_%s" % (part, name) for name in (first, second) for part in parts]
+    )
     for key in a:
         if key in b:
             writer.writerow(list(key) + [v for side in (a, b) for v in (side[key][0], side[key][1], side[key][3])])
@@ -161,21 +205,32 @@ def _mean(side: Dict[Cell, np.ndarray]) -> str:
 # -- the command -----------------------------------------------------------------------------------------------------
 def parse(arguments: Sequence[str] = None) -> argparse.Namespace:
     whole = evaluate._whole
-    p = evaluate._Parser(prog="compare_simulators", description=__doc__, allow_abbrev=False,
-                         formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = evaluate._Parser(
+        prog="compare_simulators",
+        description=__doc__,
+        allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     p.add_argument("--worlds", default="generated:train", help="as for evaluate.py (default: generated:train)")
-    p.add_argument("--count", type=whole(0, 100_000), default=50,
-                   help="how many of them, evenly spread; 0: all (default: 50)")
-    p.add_argument("--sets", type=whole(1, 1000), default=5,
-                   help="parameter sets: theta_0, Fast-DWA, and random ones, always the same (default: 5)")
-    p.add_argument("--trials", type=whole(1, 100_000), default=1,
-                   help="of each set in each world and simulator (default: 1)")
+    p.add_argument(
+        "--count", type=whole(0, 100_000), default=50, help="how many of them, evenly spread; 0: all (default: 50)"
+    )
+    p.add_argument(
+        "--sets",
+        type=whole(1, 1000),
+        default=5,
+        help="parameter sets: theta_0, Fast-DWA, and random ones, always the same (default: 5)",
+    )
+    p.add_argument(
+        "--trials", type=whole(1, 100_000), default=1, help="of each set in each world and simulator (default: 1)"
+    )
     p.add_argument("--workers", type=whole(1, 4096), default=2, help="processes (default: 2)")
-    p.add_argument("--seed", type=whole(0, 2 ** 31 - 1), default=0, help="of all trials (default: 0)")
+    p.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, help="of all trials (default: 0)")
     p.add_argument("--out", default="results/simulators", help="folder (default: results/simulators)")
-    p.add_argument("--simulators", default="pybullet,kinematic",
-                   help="the two to compare (default: pybullet,kinematic)")
-    p.add_argument("--driver", default="training.trials:Driver", help=argparse.SUPPRESS)        # tests give a toy
+    p.add_argument(
+        "--simulators", default="pybullet,kinematic", help="the two to compare (default: pybullet,kinematic)"
+    )
+    p.add_argument("--driver", default="training.evaluation.trials:Driver", help=argparse.SUPPRESS)  # tests give a toy
     options = p.parse_args(arguments)
     options.simulators = options.simulators.split(",")
     if len(options.simulators) != 2:
@@ -194,15 +249,35 @@ def main(arguments: Sequence[str] = None) -> int:
 
 def run(options: argparse.Namespace) -> int:
     specs = [spec for part in options.worlds.split(",") for spec in worlds_package.specs(part.strip())]
-    chosen = ["%s=training.compare_simulators:Drawn:%s" % (n, n[7:]) if n not in KNOWN else n
-              for n in set_names(options.sets)]
+    chosen = [
+        "%s=training.compare_simulators:Drawn:%s" % (n, n[7:]) if n not in KNOWN else n for n in set_names(options.sets)
+    ]
     first, second = options.simulators
     folders = [os.path.join(options.out, first), os.path.join(options.out, second + "-2" * (first == second))]
     for simulator, folder in zip((first, second), folders):
-        status = evaluate.main(["--worlds", ",".join(spread(specs, options.count)), "--methods", ",".join(chosen),
-                                "--trials", str(options.trials), "--simulator", simulator, "--traces", "0",
-                                "--workers", str(options.workers), "--seed", str(options.seed), "--no-report",
-                                "--driver", options.driver, "--out", folder])
+        status = evaluate.main(
+            [
+                "--worlds",
+                ",".join(spread(specs, options.count)),
+                "--methods",
+                ",".join(chosen),
+                "--trials",
+                str(options.trials),
+                "--simulator",
+                simulator,
+                "--traces",
+                "0",
+                "--workers",
+                str(options.workers),
+                "--seed",
+                str(options.seed),
+                "--no-report",
+                "--driver",
+                options.driver,
+                "--out",
+                folder,
+            ]
+        )
         if status:
             return status
     names = [os.path.basename(folder) for folder in folders]

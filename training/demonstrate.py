@@ -1,5 +1,7 @@
 """Records scripted demonstrations for APPLD: rosrun applr_ros1 demonstrate.py, or python -m training.demonstrate.
-The demonstrator is a script (training/demonstrator.py), and the bag says so. A person demonstrates with teleop.py."""
+The demonstrator is a script (training/baselines/appld/scripted_driver.py), and the bag says so. A person demonstrates with teleop.py.
+"""  # noqa: E501
+
 from __future__ import annotations
 
 import argparse
@@ -7,9 +9,9 @@ import sys
 
 import sim_bridge
 import worlds
-from training.bag_writer import BagWriter
-from training.demonstrator import NAME, Demonstrator
-from training.episode import CONTROL_PERIOD
+from training.bags.writer import BagWriter
+from training.baselines.appld.scripted_driver import NAME, Demonstrator
+from training.mdp.episode import CONTROL_PERIOD
 from training.storage import StorageError
 
 
@@ -19,7 +21,8 @@ class DemonstrationError(ValueError):
 
 def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said=None) -> dict:
     """Drives one course and writes the bag. Returns {"seconds", "metres", "speed", "contacts"}. Raises
-    DemonstrationError when the course was not finished within `limit` seconds, StorageError for the bag."""
+    DemonstrationError when the course was not finished within `limit` seconds, StorageError for the bag.
+    """
     driver = Demonstrator(world)
     state = simulator.reset(world, seed)
     metres, contacts, began = 0.0, 0, state.time
@@ -29,8 +32,9 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
         while not world.course.done(*state.pose[:2]):
             now = 1.0 + state.time
             if state.time - began > limit or state.flipped:
-                raise DemonstrationError("%s: not through after %.0f s; the demonstration is not usable"
-                                         % (world.name, state.time - began))
+                raise DemonstrationError(
+                    "%s: not through after %.0f s; the demonstration is not usable" % (world.name, state.time - began)
+                )
             ranges = simulator.scan()
             v, w = driver.command(state.pose, ranges)
             writer.odometry(now, state.odom_pose, state.odom_twist)
@@ -43,8 +47,12 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
             if state.contact:
                 writer.contact(1.0 + state.time)
     seconds = state.time - began
-    return {"seconds": round(seconds, 2), "metres": round(metres, 2), "speed": round(metres / seconds, 3),
-            "contacts": contacts}
+    return {
+        "seconds": round(seconds, 2),
+        "metres": round(metres, 2),
+        "speed": round(metres / seconds, 3),
+        "contacts": contacts,
+    }
 
 
 def parse(arguments) -> argparse.Namespace:
@@ -53,20 +61,23 @@ def parse(arguments) -> argparse.Namespace:
     p.add_argument("--world", default="physical_course", help="course to drive (default %(default)s)")
     p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet", help="default %(default)s")
     p.add_argument("--seed", type=int, default=0, help="of the simulator's noise")
-    return p.parse_args([a for a in arguments if ":=" not in a])        # ROS remapping arguments are ignored
+    return p.parse_args([a for a in arguments if ":=" not in a])  # ROS remapping arguments are ignored
 
 
 def main(arguments=None) -> int:
     options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
         world = worlds.load(options.world)
-        found = demonstrate(world, sim_bridge.make(options.simulator), options.bag, options.seed,
-                            said={"simulator": options.simulator})
+        found = demonstrate(
+            world, sim_bridge.make(options.simulator), options.bag, options.seed, said={"simulator": options.simulator}
+        )
     except (ValueError, StorageError, OSError) as error:
         print("demonstrate.py: %s" % error, file=sys.stderr)
         return 1
-    print("%s: %s demonstrated by a script in %.1f s, %.1f m at %.2f m/s, %d contacts"
-          % (options.bag, world.name, found["seconds"], found["metres"], found["speed"], found["contacts"]))
+    print(
+        "%s: %s demonstrated by a script in %.1f s, %.1f m at %.2f m/s, %d contacts"
+        % (options.bag, world.name, found["seconds"], found["metres"], found["speed"], found["contacts"])
+    )
     return 0
 
 

@@ -1,5 +1,7 @@
 """Drives methods x worlds x trials and makes the paper's tables and figures of them: `rosrun applr_ros1 evaluate.py`,
-or `python -m training.evaluate`. Stopped at any moment, the same command continues; the rows come out the same."""
+or `python -m training.evaluate`. Stopped at any moment, the same command continues; the rows come out the same.
+"""
+
 from __future__ import annotations
 
 import argparse
@@ -10,14 +12,14 @@ import sys
 import time
 from typing import Any, Dict, List, Sequence
 
-from training import methods
+from training.evaluation import methods
+from training.evaluation.store import TRIALS, Store
+from training.evaluation.trial_pool import Processes, RayActors
+from training.evaluation.trials import PROTOCOLS, Task, plan, world_list
 from training.storage import StorageError
-from training.trial_pool import Processes, RayActors
-from training.trial_store import TRIALS, Store
-from training.trials import PROTOCOLS, Task, plan, world_list
 
-AHEAD = 8           # finished trials held back per worker, until those before them are done too
-RETRIES = 2         # times a trial is driven again after its worker died
+AHEAD = 8  # finished trials held back per worker, until those before them are done too
+RETRIES = 2  # times a trial is driven again after its worker died
 
 
 class UsageError(ValueError):
@@ -32,7 +34,7 @@ def main(arguments: Sequence[str] = None) -> int:
     except KeyboardInterrupt:
         print("stopped; the same command continues", file=sys.stderr)
         return 130
-    except (ValueError, OSError, RuntimeError) as error:        # every error of ours is one of these, of one line
+    except (ValueError, OSError, RuntimeError) as error:  # every error of ours is one of these, of one line
         if not isinstance(error, _OURS):
             raise
         print("error: %s" % error, file=sys.stderr)
@@ -52,6 +54,7 @@ def run(options: argparse.Namespace) -> int:
     print("%d trials in %s" % (len(tasks), os.path.join(options.out, TRIALS)))
     if options.report:
         from training.report import write
+
         print("report: %s" % write(options.out))
     return 0
 
@@ -63,20 +66,29 @@ def settings(options, worlds, chosen) -> Dict[str, Any]:
         for part in (world.cylinders, world.boxes, world.course.path):
             digest.update(part.tobytes())
         digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
-    return {"worlds": [name for name, _, _ in worlds], "worlds_sha256": digest.hexdigest(),
-            "world_specs": [spec for _, spec, _ in worlds],
-            "methods": {name: methods.make(spec).describe() for name, spec in chosen},
-            "simulator": options.simulator, "protocol": options.protocol, "seed": options.seed}
+    return {
+        "worlds": [name for name, _, _ in worlds],
+        "worlds_sha256": digest.hexdigest(),
+        "world_specs": [spec for _, spec, _ in worlds],
+        "methods": {name: methods.make(spec).describe() for name, spec in chosen},
+        "simulator": options.simulator,
+        "protocol": options.protocol,
+        "seed": options.seed,
+    }
 
 
 def drive(tasks: List[Task], store: Store, options) -> None:
     """Drives what is missing, and appends it in the plan's order."""
     from tqdm import tqdm
+
     began = time.monotonic()
     pool_settings = {"driver": options.driver, "simulator": options.simulator, "protocol": options.protocol}
     workers = min(options.workers, len(tasks) - store.done)
-    pool = (RayActors(workers, pool_settings, options.ray_address) if options.ray_address
-            else Processes(workers, pool_settings))
+    pool = (
+        RayActors(workers, pool_settings, options.ray_address)
+        if options.ray_address
+        else Processes(workers, pool_settings)
+    )
     bar = tqdm(total=len(tasks), initial=store.done, unit="trial", dynamic_ncols=True, smoothing=0.05)
     try:
         for answer in in_order(tasks, store.done, pool, workers):
@@ -104,14 +116,16 @@ def in_order(tasks: List[Task], first: int, pool, workers: int):
         for slot, answer in pool.wait():
             number = given.pop(slot, None)
             free.append(slot)
-            if number is None:      # a new worker that died while it had nothing to do
+            if number is None:  # a new worker that died while it had nothing to do
                 raise UsageError("a worker died before its first trial; see its messages above")
             if answer is None:
                 retries[number] = retries.get(number, 0) + 1
                 if retries[number] > RETRIES:
                     task = tasks[number]
-                    raise UsageError("trial %s of %s in %s ended its worker %d times; see the messages above"
-                                     % (task.trial, task.method, task.world, retries[number]))
+                    raise UsageError(
+                        "trial %s of %s in %s ended its worker %d times; see the messages above"
+                        % (task.trial, task.method, task.world, retries[number])
+                    )
                 again.append(number)
             elif "error" in answer:
                 raise UsageError(answer["error"])
@@ -133,14 +147,24 @@ def _interrupt(*_):
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Checked options. ROS remapping arguments (name:=value) are ignored. Raises UsageError."""
-    p = _Parser(prog="evaluate.py", formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False,
-                description=__doc__, epilog="methods:\n%s\n\nprotocols:\n%s\n\na method of your own:\n%s" % (
-                    "\n".join("  %-16s %s" % (n, m[1]) for n, m in methods.METHODS.items()),
-                    "\n".join("  %-16s %s" % (n, v.sentence) for n, v in PROTOCOLS.items()),
-                    methods.__doc__.split("\n\n", 1)[1]))
-    p.add_argument("--worlds", default="generated:test",
-                   help="generated:N, generated:train, generated:test, fresh:N-M, physical_course, a .world file or "
-                        "a folder of them; several with commas (default: generated:test)")
+    p = _Parser(
+        prog="evaluate.py",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        description=__doc__,
+        epilog="methods:\n%s\n\nprotocols:\n%s\n\na method of your own:\n%s"
+        % (
+            "\n".join("  %-16s %s" % (n, m[1]) for n, m in methods.METHODS.items()),
+            "\n".join("  %-16s %s" % (n, v.sentence) for n, v in PROTOCOLS.items()),
+            methods.__doc__.split("\n\n", 1)[1],
+        ),
+    )
+    p.add_argument(
+        "--worlds",
+        default="generated:test",
+        help="generated:N, generated:train, generated:test, fresh:N-M, physical_course, a .world file or "
+        "a folder of them; several with commas (default: generated:test)",
+    )
     p.add_argument("--methods", default="dwa,applr", help="with commas: %s (default: dwa,applr)" % methods.FORMS)
     p.add_argument("--trials", type=_whole(1, 100_000), default=20, help="of each method in each world (default: 20)")
     p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet")
@@ -148,10 +172,14 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     p.add_argument("--workers", type=_whole(1, 4096), default=2, help="processes, or Ray actors (default: 2)")
     p.add_argument("--ray-address", default="", help="drive on this Ray cluster instead (host:port, or auto)")
     p.add_argument("--out", default="results", help="folder for trials.csv, tables and figures (default: results)")
-    p.add_argument("--seed", type=_whole(0, 2 ** 31 - 1), default=0, help="of all trials (default: 0)")
-    p.add_argument("--traces", type=_whole(0, 1000), default=1,
-                   help="trials of each method and world whose driven path is kept (default: 1)")
-    p.add_argument("--driver", default="training.trials:Driver", help=argparse.SUPPRESS)        # tests give a toy
+    p.add_argument("--seed", type=_whole(0, 2**31 - 1), default=0, help="of all trials (default: 0)")
+    p.add_argument(
+        "--traces",
+        type=_whole(0, 1000),
+        default=1,
+        help="trials of each method and world whose driven path is kept (default: 1)",
+    )
+    p.add_argument("--driver", default="training.evaluation.trials:Driver", help=argparse.SUPPRESS)  # tests give a toy
     p.add_argument("--no-report", dest="report", action="store_false", help="only trials.csv, no tables and figures")
     return p.parse_args([a for a in arguments if ":=" not in a])
 
@@ -170,6 +198,7 @@ def _whole(low: int, high: int):
         if not low <= value <= high:
             raise argparse.ArgumentTypeError("%d is out of range: give %d to %d" % (value, low, high))
         return value
+
     return convert
 
 
@@ -177,8 +206,9 @@ def _ours():
     from applr_ros1.policy.actor import ActorError
     from applr_ros1.policy.appld import AppldError
     from applr_ros1.policy.parameter_space import SpaceError
-    from training.actor_pool import PoolError
+    from training.gorila.actor_pool import PoolError
     from worlds import WorldError
+
     return UsageError, StorageError, methods.MethodError, ActorError, AppldError, SpaceError, PoolError, WorldError
 
 

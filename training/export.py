@@ -3,6 +3,7 @@
 Both take "observation" (n, 729) float32 and give "action" (n, 8) in [-1, 1]; the metadata travel along. The result is
 compared with the actor: a difference over 1e-5 is an error.
 """
+
 from __future__ import annotations
 
 import io
@@ -27,21 +28,28 @@ def to_onnx(actor: Actor) -> bytes:
     """An ONNX model: Gemm and Relu for each layer, Tanh at the end. The batch size is free."""
     import onnx
     from onnx import TensorProto, helper, numpy_helper
+
     nodes, tensors, name = [], [], "observation"
     last = len(actor.layers) - 1
     for i, (weight, bias) in enumerate(actor.layers):
-        tensors += [numpy_helper.from_array(np.ascontiguousarray(weight), "%d.weight" % i),
-                    numpy_helper.from_array(np.ascontiguousarray(bias), "%d.bias" % i)]
+        tensors += [
+            numpy_helper.from_array(np.ascontiguousarray(weight), "%d.weight" % i),
+            numpy_helper.from_array(np.ascontiguousarray(bias), "%d.bias" % i),
+        ]
         nodes.append(helper.make_node("Gemm", [name, "%d.weight" % i, "%d.bias" % i], ["linear%d" % i], transB=1))
         name = "action" if i == last else "hidden%d" % i
         nodes.append(helper.make_node("Tanh" if i == last else "Relu", ["linear%d" % i], [name]))
     inputs, outputs = actor.layers[0][0].shape[1], actor.layers[-1][0].shape[0]
     graph = helper.make_graph(
-        nodes, "applr_actor",
+        nodes,
+        "applr_actor",
         [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["n", inputs])],
-        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", outputs])], tensors)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], producer_name="applr_ros1",
-                              ir_version=8)
+        [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["n", outputs])],
+        tensors,
+    )
+    model = helper.make_model(
+        graph, opset_imports=[helper.make_opsetid("", 13)], producer_name="applr_ros1", ir_version=8
+    )
     helper.set_model_props(model, _texts(actor))
     onnx.checker.check_model(model)
     return model.SerializeToString()
@@ -50,6 +58,7 @@ def to_onnx(actor: Actor) -> bytes:
 def to_torchscript(actor: Actor) -> bytes:
     """A TorchScript module; its metadata is the extra file "metadata.json"."""
     import torch
+
     layers: List[torch.nn.Module] = []
     for weight, bias in actor.layers:
         layer = torch.nn.Linear(weight.shape[1], weight.shape[0])
@@ -70,10 +79,12 @@ def difference(actor: Actor, onnx_bytes: Optional[bytes] = None, torchscript_byt
     runs = []
     if onnx_bytes is not None:
         import onnxruntime
+
         session = onnxruntime.InferenceSession(onnx_bytes, providers=["CPUExecutionProvider"])
         runs.append(lambda x: session.run(["action"], {"observation": x})[0])
     if torchscript_bytes is not None:
         import torch
+
         module = torch.jit.load(io.BytesIO(torchscript_bytes))
         runs.append(lambda x: module(torch.from_numpy(x)).detach().numpy())
     return max(float(np.abs(run(x) - actor.action(x)).max()) for run in runs for x in (observations, observations[:1]))

@@ -3,6 +3,7 @@
 python -m training.static_search --help. Each generation drives every candidate through the same freshly drawn worlds
 with the same seeds; the last generations' means are then driven through all worlds, and the fastest of them wins.
 """
+
 from __future__ import annotations
 
 import argparse
@@ -16,7 +17,7 @@ import numpy as np
 
 from applr_ros1.policy.methods import read_parameters
 from applr_ros1.policy.parameter_space import SPACE
-from training.actor_pool import InProcess, PoolError, Processes, RayPool
+from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool
 from training.storage import StorageError, make_folder, read_json, write_bytes, write_json
 
 FAILURE_SECONDS = 100.0
@@ -35,7 +36,7 @@ class Trials:
             self.pool = Processes(settings, self._next, actors)
         else:
             self.pool = RayPool(settings, self._next, actors, address or None)
-        self.pool.publish(0, b"")       # no policy: the tasks say what to drive
+        self.pool.publish(0, b"")  # no policy: the tasks say what to drive
 
     def _next(self, slot):
         return self.queue.pop(0) if self.queue else {"kind": "idle"}
@@ -61,7 +62,7 @@ class Trials:
                 else:
                     results[task["round"], task["world"]] = content
                     since = time.monotonic()
-            if time.monotonic() - since > 300.0 and not self.queue:         # actors died with their trials
+            if time.monotonic() - since > 300.0 and not self.queue:  # actors died with their trials
                 self.queue[:] = [self._task(actions, i, w, seed) for i, w in sorted(wanted - set(results))]
                 since = time.monotonic()
         self.driven += len(wanted)
@@ -69,27 +70,42 @@ class Trials:
 
     @staticmethod
     def _task(actions, i, world, seed):
-        return {"kind": "evaluate", "round": i, "world": int(world), "trial": 0, "seed": seed,
-                "action": [float(v) for v in actions[i]]}
+        return {
+            "kind": "evaluate",
+            "round": i,
+            "world": int(world),
+            "trial": 0,
+            "seed": seed,
+            "action": [float(v) for v in actions[i]],
+        }
 
     def _summary(self, results):
         won = [r["time_s"] for r in results if r["success"]]
-        seconds = [(r["time_s"] if r["success"] else FAILURE_SECONDS) + self.contact_seconds * r["collided"]
-                   for r in results]
-        return {"score": float(np.mean(seconds)), "time_s": float(np.mean(won)) if won else None,
-                "success": len(won) / len(results), "collided": float(np.mean([r["collided"] for r in results])),
-                "trials": len(results)}
+        seconds = [
+            (r["time_s"] if r["success"] else FAILURE_SECONDS) + self.contact_seconds * r["collided"] for r in results
+        ]
+        return {
+            "score": float(np.mean(seconds)),
+            "time_s": float(np.mean(won)) if won else None,
+            "success": len(won) / len(results),
+            "collided": float(np.mean([r["collided"] for r in results])),
+            "trials": len(results),
+        }
 
 
 def search(trials: Trials, count: int, options, keep=lambda log: None) -> Dict[str, Any]:
     """CMA-ES. Returns {"theta", "result", "log": [a line per generation], "finalists", ...}. keep(log) is called after
-    each generation."""
+    each generation.
+    """
     import cma
+
     start, log = _start(options.start)
     rng = np.random.default_rng([options.seed, len(log)])
     strategy = cma.CMAEvolutionStrategy(
-        np.clip(SPACE.to_action(start), -0.9, 0.9), options.sigma,       # not from the very edge of the box
-        {"bounds": [-1, 1], "popsize": options.population, "seed": options.seed + 1, "verbose": -9})
+        np.clip(SPACE.to_action(start), -0.9, 0.9),
+        options.sigma,  # not from the very edge of the box
+        {"bounds": [-1, 1], "popsize": options.population, "seed": options.seed + 1, "verbose": -9},
+    )
     began, last = time.monotonic(), len(log) + options.generations
     for generation in range(len(log), last):
         worlds = np.sort(rng.choice(count, min(count, options.worlds_per_set), replace=False))
@@ -98,26 +114,54 @@ def search(trials: Trials, count: int, options, keep=lambda log: None) -> Dict[s
         strategy.tell(candidates, [r["score"] for r in results])
         best = int(np.argmin([r["score"] for r in results]))
         mean = np.clip(strategy.result.xfavorite, -1.0, 1.0)
-        log.append({"generation": generation, "worlds": worlds.tolist(), "sigma": float(strategy.sigma),
-                    "scores": [round(r["score"], 3) for r in results],
-                    "best": dict(results[best], **_named(candidates[best])),
-                    "mean": _named(mean), "trials": trials.driven, "seconds": round(time.monotonic() - began, 1)})
+        log.append(
+            {
+                "generation": generation,
+                "worlds": worlds.tolist(),
+                "sigma": float(strategy.sigma),
+                "scores": [round(r["score"], 3) for r in results],
+                "best": dict(results[best], **_named(candidates[best])),
+                "mean": _named(mean),
+                "trials": trials.driven,
+                "seconds": round(time.monotonic() - began, 1),
+            }
+        )
         keep(log)
-        print("generation %d of %d: best %.2f s (success %.2f, contact %.2f), median %.2f s, sigma %.3f, "
-              "%d trials, %d s" % (
-            generation + 1, last, results[best]["score"], results[best]["success"],
-            results[best]["collided"], np.median([r["score"] for r in results]), strategy.sigma, trials.driven,
-            time.monotonic() - began), flush=True)
+        print(
+            "generation %d of %d: best %.2f s (success %.2f, contact %.2f), median %.2f s, sigma %.3f, "
+            "%d trials, %d s"
+            % (
+                generation + 1,
+                last,
+                results[best]["score"],
+                results[best]["success"],
+                results[best]["collided"],
+                np.median([r["score"] for r in results]),
+                strategy.sigma,
+                trials.driven,
+                time.monotonic() - began,
+            ),
+            flush=True,
+        )
     finalists = [line["mean"]["theta"] for line in log[-FINALISTS:]] + [log[-1]["best"]["theta"]]
     finalists = [SPACE.theta0.tolist()] + [list(t) for t in dict.fromkeys(map(tuple, finalists))]
     actions = np.array([SPACE.to_action(t) for t in finalists])
     results = trials.run(actions, range(count), seed=options.seed)
     best = 1 + int(np.argmin([r["score"] for r in results[1:]]))
     table = [dict(result, **_named(action)) for action, result in zip(actions, results)]
-    print("theta_0: %.2f s; best set: %.2f s, success %.3f, contact %.3f, over %d worlds" % (
-        results[0]["score"], results[best]["score"], results[best]["success"], results[best]["collided"], count))
-    return {"theta": SPACE.as_dict(SPACE.clip(finalists[best])), "result": results[best], "theta0": results[0],
-            "finalists": table, "log": log, "trials": trials.driven, "seconds": round(time.monotonic() - began, 1)}
+    print(
+        "theta_0: %.2f s; best set: %.2f s, success %.3f, contact %.3f, over %d worlds"
+        % (results[0]["score"], results[best]["score"], results[best]["success"], results[best]["collided"], count)
+    )
+    return {
+        "theta": SPACE.as_dict(SPACE.clip(finalists[best])),
+        "result": results[best],
+        "theta0": results[0],
+        "finalists": table,
+        "log": log,
+        "trials": trials.driven,
+        "seconds": round(time.monotonic() - began, 1),
+    }
 
 
 def _start(path: str):
@@ -136,8 +180,11 @@ def _named(action) -> Dict[str, Any]:
 
 
 def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="static_search.py", description=__doc__.splitlines()[0],
-                                formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    p = argparse.ArgumentParser(
+        prog="static_search.py",
+        description=__doc__.splitlines()[0],
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
     p.add_argument("--worlds", default="generated:train", help="to search over")
     p.add_argument("--simulator", default="kinematic", choices=("kinematic", "pybullet"), help="to drive in")
     p.add_argument("--generations", type=int, default=40, help="of CMA-ES")
@@ -147,19 +194,27 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--actors", type=int, default=2, help="trials driven at once; 0: in this process")
     p.add_argument("--pool", default="processes", choices=("ray", "processes"), help="what the actors are")
     p.add_argument("--ray-address", default="", help="HOST:PORT of a Ray cluster")
-    p.add_argument("--start", default="", help="where CMA-ES begins: a set {name: value}, or an earlier search's log, "
-                                               "which goes on from its mean; theta_0 where left out")
+    p.add_argument(
+        "--start",
+        default="",
+        help="where CMA-ES begins: a set {name: value}, or an earlier search's log, "
+        "which goes on from its mean; theta_0 where left out",
+    )
     p.add_argument("--sigma", type=float, default=0.5, help="how widely it begins to look, of ranges from -1 to 1")
     p.add_argument("--seed", type=int, default=0, help="of everything drawn")
-    p.add_argument("--out", default="applr_ros1/models/static.json",
-                   help="the set, as {name: value}; the log goes beside it as NAME_log.json")
+    p.add_argument(
+        "--out",
+        default="applr_ros1/models/static.json",
+        help="the set, as {name: value}; the log goes beside it as NAME_log.json",
+    )
     return p
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
     arguments = [a for a in (sys.argv[1:] if arguments is None else arguments) if ":=" not in a]
     options = parser().parse_args(arguments)
-    from training.env import load_worlds
+    from training.mdp.env import load_worlds
+
     trials, command = None, "python -m training.static_search " + " ".join(arguments)
     log, partial = (Path(str(Path(options.out).with_suffix("")) + end) for end in ("_log.json", "_partial.json"))
     try:
@@ -169,8 +224,11 @@ def main(arguments: Optional[List[str]] = None) -> int:
             raise ValueError("--sigma is %r: give more than 0, 2 at most" % options.sigma)
         make_folder(Path(options.out).parent)
         count = len(load_worlds(options.worlds))
-        settings = {"env": "training.env:ApplrEnv", "train": {},
-                    "evaluate": {"worlds": options.worlds, "simulator": options.simulator}}
+        settings = {
+            "env": "training.mdp.env:ApplrEnv",
+            "train": {},
+            "evaluate": {"worlds": options.worlds, "simulator": options.simulator},
+        }
         trials = Trials(settings, options.actors, options.pool, options.ray_address, options.contact_seconds)
         found = search(trials, count, options, lambda lines: write_json(partial, {"command": command, "log": lines}))
         write_bytes(options.out, (json.dumps(found["theta"], indent=1) + "\n").encode())
@@ -182,8 +240,12 @@ def main(arguments: Optional[List[str]] = None) -> int:
         print("static_search.py: %s" % error, file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("stopped; --start %s goes on from the last generation" % partial if partial.exists() else
-              "stopped in the first generation; nothing was written", file=sys.stderr)
+        print(
+            "stopped; --start %s goes on from the last generation" % partial
+            if partial.exists()
+            else "stopped in the first generation; nothing was written",
+            file=sys.stderr,
+        )
         return 130
     finally:
         if trials is not None:

@@ -1,4 +1,5 @@
 """Files written whole or not at all, and one line when they cannot be. Used by everything in training/ that writes."""
+
 from __future__ import annotations
 
 import fcntl
@@ -27,12 +28,13 @@ def write_bytes(path, data: bytes) -> None:
             os.fsync(file.fileno())
         os.replace(partial, path)
     except OSError as error:
-        try:
+        try:  # noqa: SIM105
             partial.unlink()
         except OSError:
             pass
-        raise StorageError("%s: cannot be written (%s); the file that was there is untouched" % (path, reason(error))) \
-            from None
+        raise StorageError(
+            "%s: cannot be written (%s); the file that was there is untouched" % (path, reason(error))
+        ) from None
 
 
 def write_json(path, value: Any) -> None:
@@ -78,11 +80,12 @@ class Lock:
 
     def __init__(self, folder, who: str = "train.py"):
         try:
-            self._file = open(Path(folder) / "lock", "w")
+            self._file = open(Path(folder) / "lock", "w")  # noqa: SIM115
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StorageError("%s: another %s works in this folder; wait, or give another --out"
-                               % (folder, who)) from None
+            raise StorageError(
+                "%s: another %s works in this folder; wait, or give another --out" % (folder, who)
+            ) from None
         except OSError as error:
             raise StorageError("%s: cannot be locked (%s)" % (folder, reason(error))) from None
 

@@ -4,6 +4,7 @@ Online: actors drive episodes, the one learner takes them in and learns (the pap
 The run's folder holds config.json, checkpoint.json with learner-*.safetensors, journal/ (all trajectories), actor and
 best .safetensors, episodes.csv, evaluations.jsonl, curves.png, tensorboard/.
 """
+
 from __future__ import annotations
 
 import json
@@ -16,19 +17,19 @@ from typing import Dict, List, Optional
 
 import safetensors.numpy
 
-from training.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
-from training.config import ConfigError, TrainConfig, parse
-from training.console import Board, ProgressLine, clock, describe
-from training.dataset import Dataset, DatasetError
-from training.learner import Learner
-from training.rounds import Episodes, Rounds, draw_curves
+from training.evaluation.periodic import Episodes, Rounds, draw_curves
+from training.experience.dataset import Dataset, DatasetError
+from training.gorila.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
+from training.gorila.config import ConfigError, TrainConfig, parse
+from training.gorila.console import Board, ProgressLine, clock, describe
+from training.gorila.learner import Learner
+from training.gorila.tasks import Tasks, easiest_first, spread
+from training.gorila.worker import RESULT, TRAJECTORY, layout_of
 from training.storage import Lock, StorageError, make_folder, write_bytes, write_json
-from training.tasks import Tasks, easiest_first, spread
-from training.td3 import LearnerError
-from training.worker import RESULT, TRAJECTORY, layout_of
+from training.td3.td3 import LearnerError
 
 OURS = TrainConfig.env
-MANY_ERRORS = 20        # failed episodes in a row: something is wrong with all of them
+MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
 
 
 class Training:
@@ -43,16 +44,23 @@ class Training:
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
-            raise ConfigError("%s holds a run already: --resume goes on with it, another --out begins a new one"
-                              % self.folder)
+            raise ConfigError(
+                "%s holds a run already: --resume goes on with it, another --out begins a new one" % self.folder
+            )
         set_threads(config)
         self.learner = Learner(layout, _with_rows(config, dataset), self.folder)
         self.dataset = dataset
         self.extra = self._resume() if config.resume else {}
         self.episodes = self.episodes if config.resume else Episodes(self.folder, 0)
-        self.rounds = Rounds(self.folder, spread(test_worlds, config.eval_count), config.eval_trials,
-                             config.eval_every, config.seed, config.contact_seconds, setting="%s, %s" % (
-                                 config.eval_worlds, config.eval_simulator or config.simulator))
+        self.rounds = Rounds(
+            self.folder,
+            spread(test_worlds, config.eval_count),
+            config.eval_trials,
+            config.eval_every,
+            config.seed,
+            config.contact_seconds,
+            setting="%s, %s" % (config.eval_worlds, config.eval_simulator or config.simulator),
+        )
         order = easiest_first(train_worlds) if config.curriculum and train_worlds else None
         self.tasks = Tasks(config, len(train_worlds) if train_worlds else None, order, self.learner.replay.episodes_of)
         self.tasks.transitions = self.learner.transitions
@@ -64,7 +72,7 @@ class Training:
         self._saved = time.monotonic()
         self._episode_errors: Dict[str, int] = {}
         self.pool = self._make_pool(settings)
-        write_json(self.folder / "config.json", dict(asdict(config), resume=False))     # from now on it is a run
+        write_json(self.folder / "config.json", dict(asdict(config), resume=False))  # from now on it is a run
 
     def _resume(self):
         """Back to where the run was: the checkpoint, and every trajectory taken since."""
@@ -96,11 +104,14 @@ class Training:
         return learner.td3.updates >= c.updates if self.offline else learner.transitions >= c.steps
 
     def run(self) -> int:
-        previous = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)} \
-            if _main_thread() else {}
+        previous = (
+            {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+            if _main_thread()
+            else {}
+        )
         try:
             self._take_dataset()
-            while not self.offline and self.learner.owed and not self.stopping:     # for a dataset, or after a resume
+            while not self.offline and self.learner.owed and not self.stopping:  # for a dataset, or after a resume
                 self.learner.work(10)
                 self._say()
             self._publish()
@@ -175,15 +186,19 @@ class Training:
 
     def _publish(self) -> None:
         updates = self.learner.td3.updates
-        if self._published < 0 or updates >= self._published + self.config.publish_every \
-                or self.config.actors == 0 and updates != self._published:
+        if (
+            self._published < 0
+            or updates >= self._published + self.config.publish_every
+            or self.config.actors == 0
+            and updates != self._published
+        ):
             self.pool.publish(updates, safetensors.numpy.save(self.learner.td3.actor_weights()))
             self._published = updates
 
     def _take_dataset(self) -> None:
         if self.dataset is None:
             return
-        known = self.learner.replay.episodes_of("dataset")      # a resumed run has them already
+        known = self.learner.replay.episodes_of("dataset")  # a resumed run has them already
         for i, trajectory in enumerate(self.dataset):
             if i < known:
                 continue
@@ -222,11 +237,19 @@ class Training:
     def export(self, path, weights, result) -> None:
         """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
         options = {k: v for k, v in asdict(self.config).items() if k not in ("out", "resume", "ray_address")}
-        metadata = {"training": {"steps": self.steps, "updates": self.learner.td3.updates,
-                                 "transitions": self.learner.transitions, "options": options},
-                    "result": result, "default": self.rounds.default if result else None}
+        metadata = {
+            "training": {
+                "steps": self.steps,
+                "updates": self.learner.td3.updates,
+                "transitions": self.learner.transitions,
+                "options": options,
+            },
+            "result": result,
+            "default": self.rounds.default if result else None,
+        }
         if self.config.env == OURS:
             from applr_ros1.policy import actor
+
             actor.save(path, weights, metadata)
         else:
             write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
@@ -241,29 +264,58 @@ class Training:
         goal, done = (self.config.updates, "updates") if self.offline else (self.config.steps, "transitions")
         left = (goal - counts[done]) / rates[done] if rates[done] > 0 else float("inf")
         losses = learner.td3.report()
-        values = {"return": self.episodes.recent("return"), "length": self.episodes.recent("length"),
-                  "success": self.episodes.recent("success"), "collided": self.episodes.recent("collided"),
-                  "sigma": self.config.noise(learner.transitions), "transitions_per_second": rates["transitions"],
-                  "updates_per_second": rates["updates"], "staleness_mean": learner.staleness.mean,
-                  "staleness_max": learner.staleness.most, "actors": self.pool.alive, "replaced": self.pool.replaced,
-                  "refused": sum(learner.refused.values()), **losses}
+        values = {
+            "return": self.episodes.recent("return"),
+            "length": self.episodes.recent("length"),
+            "success": self.episodes.recent("success"),
+            "collided": self.episodes.recent("collided"),
+            "sigma": self.config.noise(learner.transitions),
+            "transitions_per_second": rates["transitions"],
+            "updates_per_second": rates["updates"],
+            "staleness_mean": learner.staleness.mean,
+            "staleness_max": learner.staleness.most,
+            "actors": self.pool.alive,
+            "replaced": self.pool.replaced,
+            "refused": sum(learner.refused.values()),
+            **losses,
+        }
         self.line.show(
             "{:,} of {:,} {}  {:.1f} transitions/s  {:.1f} updates/s  sigma {:.2f}  return {:.2f}  length {:.1f}  "
             "success {:.2f}  contact {:.2f}  Q {:.2f}  policy age {:.0f} (max {})  actors {}{}{}  {} left".format(
-                counts[done], goal, done, rates["transitions"], rates["updates"], values["sigma"], values["return"],
-                values["length"], values["success"], values["collided"], losses.get("actor_q", float("nan")),
-                learner.staleness.mean, learner.staleness.most, self.pool.alive,
+                counts[done],
+                goal,
+                done,
+                rates["transitions"],
+                rates["updates"],
+                values["sigma"],
+                values["return"],
+                values["length"],
+                values["success"],
+                values["collided"],
+                losses.get("actor_q", float("nan")),
+                learner.staleness.mean,
+                learner.staleness.most,
+                self.pool.alive,
                 "  replaced %d" % self.pool.replaced if self.pool.replaced else "",
-                "  refused %d" % values["refused"] if values["refused"] else "", clock(left)))
+                "  refused %d" % values["refused"] if values["refused"] else "",
+                clock(left),
+            )
+        )
         if self.board:
             self.board.scalars("training", values, self.steps)
 
     def _say_the_end(self) -> None:
         best = self.rounds.best
-        print("%s after %s transitions and %s updates, %s; %s" % (
-            "Stopped by %s and saved" % self.stopping if self.stopping else "Done",
-            format(self.learner.transitions, ","), format(self.learner.td3.updates, ","),
-            clock(time.monotonic() - self.began), self.folder))
+        print(
+            "%s after %s transitions and %s updates, %s; %s"
+            % (
+                "Stopped by %s and saved" % self.stopping if self.stopping else "Done",
+                format(self.learner.transitions, ","),
+                format(self.learner.td3.updates, ","),
+                clock(time.monotonic() - self.began),
+                self.folder,
+            )
+        )
         if best:
             print("best actor: %s" % describe(best))
         for reason, count in sorted(self.learner.refused.items()):
@@ -278,25 +330,27 @@ class Training:
 def prepare(config: TrainConfig):
     """(settings of the workers, worlds to train in, number of held-out worlds, layout). Raises one-line errors."""
     if config.env != OURS:
-        from training.worker import Worker
+        from training.gorila.worker import Worker
+
         settings = {"env": config.env, "train": {}, "evaluate": {}}
         try:
             layout = layout_of(Worker(settings).environment("train"))
         except (ImportError, AttributeError) as error:
             raise ConfigError("--env %s cannot be had: %s" % (config.env, error)) from None
         return settings, None, [] if config.eval_worlds == "none" else [0], layout
-    from training.env import ApplrEnv, load_worlds
     import sim_bridge
+    from training.mdp.env import ApplrEnv, load_worlds
+
     train = load_worlds(config.worlds)
     test = [] if config.eval_worlds == "none" else load_worlds(config.eval_worlds)
     sim_bridge.Randomisation(**config.randomisation())
     shared = {"reward": config.reward()}
-    settings = {"env": config.env,
-                "train": dict(shared, worlds=config.worlds, simulator=config.simulator,
-                              randomisation=config.randomisation()),
-                "evaluate": dict(shared, worlds=config.eval_worlds,
-                                 simulator=config.eval_simulator or config.simulator)}
-    if config.actors > 1:       # compile the planner's kernels once, for all: the actors find them on disk
+    settings = {
+        "env": config.env,
+        "train": dict(shared, worlds=config.worlds, simulator=config.simulator, randomisation=config.randomisation()),
+        "evaluate": dict(shared, worlds=config.eval_worlds, simulator=config.eval_simulator or config.simulator),
+    }
+    if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env = ApplrEnv(**dict(settings["train"], worlds=train[:1], limit=1))
         env.reset(seed=0)
         env.step(env.action_space.low)
@@ -306,8 +360,10 @@ def prepare(config: TrainConfig):
 
 def set_threads(config: TrainConfig) -> None:
     """The learner's threads on the CPU: as asked, else the cores that actors on this machine leave. More threads than
-    free cores wait for each other and learn many times slower."""
+    free cores wait for each other and learn many times slower.
+    """
     import torch
+
     if config.threads:
         torch.set_num_threads(config.threads)
     elif config.actors and not config.ray_address:
@@ -316,6 +372,7 @@ def set_threads(config: TrainConfig) -> None:
 
 def _with_rows(config: TrainConfig, dataset: Optional[Dataset]):
     from dataclasses import replace
+
     learner = config.learner()
     if dataset is not None and dataset.rows + 1000 > learner.capacity - (0 if not config.mix else config.steps):
         learner = replace(learner, capacity=learner.capacity + dataset.rows + 1000)
@@ -324,6 +381,7 @@ def _with_rows(config: TrainConfig, dataset: Optional[Dataset]):
 
 def _main_thread() -> bool:
     import threading
+
     return threading.current_thread() is threading.main_thread()
 
 

@@ -1,4 +1,5 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
+
 from .loading import load, load_all, specs
 from .world import Course, Mover, World, WorldError
 

@@ -1,5 +1,7 @@
 """The 300 built-in worlds and their split. `worlds.loading` reads them from data/builtin.npz, 50 kB of packed bits;
-`python -m worlds.builtin` makes that file anew from the generator, and a test compares."""
+`python -m worlds.builtin` makes that file anew from the generator, and a test compares.
+"""
+
 from __future__ import annotations
 
 import functools
@@ -15,9 +17,58 @@ from .world import World, WorldError
 
 FILE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "data", "builtin.npz")
 
-TEST = (0, 8, 17, 19, 27, 32, 41, 47, 48, 57, 64, 69, 76, 78, 88, 93, 100, 104, 112, 118, 123, 129, 133, 138, 144,
-        150, 159, 163, 168, 175, 184, 189, 193, 201, 208, 214, 218, 226, 229, 237, 240, 246, 256, 258, 265, 270,
-        277, 284, 290, 294)                                                     # BARN's official test numbers
+TEST = (
+    0,
+    8,
+    17,
+    19,
+    27,
+    32,
+    41,
+    47,
+    48,
+    57,
+    64,
+    69,
+    76,
+    78,
+    88,
+    93,
+    100,
+    104,
+    112,
+    118,
+    123,
+    129,
+    133,
+    138,
+    144,
+    150,
+    159,
+    163,
+    168,
+    175,
+    184,
+    189,
+    193,
+    201,
+    208,
+    214,
+    218,
+    226,
+    229,
+    237,
+    240,
+    246,
+    256,
+    258,
+    265,
+    270,
+    277,
+    284,
+    290,
+    294,
+)  # BARN's official test numbers
 TRAIN = tuple(n for n in range(generator.COUNT) if n not in TEST)
 
 
@@ -37,8 +88,10 @@ def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
         filled = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
         paths = np.split(cells.astype(np.int64).reshape(-1, 2), ends[:-1])
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise WorldError("built-in worlds cannot be read from %s (%s); reinstall the package or run "
-                         "`python -m worlds.builtin`" % (FILE, error)) from None
+        raise WorldError(
+            "built-in worlds cannot be read from %s (%s); reinstall the package or run "
+            "`python -m worlds.builtin`" % (FILE, error)
+        ) from None
     return {n: (filled[n], paths[n]) for n in range(generator.COUNT)}
 
 
@@ -46,9 +99,12 @@ def pack(worlds) -> bytes:
     """Bytes of the data file for 300 pairs (filled, path), in order."""
     filled = np.array([f for f, _ in worlds], dtype=bool)
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, filled=np.packbits(filled),
-                        path_cells=np.concatenate([p for _, p in worlds]).astype(np.uint8),
-                        path_ends=np.cumsum([len(p) for _, p in worlds]).astype(np.int32))
+    np.savez_compressed(
+        buffer,
+        filled=np.packbits(filled),
+        path_cells=np.concatenate([p for _, p in worlds]).astype(np.uint8),
+        path_ends=np.cumsum([len(p) for _, p in worlds]).astype(np.int32),
+    )
     return buffer.getvalue()
 
 

@@ -1,5 +1,7 @@
 """Does the generator make BARN's kind of worlds? `python -m worlds.compare [FOLDER] [--csv FILE]` puts fill and
-difficulty of the 300 built-in worlds beside BARN's published figures, or beside a folder of BARN's own files."""
+difficulty of the 300 built-in worlds beside BARN's published figures, or beside a folder of BARN's own files.
+"""
+
 from __future__ import annotations
 
 import argparse
@@ -19,10 +21,21 @@ QUANTILES = (0.05, 0.25, 0.50, 0.75, 0.95)
 FILL = "fill"
 MEASURES = (FILL,) + metrics.NAMES
 # Published for BARN: medians of its 300 worlds; for the fill the 5 %, 50 % and 95 % quantiles
-BARN = {FILL: {0.05: 0.11, 0.50: 0.18, 0.95: 0.28}, "closest_obstacle": {0.50: 2.13}, "visibility": {0.50: 5.28},
-        "dispersion": {0.50: 4.51}, "dimension": {0.50: 3.22}, "tortuosity": {0.50: 1.168}}
-CSV_COLUMNS = {"closest_obstacle": "dist_closest_obstacle_cells", "visibility": "avg_visibility_cells",
-               "dispersion": "dispersion", "dimension": "char_dimension_cells", "tortuosity": "tortuosity"}
+BARN = {
+    FILL: {0.05: 0.11, 0.50: 0.18, 0.95: 0.28},
+    "closest_obstacle": {0.50: 2.13},
+    "visibility": {0.50: 5.28},
+    "dispersion": {0.50: 4.51},
+    "dimension": {0.50: 3.22},
+    "tortuosity": {0.50: 1.168},
+}
+CSV_COLUMNS = {
+    "closest_obstacle": "dist_closest_obstacle_cells",
+    "visibility": "avg_visibility_cells",
+    "dispersion": "dispersion",
+    "dimension": "char_dimension_cells",
+    "tortuosity": "tortuosity",
+}
 
 
 def measure(worlds: List[World]) -> Dict[str, np.ndarray]:
@@ -35,19 +48,30 @@ def measure(worlds: List[World]) -> Dict[str, np.ndarray]:
 
 def table(ours: Dict[str, np.ndarray], theirs: Dict[str, np.ndarray] = None) -> List[str]:
     """Lines: quantiles of ours above BARN's, with the Kolmogorov-Smirnov statistic where BARN's worlds are at hand."""
-    lines = ["%-17s %-11s %s   %s" % ("measure", "worlds", " ".join("%6.0f %%" % (100 * q) for q in QUANTILES),
-                                      "KS statistic, p" if theirs else "")]
+    lines = [
+        "%-17s %-11s %s   %s"
+        % (
+            "measure",
+            "worlds",
+            " ".join("%6.0f %%" % (100 * q) for q in QUANTILES),
+            "KS statistic, p" if theirs else "",
+        )
+    ]
     for name in MEASURES:
         lines.append("%-17s %-11s %s" % (name, "built-in", _row(ours[name])))
         if theirs is None:
             known = BARN[name]
-            lines.append("%-17s %-11s %s" % ("", "BARN", " ".join(
-                "%8.3f" % known[q] if q in known else "       -" for q in QUANTILES)))
+            lines.append(
+                "%-17s %-11s %s"
+                % ("", "BARN", " ".join("%8.3f" % known[q] if q in known else "       -" for q in QUANTILES))
+            )
             continue
         from scipy.stats import ks_2samp
+
         test = ks_2samp(ours[name], theirs[name])
-        lines.append("%-17s %-11s %s   %.3f, %.2f"
-                     % ("", "BARN files", _row(theirs[name]), test.statistic, test.pvalue))
+        lines.append(
+            "%-17s %-11s %s   %.3f, %.2f" % ("", "BARN files", _row(theirs[name]), test.statistic, test.pvalue)
+        )
     return lines
 
 
@@ -65,19 +89,26 @@ def csv_agreement(worlds: List[World], file: str) -> List[str]:
     except OSError as error:
         raise WorldError("%s cannot be read (%s); check the path" % (file, error.strerror)) from None
     except (KeyError, ValueError, TypeError, AttributeError) as error:
-        raise WorldError("%s lacks %s; it needs a row for each world and the columns world, %s"
-                         % (file, error, ", ".join(CSV_COLUMNS.values()))) from None
+        raise WorldError(
+            "%s lacks %s; it needs a row for each world and the columns world, %s"
+            % (file, error, ", ".join(CSV_COLUMNS.values()))
+        ) from None
     ours = measure([w for w, _ in pairs])
-    return ["%-17s largest difference from %s over %d worlds: %.1e"
-            % (name, os.path.basename(file), len(pairs), np.abs(ours[name] - theirs[name]).max())
-            for name in CSV_COLUMNS]
+    return [
+        "%-17s largest difference from %s over %d worlds: %.1e"
+        % (name, os.path.basename(file), len(pairs), np.abs(ours[name] - theirs[name]).max())
+        for name in CSV_COLUMNS
+    ]
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m worlds.compare", description=__doc__.split("\n\n")[0])
     parser.add_argument("folder", nargs="?", help="folder of BARN's .world files (with path_files/)")
-    parser.add_argument("--csv", help="table of BARN's metrics (columns world, %s): checks ours on the folder's files"
-                        % ", ".join(CSV_COLUMNS.values()))
+    parser.add_argument(
+        "--csv",
+        help="table of BARN's metrics (columns world, %s): checks ours on the folder's files"
+        % ", ".join(CSV_COLUMNS.values()),
+    )
     arguments = parser.parse_args()
     try:
         if arguments.csv and not arguments.folder:

@@ -1,5 +1,7 @@
 """A course for a world that was read from a file: stated in the file, taken from BARN's path file beside it,
-or searched for. `sdf_reader` calls it."""
+or searched for. `sdf_reader` calls it.
+"""
+
 from __future__ import annotations
 
 import io
@@ -15,32 +17,38 @@ from . import dynabarn, field, search
 from .sdf_xml import numbers, read_bytes
 from .world import Course, WorldError
 
-NAMESPACE = "applr"             # of our own elements: {applr}course, {applr}waypoints
+NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
 PATH_FOLDER = "path_files"
-MAX_PATH_BYTES = 2 ** 20
-MAX_PATH = 10_000               # points
-ROBOT_RADIUS = 0.30             # [m] kept free around a searched path: half a Jackal's diagonal and a little
-MARGIN = 1.0                    # [m] a searched course starts and ends this far outside the obstacles
-SEARCH_CELL = 0.10              # [m]
-NARROW = 5.0                    # [m]; obstacles in a narrower area may be passed on the outside
-MAX_SIDE = 50.0                 # [m] of the area searched
+MAX_PATH_BYTES = 2**20
+MAX_PATH = 10_000  # points
+ROBOT_RADIUS = 0.30  # [m] kept free around a searched path: half a Jackal's diagonal and a little
+MARGIN = 1.0  # [m] a searched course starts and ends this far outside the obstacles
+SEARCH_CELL = 0.10  # [m]
+NARROW = 5.0  # [m]; obstacles in a narrower area may be passed on the outside
+MAX_SIDE = 50.0  # [m] of the area searched
 
 
 def from_element(element: Element, path: str) -> Course:
     """The course that our writer put into a world file."""
+
     def get(tag, count):
         text = element.findtext("{%s}%s" % (NAMESPACE, tag))
         return tuple(numbers(text, count, "%s of the course in %s" % (tag, path)))
 
     words = (element.findtext("{%s}path" % NAMESPACE) or "").split()
     if not 4 <= len(words) <= 2 * MAX_PATH:
-        raise WorldError("path of the course in %s has %d numbers; it needs 2 to %d points"
-                         % (path, len(words), MAX_PATH))
+        raise WorldError(
+            "path of the course in %s has %d numbers; it needs 2 to %d points" % (path, len(words), MAX_PATH)
+        )
     points = get("path", len(words) // 2 * 2)
     finish = element.find("{%s}finish_y" % NAMESPACE)
-    return Course(start=get("start", 3), goal=get("goal", 3),
-                  finish_y=None if finish is None else get("finish_y", 1)[0],
-                  goal_tolerance=get("goal_tolerance", 1)[0], path=np.array(points).reshape(-1, 2))
+    return Course(
+        start=get("start", 3),
+        goal=get("goal", 3),
+        finish_y=None if finish is None else get("finish_y", 1)[0],
+        goal_tolerance=get("goal_tolerance", 1)[0],
+        path=np.array(points).reshape(-1, 2),
+    )
 
 
 def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -> Course:
@@ -69,15 +77,20 @@ def read_path_file(file: str) -> np.ndarray:
         version = np.lib.format.read_magic(stream)
         reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = reader(stream)
-    except Exception as error:      # numpy's header parser lets several kinds through: tokenize's, ast's, its own
-        raise WorldError("%s is not an .npy file (%s); remove it or put BARN's there"
-                         % (file, str(error).split("\n")[0][:80])) from None
+    except Exception as error:  # numpy's header parser lets several kinds through: tokenize's, ast's, its own
+        raise WorldError(
+            "%s is not an .npy file (%s); remove it or put BARN's there" % (file, str(error).split("\n")[0][:80])
+        ) from None
     if dtype.kind not in "iu" or len(shape) != 2 or shape[1] != 2 or not 2 <= shape[0] <= MAX_PATH:
-        raise WorldError("%s holds %s of shape %s; a path is (k, 2) integer cells, 2 <= k <= %d"
-                         % (file, dtype if dtype.kind != "O" else "Python objects", shape, MAX_PATH))
+        raise WorldError(
+            "%s holds %s of shape %s; a path is (k, 2) integer cells, 2 <= k <= %d"
+            % (file, dtype if dtype.kind != "O" else "Python objects", shape, MAX_PATH)
+        )
     if len(data) - stream.tell() < shape[0] * 2 * dtype.itemsize:
-        raise WorldError("%s is cut short: %d of %d bytes; copy it again"
-                         % (file, len(data) - stream.tell(), shape[0] * 2 * dtype.itemsize))
+        raise WorldError(
+            "%s is cut short: %d of %d bytes; copy it again"
+            % (file, len(data) - stream.tell(), shape[0] * 2 * dtype.itemsize)
+        )
     cells = np.frombuffer(data, dtype, shape[0] * 2, stream.tell())
     cells = cells.reshape(shape, order="F" if fortran else "C").astype(np.int64)
     return cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
@@ -87,15 +100,19 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     cells = read_path_file(file)
     outside = np.any((cells < 0) | (cells >= (field.ROWS, field.COLS)), axis=1)
     if outside.any():
-        raise WorldError("%s has the cell %s outside BARN's %d x %d field; put the world's own path file there"
-                         % (file, tuple(int(v) for v in cells[outside][0]), field.ROWS, field.COLS))
+        raise WorldError(
+            "%s has the cell %s outside BARN's %d x %d field; put the world's own path file there"
+            % (file, tuple(int(v) for v in cells[outside][0]), field.ROWS, field.COLS)
+        )
     if np.abs(np.diff(cells, axis=0)).max() > 1:
         raise WorldError("%s jumps between cells that are not neighbours; put the world's own path file there" % file)
     clear = search.free_space(field.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
-        raise WorldError("%s runs into an obstacle at cell %s: no passage there; put the world's own path file "
-                         "there or clear the way" % (file, tuple(int(v) for v in cells[shut][0])))
+        raise WorldError(
+            "%s runs into an obstacle at cell %s: no passage there; put the world's own path file "
+            "there or clear the way" % (file, tuple(int(v) for v in cells[shut][0]))
+        )
     return field.paper_course(field.to_xy(cells))
 
 
@@ -111,10 +128,12 @@ def _is_barns(cylinders: np.ndarray, boxes: np.ndarray) -> bool:
 def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
     free = search.free_space(field.fill_of(cylinders), field.CLEARANCE)
     ends = [(r, c) for c in (0, field.COLS - 1) for r in range(field.ROWS)]
-    cells = search.shortest_path(free, ends[:field.ROWS], ends[field.ROWS:])
+    cells = search.shortest_path(free, ends[: field.ROWS], ends[field.ROWS :])
     if cells is None:
-        raise WorldError("%s has no passage of %.2f m through its field; clear a way or give another world"
-                         % (path, field.CELL * (2 * field.CLEARANCE + 1)))
+        raise WorldError(
+            "%s has no passage of %.2f m through its field; clear a way or give another world"
+            % (path, field.CELL * (2 * field.CLEARANCE + 1))
+        )
     return field.paper_course(field.to_xy(cells))
 
 
@@ -122,26 +141,35 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     """From below the obstacles (least y) to above them, wherever a robot gets through."""
     low, high = _extent(cylinders, boxes)
     if low is None:
-        raise WorldError("%s holds no obstacle that a ground robot could meet; give a world with boxes or cylinders"
-                         % path)
+        raise WorldError(
+            "%s holds no obstacle that a ground robot could meet; give a world with boxes or cylinders" % path
+        )
     low, high = low - MARGIN - 0.5 * SEARCH_CELL, high + MARGIN
     if max(high - low) > MAX_SIDE:
-        raise WorldError("%s is %.0f x %.0f m, too large to search for a course (at most %.0f m); write one into it "
-                         "with worlds.sdf_writer" % (path, high[0] - low[0], high[1] - low[1], MAX_SIDE))
+        raise WorldError(
+            "%s is %.0f x %.0f m, too large to search for a course (at most %.0f m); write one into it "
+            "with worlds.sdf_writer" % (path, high[0] - low[0], high[1] - low[1], MAX_SIDE)
+        )
     free = free_grid(low, high, cylinders, boxes)
     sides = int(round(MARGIN / SEARCH_CELL))
-    if high[0] - low[0] > NARROW:               # through the world, not around it
+    if high[0] - low[0] > NARROW:  # through the world, not around it
         free[:sides, sides:-sides] = False
         free[-sides:, sides:-sides] = False
     ends = [[(r, c) for r in range(free.shape[0])] for c in (0, free.shape[1] - 1)]
     cells = search.shortest_path(free, *ends)
     if cells is None:
-        raise WorldError("%s has no passage of %.2f m along y; clear a way or write a course into it with "
-                         "worlds.sdf_writer" % (path, 2.0 * ROBOT_RADIUS))
+        raise WorldError(
+            "%s has no passage of %.2f m along y; clear a way or write a course into it with "
+            "worlds.sdf_writer" % (path, 2.0 * ROBOT_RADIUS)
+        )
     points = low + SEARCH_CELL * (cells + 0.5)
-    return Course(start=(float(points[0, 0]), float(points[0, 1]), math.pi / 2),
-                  goal=(float(points[-1, 0]), float(points[-1, 1]), math.pi / 2),
-                  finish_y=None, goal_tolerance=field.GOAL_TOLERANCE, path=points)
+    return Course(
+        start=(float(points[0, 0]), float(points[0, 1]), math.pi / 2),
+        goal=(float(points[-1, 0]), float(points[-1, 1]), math.pi / 2),
+        finish_y=None,
+        goal_tolerance=field.GOAL_TOLERANCE,
+        path=points,
+    )
 
 
 def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Tuple[Optional[np.ndarray], Optional[np.ndarray]]:
@@ -162,7 +190,7 @@ def free_grid(low: np.ndarray, high: np.ndarray, cylinders: np.ndarray, boxes: n
         last = np.clip(np.ceil((np.array([x, y]) + reach - low) / SEARCH_CELL).astype(int) + 1, 0, shape)
         xs = low[0] + SEARCH_CELL * (np.arange(first[0], last[0]) + 0.5)
         ys = low[1] + SEARCH_CELL * (np.arange(first[1], last[1]) + 0.5)
-        return free[first[0]:last[0], first[1]:last[1]], xs[:, None] - x, ys[None, :] - y
+        return free[first[0] : last[0], first[1] : last[1]], xs[:, None] - x, ys[None, :] - y
 
     for x, y, radius in cylinders:
         cells, dx, dy = window(x, y, radius + ROBOT_RADIUS)

@@ -1,4 +1,5 @@
 """Pictures of worlds: `python -m worlds.draw generated:7 out.png`. Reports and the demo draw their maps with `draw`."""
+
 from __future__ import annotations
 
 import argparse
@@ -17,6 +18,7 @@ def draw(axes, world: World, path: bool = True) -> None:
     """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle, Polygon
+
     patches = [Circle((x, y), radius) for x, y, radius in world.cylinders]
     patches += [Polygon(corners(box)) for box in world.boxes]
     axes.add_collection(PatchCollection(patches, facecolor=OBSTACLE, edgecolor="none"))
@@ -29,8 +31,9 @@ def draw(axes, world: World, path: bool = True) -> None:
         axes.plot(course.path[:, 0], course.path[:, 1], color=PATH, lw=1.2, ls="--", label="reference path")
     x, y, yaw = course.start
     axes.plot([x], [y], "o", color=START, ms=6, label="start")
-    axes.annotate("", (x + 0.5 * math.cos(yaw), y + 0.5 * math.sin(yaw)), (x, y),
-                  arrowprops=dict(arrowstyle="->", color=START))
+    axes.annotate(
+        "", (x + 0.5 * math.cos(yaw), y + 0.5 * math.sin(yaw)), (x, y), arrowprops=dict(arrowstyle="->", color=START)
+    )
     axes.plot(course.goal[0], course.goal[1], "*", color=GOAL, ms=11, label="goal")
     if course.finish_y is not None:
         axes.axhline(course.finish_y, color=GOAL, lw=0.8, ls=":", label="finish line")
@@ -54,8 +57,9 @@ def picture(world: World, file: str) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise WorldError("drawing %s needs matplotlib; install python3-matplotlib (apt) or matplotlib (pip)"
-                         % world.name) from None
+        raise WorldError(
+            "drawing %s needs matplotlib; install python3-matplotlib (apt) or matplotlib (pip)" % world.name
+        ) from None
     figure = Figure(figsize=(6, 9))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

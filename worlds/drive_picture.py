@@ -1,5 +1,7 @@
 """The picture of one drive: course and driven path coloured by speed on the left, speed and parameters over time on the
-right. Called by the demo and by whoever else has recorded a drive; knows nothing of ROS."""
+right. Called by the demo and by whoever else has recorded a drive; knows nothing of ROS.
+"""
+
 from __future__ import annotations
 
 from dataclasses import dataclass, field
@@ -19,6 +21,7 @@ class Drive:
     parameters  per name the (time [s], value) pairs at which it was seen to have that value
     contacts    times [s] at which the robot touched something
     """
+
     world: World
     track: np.ndarray
     parameters: Dict[str, List[Tuple[float, float]]] = field(default_factory=dict)

@@ -1,5 +1,7 @@
 """DynaBARN's moving cylinders. Their paths are compiled into Gazebo plugins, named in the world file only; this finds
-the waypoints in a plugin's source beside the world, or draws its own by DynaBARN's recipe. `sdf_reader` calls it."""
+the waypoints in a plugin's source beside the world, or draws its own by DynaBARN's recipe. `sdf_reader` calls it.
+"""
+
 from __future__ import annotations
 
 import logging
@@ -17,18 +19,18 @@ from .world import Course, WorldError
 
 Waypoints = Tuple[Tuple[float, float, float], ...]
 
-SIDE = 10.0                             # the arena reaches 10 m from its middle each way
+SIDE = 10.0  # the arena reaches 10 m from its middle each way
 # 20 m, heading -x. The goal lies .3 m short of that: the planner's map ends 20 m from the start, and its border is shut
 START, GOAL = (11.0, 0.0, math.pi), (-8.7, 0.0, math.pi)
-GOAL_TOLERANCE = 1.0                    # as in the BARN Challenge: odometry drifts by decimetres over 20 m
-FOLDERS = ("", "plugins", "all_cylinder_plugins")               # where sources may lie, beside the world
-MAX_SOURCE = 2 ** 20
+GOAL_TOLERANCE = 1.0  # as in the BARN Challenge: odometry drifts by decimetres over 20 m
+FOLDERS = ("", "plugins", "all_cylinder_plugins")  # where sources may lie, beside the world
+MAX_SOURCE = 2**20
 MAX_WAYPOINTS = 1000
 
 _KEY = re.compile(r"CreateKeyFrame\(\s*([-+.\deE]+)\s*\).*?Vector3d\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*,", re.S)
 
 log = logging.getLogger(__name__)
-_warned = set()                         # worlds of which it was said already
+_warned = set()  # worlds of which it was said already
 
 
 def waypoints_of(model: Element, world_path: str, namespace: str) -> Optional[Waypoints]:
@@ -74,8 +76,13 @@ def _drawn(stem: str, world_path: str) -> Waypoints:
     """A random polynomial across the arena, the same for a plugin's name every time."""
     if world_path not in _warned:
         _warned.add(world_path)
-        log.warning("%s: the source of plugin %s (and perhaps of others) is not beside it: its cylinder moves on a "
-                    "trajectory drawn from DynaBARN's recipe; put %s.cc there for the original", world_path, stem, stem)
+        log.warning(
+            "%s: the source of plugin %s (and perhaps of others) is not beside it: its cylinder moves on a "
+            "trajectory drawn from DynaBARN's recipe; put %s.cc there for the original",
+            world_path,
+            stem,
+            stem,
+        )
     rng = np.random.default_rng(zlib.crc32(stem.encode()))
     while True:
         order = int(rng.integers(1, 4))

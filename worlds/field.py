@@ -1,5 +1,7 @@
 """BARN's grid: 30 x 30 cells of .15 m behind a corridor, and how cells, paths and worlds in metres belong together.
-The generator, the built-in worlds, the SDF reader (for path files) and the difficulty metrics use it."""
+The generator, the built-in worlds, the SDF reader (for path files) and the difficulty metrics use it.
+"""
+
 from __future__ import annotations
 
 import math
@@ -8,15 +10,15 @@ import numpy as np
 
 from .world import Course, World
 
-CELL = 0.15                 # side of a cell [m]
-ROWS = COLS = 30            # of the field; row r lies across (x), column c along (y) the course
-CORRIDOR = 34               # columns of the corridor before the field, the back wall included
-RADIUS = 0.075              # of every cylinder [m]
-ORIGIN = (-4.425, 5.175)    # centre of cell (0, 0) [m]
-CLEARANCE = 2               # cells around a filled cell that are not free: a 5 x 5 window
+CELL = 0.15  # side of a cell [m]
+ROWS = COLS = 30  # of the field; row r lies across (x), column c along (y) the course
+CORRIDOR = 34  # columns of the corridor before the field, the back wall included
+RADIUS = 0.075  # of every cylinder [m]
+ORIGIN = (-4.425, 5.175)  # centre of cell (0, 0) [m]
+CLEARANCE = 2  # cells around a filled cell that are not free: a 5 x 5 window
 
-START_Y, FINISH_Y = 4.075, 10.0      # of the paper's course [m]: 5.925 m
-GOAL_BEYOND = 5.0                    # the goal lies this far past the path's end: no slowing down before it
+START_Y, FINISH_Y = 4.075, 10.0  # of the paper's course [m]: 5.925 m
+GOAL_BEYOND = 5.0  # the goal lies this far past the path's end: no slowing down before it
 GOAL_TOLERANCE = 0.4
 
 
@@ -52,17 +54,24 @@ def cylinders_of(filled: np.ndarray) -> np.ndarray:
 def paper_course(path: np.ndarray) -> Course:
     """The paper's course along a reference path (k, 2) [m]: start 1 m before its first point, done past y = 10."""
     (x0, _), (x1, y1) = path[0], path[-1]
-    return Course(start=(float(x0), START_Y, math.pi / 2), goal=(float(x1), float(y1) + GOAL_BEYOND, math.pi / 2),
-                  finish_y=FINISH_Y, goal_tolerance=GOAL_TOLERANCE, path=path)
+    return Course(
+        start=(float(x0), START_Y, math.pi / 2),
+        goal=(float(x1), float(y1) + GOAL_BEYOND, math.pi / 2),
+        finish_y=FINISH_Y,
+        goal_tolerance=GOAL_TOLERANCE,
+        path=path,
+    )
 
 
 def challenge_course(path: np.ndarray) -> Course:
     """The BARN Challenge's course: one start for all worlds, goal 10 m ahead, done within 1 m of it."""
-    return Course(start=(-2.25, 3.0, math.pi / 2), goal=(-2.25, 13.0, math.pi / 2), finish_y=None,
-                  goal_tolerance=1.0, path=path)
+    return Course(
+        start=(-2.25, 3.0, math.pi / 2), goal=(-2.25, 13.0, math.pi / 2), finish_y=None, goal_tolerance=1.0, path=path
+    )
 
 
 def make_world(name: str, filled: np.ndarray, path_cells: np.ndarray) -> World:
     """World from a field (30, 30) bool and a reference path (k, 2) of cells."""
-    return World(name=name, cylinders=cylinders_of(filled), boxes=np.zeros((0, 5)),
-                 course=paper_course(to_xy(path_cells)))
+    return World(
+        name=name, cylinders=cylinders_of(filled), boxes=np.zeros((0, 5)), course=paper_course(to_xy(path_cells))
+    )

@@ -1,5 +1,7 @@
 """BARN's recipe for worlds: random cells, smoothed by a cellular automaton, kept when a Jackal can pass.
-`worlds.builtin` holds what this made for numbers 0 to 299; a test makes them again."""
+`worlds.builtin` holds what this made for numbers 0 to 299; a test makes them again.
+"""
+
 from __future__ import annotations
 
 from typing import Optional, Tuple
@@ -10,11 +12,11 @@ from scipy import ndimage
 from . import field, search
 from .world import World
 
-FILL = (0.15, 0.20, 0.25, 0.30)      # probability that a cell is filled at first
-ROUNDS = (2, 3, 4)                   # rounds of smoothing
-PER_KIND = 25                        # worlds of each of the 12 kinds
+FILL = (0.15, 0.20, 0.25, 0.30)  # probability that a cell is filled at first
+ROUNDS = (2, 3, 4)  # rounds of smoothing
+PER_KIND = 25  # worlds of each of the 12 kinds
 COUNT = len(FILL) * len(ROUNDS) * PER_KIND
-SEED = 20201103                      # of the built-in set
+SEED = 20201103  # of the built-in set
 
 _NEIGHBOURS = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]])
 
@@ -33,7 +35,8 @@ def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
 
 def smooth(filled: np.ndarray) -> np.ndarray:
     """One round, all cells at once: 5 or more filled neighbours fill a cell, 1 or fewer clear it.
-    Rows outside count as filled, columns outside as free."""
+    Rows outside count as filled, columns outside as free.
+    """
     neighbours = _neighbours(filled, rows_outside=True)
     return (filled | (neighbours >= 5)) & (neighbours > 1)
 
@@ -54,7 +57,8 @@ def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> np.ndarray
 
 def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarray]:
     """(k, 2) cells from a random free row of the first column to one of the last, or None where there is no way.
-    The largest region that touches the first column must be the largest that touches the last one."""
+    The largest region that touches the first column must be the largest that touches the last one.
+    """
     free = search.free_space(filled, field.CLEARANCE)
     regions, _ = ndimage.label(free)
     sizes = np.bincount(regions.ravel())

@@ -1,5 +1,7 @@
 """From a specification that a person types ("generated:7", a file, a folder) to worlds.
-Everything loads through here."""
+Everything loads through here.
+"""
+
 from __future__ import annotations
 
 import dataclasses
@@ -11,10 +13,12 @@ from . import builtin, generator, physical_course, sdf_reader
 from .world import World, WorldError
 
 GENERATED = "generated:"
-FRESH = "fresh:"        # more worlds of the same recipe, made on the spot
-FORMS = ("generated:N (0-%d), generated:train, generated:test, fresh:N, fresh:N-M (0 on), physical_course, "
-         "a .world file or a folder of them" % (generator.COUNT - 1))
-MAX_WORLDS = 10_000     # in a folder
+FRESH = "fresh:"  # more worlds of the same recipe, made on the spot
+FORMS = (
+    "generated:N (0-%d), generated:train, generated:test, fresh:N, fresh:N-M (0 on), physical_course, "
+    "a .world file or a folder of them" % (generator.COUNT - 1)
+)
+MAX_WORLDS = 10_000  # in a folder
 
 
 def load(spec: str) -> World:
@@ -68,7 +72,7 @@ def _natural(name: str):
 
 
 def _fresh_numbers(text: str) -> List[int]:
-    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(FRESH):], re.ASCII)
+    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(FRESH) :], re.ASCII)
     first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
     if not 0 <= last - first < MAX_WORLDS:
         raise WorldError("%s: give fresh:N or fresh:N-M, %d worlds at most" % (text[:200], MAX_WORLDS))
@@ -76,7 +80,7 @@ def _fresh_numbers(text: str) -> List[int]:
 
 
 def _numbers(text: str) -> List[int]:
-    part = text[len(GENERATED):]
+    part = text[len(GENERATED) :]
     if part in ("train", "test"):
         return list(builtin.TRAIN if part == "train" else builtin.TEST)
     if not re.match(r"^\d{1,9}$", part, re.ASCII) or int(part) >= generator.COUNT:

@@ -1,5 +1,7 @@
 """How hard a world is: BARN's five difficulty metrics, averaged over the reference path.
-`worlds.compare` and evaluation reports use them. They equal BARN's published values to the last printed digit."""
+`worlds.compare` and evaluation reports use them. They equal BARN's published values to the last printed digit.
+"""
+
 from __future__ import annotations
 
 import math
@@ -14,8 +16,24 @@ from .world import World
 NAMES = ("closest_obstacle", "visibility", "dispersion", "dimension", "tortuosity")
 
 _DISPERSION_RADIUS = 3
-_SIXTEEN = ((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2),
-            (0, -1), (-2, -1), (-1, -1), (-1, -2), (-1, 0), (-2, 1), (-1, 1), (-1, 2))
+_SIXTEEN = (
+    (0, 1),
+    (1, 2),
+    (1, 1),
+    (2, 1),
+    (1, 0),
+    (2, -1),
+    (1, -1),
+    (1, -2),
+    (0, -1),
+    (-2, -1),
+    (-1, -1),
+    (-1, -2),
+    (-1, 0),
+    (-2, 1),
+    (-1, 1),
+    (-1, 2),
+)
 
 
 def difficulty(world: World) -> Dict[str, float]:
@@ -46,11 +64,13 @@ def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
     steps = np.diff(np.asarray(path, dtype=np.float64), axis=0)
     chord = math.hypot(*(float(a - b) for a, b in zip(path[-1], path[0])))
     arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-    return {"closest_obstacle": float(np.mean([distance[c] for c in cells])),
-            "visibility": float(np.mean(visibility)),
-            "dispersion": float(np.mean([_dispersion(free, c) for c in cells])),
-            "dimension": float(np.mean(dimension)),
-            "tortuosity": arc / chord if chord else 1.0}
+    return {
+        "closest_obstacle": float(np.mean([distance[c] for c in cells])),
+        "visibility": float(np.mean(visibility)),
+        "dispersion": float(np.mean([_dispersion(free, c) for c in cells])),
+        "dimension": float(np.mean(dimension)),
+        "tortuosity": arc / chord if chord else 1.0,
+    }
 
 
 def fill_share(filled: np.ndarray) -> float:

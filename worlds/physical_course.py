@@ -1,6 +1,8 @@
 """The paper's cardboard course, as far as its text tells: boxes in a walled lane, relatively open, with tight passages,
 unlike any BARN world. `load("physical_course")` gives it: about 22 m, in which default DWA takes about as long as in
-the paper (72.8 s there)."""
+the paper (72.8 s there).
+"""
+
 from __future__ import annotations
 
 import math
@@ -14,23 +16,35 @@ from .world import Course, World
 
 NAME = "physical_course"
 
-WIDTH, LENGTH = 4.0, 20.0               # of the lane [m]; x from 0 to 4, y from 0 to 20
+WIDTH, LENGTH = 4.0, 20.0  # of the lane [m]; x from 0 to 4, y from 0 to 20
 START = (2.0, 0.8, math.pi / 2)
 GOAL = (2.0, 19.4, math.pi / 2)
-FINISH_Y = 18.8                         # past it the course is done: over 20 m, odometry drifts by decimetres
+FINISH_Y = 18.8  # past it the course is done: over 20 m, odometry drifts by decimetres
 GOAL_TOLERANCE = 0.4
 
 # Rows of cardboard boxes across the lane: y, from x, to x [m]. What they leave open, from left to right:
-ROWS = ((3.2, 0.0, 2.3),                            # 1.7 m on the right
-        (5.8, 1.8, 4.0),                            # 1.8 m on the left
-        (8.2, 0.0, 1.6), (8.2, 2.5, 4.0),           # the narrow part: .9 m wide,
-        (8.8, 0.0, 1.55), (8.8, 2.45, 4.0),         # 1.6 m long, and not quite straight
-        (9.4, 0.0, 1.55), (9.4, 2.45, 4.0),
-        (13.6, 0.0, 2.5),                           # 1.5 m on the right
-        (16.2, 0.0, 0.9), (16.2, 1.85, 4.0))        # .95 m on the left
+ROWS = (
+    (3.2, 0.0, 2.3),  # 1.7 m on the right
+    (5.8, 1.8, 4.0),  # 1.8 m on the left
+    (8.2, 0.0, 1.6),
+    (8.2, 2.5, 4.0),  # the narrow part: .9 m wide,
+    (8.8, 0.0, 1.55),
+    (8.8, 2.45, 4.0),  # 1.6 m long, and not quite straight
+    (9.4, 0.0, 1.55),
+    (9.4, 2.45, 4.0),
+    (13.6, 0.0, 2.5),  # 1.5 m on the right
+    (16.2, 0.0, 0.9),
+    (16.2, 1.85, 4.0),
+)  # .95 m on the left
 # Boxes that stand alone in the open parts: x, y, yaw, size_x, size_y
-LOOSE = ((0.9, 1.9, 0.5, 0.6, 0.45), (3.1, 4.6, -0.3, 0.55, 0.4), (1.2, 11.4, 0.7, 0.5, 0.4),
-         (2.9, 11.8, -0.6, 0.6, 0.45), (3.2, 17.9, 0.3, 0.6, 0.4), (0.9, 18.3, -0.8, 0.5, 0.4))
+LOOSE = (
+    (0.9, 1.9, 0.5, 0.6, 0.45),
+    (3.1, 4.6, -0.3, 0.55, 0.4),
+    (1.2, 11.4, 0.7, 0.5, 0.4),
+    (2.9, 11.8, -0.6, 0.6, 0.45),
+    (3.2, 17.9, 0.3, 0.6, 0.4),
+    (0.9, 18.3, -0.8, 0.5, 0.4),
+)
 
 
 def world() -> World:
@@ -41,8 +55,12 @@ def world() -> World:
 
 def _walls() -> List[Tuple[float, ...]]:
     t = 0.3
-    return [(-0.5 * t, 0.5 * LENGTH, 0.0, t, LENGTH), (WIDTH + 0.5 * t, 0.5 * LENGTH, 0.0, t, LENGTH),
-            (0.5 * WIDTH, -0.5 * t, 0.0, WIDTH + 2 * t, t), (0.5 * WIDTH, LENGTH + 0.5 * t, 0.0, WIDTH + 2 * t, t)]
+    return [
+        (-0.5 * t, 0.5 * LENGTH, 0.0, t, LENGTH),
+        (WIDTH + 0.5 * t, 0.5 * LENGTH, 0.0, t, LENGTH),
+        (0.5 * WIDTH, -0.5 * t, 0.0, WIDTH + 2 * t, t),
+        (0.5 * WIDTH, LENGTH + 0.5 * t, 0.0, WIDTH + 2 * t, t),
+    ]
 
 
 def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:

@@ -1,5 +1,7 @@
 """Poses and shapes of SDF: transforms are composed in three dimensions, then each collision is cut down to what a
-ground robot meets, a circle or a rectangle. Only `sdf_reader` uses it."""
+ground robot meets, a circle or a rectangle. Only `sdf_reader` uses it.
+"""
+
 from __future__ import annotations
 
 import itertools
@@ -8,8 +10,8 @@ from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
-ROBOT_BAND = (0.02, 0.50)       # heights [m] between which an obstacle is in a Jackal's way
-UPRIGHT = 0.996                 # a cylinder whose axis tilts less (5 degrees) counts as upright
+ROBOT_BAND = (0.02, 0.50)  # heights [m] between which an obstacle is in a Jackal's way
+UPRIGHT = 0.996  # a cylinder whose axis tilts less (5 degrees) counts as upright
 
 Circle = Tuple[float, float, float]
 Rectangle = Tuple[float, float, float, float, float]
@@ -19,10 +21,14 @@ def transform(pose: Sequence[float]) -> np.ndarray:
     """(4, 4) from SDF's x y z roll pitch yaw (fixed axes: R = Rz Ry Rx)."""
     x, y, z, roll, pitch, yaw = pose
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
-    return np.array([[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
-                     [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
-                     [-sp, cp * sr, cp * cr, z],
-                     [0.0, 0.0, 0.0, 1.0]])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, x],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, y],
+            [-sp, cp * sr, cp * cr, z],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
 
 
 def in_the_way(low: float, high: float) -> bool:
@@ -32,7 +38,8 @@ def in_the_way(low: float, high: float) -> bool:
 
 def cylinder(pose: np.ndarray, radius: float, length: float) -> Tuple[Optional[Circle], Optional[Rectangle]]:
     """(circle, None) for an upright cylinder, (None, rectangle around it) for a lying or leaning one, (None, None) for
-    one that a Jackal passes under or over."""
+    one that a Jackal passes under or over.
+    """
     axis = pose[:3, 2]
     flat = math.hypot(axis[0], axis[1])
     reach = 0.5 * length * abs(axis[2]) + radius * flat

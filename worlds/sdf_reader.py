@@ -1,5 +1,7 @@
 """Gazebo SDF worlds, BARN's and DynaBARN's among them, read unchanged into a World. `worlds.loading` calls `read`.
-Model, link and collision poses are composed; a saved <state> overrides them, as it does in Gazebo."""
+Model, link and collision poses are composed; a saved <state> overrides them, as it does in Gazebo.
+"""
+
 from __future__ import annotations
 
 import math
@@ -13,9 +15,9 @@ from . import course, dynabarn, sdf_geometry
 from .sdf_xml import numbers, parse
 from .world import Mover, World, WorldError
 
-MAX_OBSTACLES = 10_000          # BARN's worlds have up to 365
+MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
-NOTHING_THERE = ("empty", "plane")      # geometries without an obstacle
+NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
 
 _IDENTITY = np.eye(4)
 
@@ -47,6 +49,7 @@ class Obstacles(NamedTuple):
 
 class _State(NamedTuple):
     """What a saved <state> says of one model: its pose in the world, its scale, its links' poses in the world."""
+
     pose: Optional[np.ndarray]
     scale: np.ndarray
     links: Dict[str, np.ndarray]
@@ -68,33 +71,45 @@ class _Reader:
     def read(self) -> Obstacles:
         for tag in ("population", "road"):
             if self.world.find(tag) is not None:
-                raise WorldError("%s has a <%s>, which is not read; save the world from Gazebo with its models inline"
-                                 % (self.path, tag))
+                raise WorldError(
+                    "%s has a <%s>, which is not read; save the world from Gazebo with its models inline"
+                    % (self.path, tag)
+                )
         for include in self.world.iter("include"):
             uri = (include.findtext("uri") or "").strip().rstrip("/")
             if uri not in IGNORED_INCLUDES:
-                raise WorldError("%s includes %r, which is not read; save the world from Gazebo with its models inline"
-                                 % (self.path, uri[:80]))
+                raise WorldError(
+                    "%s includes %r, which is not read; save the world from Gazebo with its models inline"
+                    % (self.path, uri[:80])
+                )
         states = self._states(self.world)
         for model in self._models_of_state():
             self._model(model, _IDENTITY, states)
         for model in self.world.findall("model"):
             self._model(model, _IDENTITY, states)
-        return Obstacles(np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
-                         np.array(self.boxes, dtype=np.float64).reshape(-1, 5), tuple(self.movers))
+        return Obstacles(
+            np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
+            np.array(self.boxes, dtype=np.float64).reshape(-1, 5),
+            tuple(self.movers),
+        )
 
     def _states(self, parent: Element) -> Dict[str, _State]:
         states = {}
         for state in parent.findall("state") if parent is self.world else [parent]:
             for model in state.findall("model"):
                 what = "state of model %r in %s" % (model.get("name"), self.path)
-                links = {link.get("name"): self._pose(link, "link %r, %s" % (link.get("name"), what))
-                         for link in model.findall("link") if link.find("pose") is not None}
+                links = {
+                    link.get("name"): self._pose(link, "link %r, %s" % (link.get("name"), what))
+                    for link in model.findall("link")
+                    if link.find("pose") is not None
+                }
                 scale = model.findtext("scale")
                 states[model.get("name")] = _State(
                     self._pose(model, what) if model.find("pose") is not None else None,
                     np.ones(3) if scale is None else np.array(numbers(scale, 3, "scale, " + what)),
-                    links, self._states(model))
+                    links,
+                    self._states(model),
+                )
         return states
 
     def _models_of_state(self):
@@ -141,8 +156,9 @@ class _Reader:
                     raise WorldError("size, %s is %s; it must be above 0" % (what, size))
                 rectangle = sdf_geometry.box(pose, np.array(size) * scale)
             elif shape.tag not in NOTHING_THERE:
-                raise WorldError("%s is a %r; only box, cylinder, sphere and plane are read, replace it"
-                                 % (what, shape.tag))
+                raise WorldError(
+                    "%s is a %r; only box, cylinder, sphere and plane are read, replace it" % (what, shape.tag)
+                )
             if waypoints and circle:
                 self.movers.append(Mover(radius=circle[2], waypoints=waypoints))
             elif circle:
@@ -164,8 +180,9 @@ class _Reader:
             return _IDENTITY
         frame = pose.get("relative_to") or pose.get("frame") or ""
         if frame not in ("", "world", "__model__"):
-            raise WorldError("pose, %s is relative to %r, which is not read; make it relative to its parent"
-                             % (what, frame[:60]))
+            raise WorldError(
+                "pose, %s is relative to %r, which is not read; make it relative to its parent" % (what, frame[:60])
+            )
         values = numbers(pose.text, 6, "pose, " + what)
         if pose.get("degrees") in ("true", "1"):
             values[3:] = [math.radians(v) for v in values[3:]]

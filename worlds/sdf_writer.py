@@ -1,5 +1,7 @@
 """A World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`. Reading it back gives the same
-world, course included; Gazebo itself passes over our own two elements (namespace applr)."""
+world, course included; Gazebo itself passes over our own two elements (namespace applr).
+"""
+
 from __future__ import annotations
 
 import os
@@ -8,7 +10,7 @@ from typing import Iterable, List
 
 from .world import Course, Mover, World, WorldError
 
-HEIGHT = 1.0        # of everything written [m]
+HEIGHT = 1.0  # of everything written [m]
 
 _HEAD = """<?xml version="1.0"?>
 <sdf version="1.6" xmlns:applr="applr">
@@ -69,11 +71,18 @@ def _waypoints(mover: Mover) -> str:
 
 def _course(course: Course) -> str:
     finish = "" if course.finish_y is None else "      <applr:finish_y>%r</applr:finish_y>\n" % float(course.finish_y)
-    return ("    <applr:course>\n"
-            "      <applr:start>%s</applr:start>\n      <applr:goal>%s</applr:goal>\n%s"
-            "      <applr:goal_tolerance>%r</applr:goal_tolerance>\n      <applr:path>%s</applr:path>\n"
-            "    </applr:course>\n") % (_row(course.start), _row(course.goal), finish, float(course.goal_tolerance),
-                                        _row(course.path.ravel().tolist()))
+    return (
+        "    <applr:course>\n"
+        "      <applr:start>%s</applr:start>\n      <applr:goal>%s</applr:goal>\n%s"
+        "      <applr:goal_tolerance>%r</applr:goal_tolerance>\n      <applr:path>%s</applr:path>\n"
+        "    </applr:course>\n"
+    ) % (
+        _row(course.start),
+        _row(course.goal),
+        finish,
+        float(course.goal_tolerance),
+        _row(course.path.ravel().tolist()),
+    )
 
 
 def _row(values: Iterable[float]) -> str:
@@ -82,6 +91,7 @@ def _row(values: Iterable[float]) -> str:
 
 def main() -> int:
     from .loading import load
+
     if len(sys.argv) != 3 or sys.argv[1] in ("-h", "--help"):
         print("usage: python -m worlds.sdf_writer WORLD OUT.world\nWorlds: see worlds/loading.py")
         return 0 if sys.argv[1:2] in (["-h"], ["--help"]) else 2

@@ -1,5 +1,7 @@
 """Reading a Gazebo world's XML without trusting it: bounded bytes, elements and depth, no entities, numbers that are
-numbers. Only `sdf_reader` uses it."""
+numbers. Only `sdf_reader` uses it.
+"""
+
 from __future__ import annotations
 
 import io
@@ -14,13 +16,13 @@ from .world import WorldError
 try:
     from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import iterparse
-except ImportError:                                                     # pragma: no cover
+except ImportError:  # pragma: no cover
     iterparse = None
 
-MAX_BYTES = 16 * 2 ** 20        # BARN's largest world has .8 MB
-MAX_ELEMENTS = 400_000          # BARN's largest has 26 thousand
+MAX_BYTES = 16 * 2**20  # BARN's largest world has .8 MB
+MAX_ELEMENTS = 400_000  # BARN's largest has 26 thousand
 MAX_DEPTH = 64
-FAR = 10_000.0                  # [m]; nothing in a course lies farther out
+FAR = 10_000.0  # [m]; nothing in a course lies farther out
 
 
 def read_bytes(path: str, limit: int = MAX_BYTES) -> bytes:
@@ -30,8 +32,9 @@ def read_bytes(path: str, limit: int = MAX_BYTES) -> bytes:
         if stat.S_ISDIR(kind.st_mode) or not stat.S_ISREG(kind.st_mode):
             raise WorldError("%s is not a file; give the path of a .world file" % path)
         if kind.st_size > limit:
-            raise WorldError("%s has %d bytes, more than the %d that are read; give a smaller file"
-                             % (path, kind.st_size, limit))
+            raise WorldError(
+                "%s has %d bytes, more than the %d that are read; give a smaller file" % (path, kind.st_size, limit)
+            )
         with open(path, "rb") as file:
             return file.read(limit + 1)
     except (OSError, ValueError) as error:
@@ -43,7 +46,7 @@ def read_bytes(path: str, limit: int = MAX_BYTES) -> bytes:
 
 def parse(path: str) -> Element:
     """The root element of an SDF file. Anything wrong with it is a WorldError of one line."""
-    if iterparse is None:                                               # pragma: no cover
+    if iterparse is None:  # pragma: no cover
         raise WorldError("reading %s needs defusedxml; install python3-defusedxml (apt) or defusedxml (pip)" % path)
     data = read_bytes(path)
     try:
@@ -74,14 +77,18 @@ def _bounded_tree(path: str, data: bytes) -> Element:
             root = element if root is None else root
             depth, count = depth + 1, count + 1
             if depth > MAX_DEPTH or count > MAX_ELEMENTS:
-                raise WorldError("%s nests %d deep or has %d elements, more than a world needs (%d, %d); simplify it"
-                                 % (path, depth, count, MAX_DEPTH, MAX_ELEMENTS))
+                raise WorldError(
+                    "%s nests %d deep or has %d elements, more than a world needs (%d, %d); simplify it"
+                    % (path, depth, count, MAX_DEPTH, MAX_ELEMENTS)
+                )
     except DefusedXmlException as error:
-        raise WorldError("%s uses XML that is not read, %s; remove its DOCTYPE and entities"
-                         % (path, type(error).__name__)) from None
-    except (LookupError, UnicodeError) as error:        # an encoding that does not exist or does not fit
-        raise WorldError("%s has an encoding that cannot be read (%s); save it as UTF-8"
-                         % (path, _line(error))) from None
+        raise WorldError(
+            "%s uses XML that is not read, %s; remove its DOCTYPE and entities" % (path, type(error).__name__)
+        ) from None
+    except (LookupError, UnicodeError) as error:  # an encoding that does not exist or does not fit
+        raise WorldError(
+            "%s has an encoding that cannot be read (%s); save it as UTF-8" % (path, _line(error))
+        ) from None
     if root is None:
         raise WorldError("%s is empty; save the world from Gazebo again" % path)
     return root

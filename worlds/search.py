@@ -1,5 +1,7 @@
 """Reference paths on a grid: BARN's own search, move for move, and an exact A* for worlds that come without a path.
-The generator uses the first, `worlds.course` the second; both keep a robot's width from what is filled."""
+The generator uses the first, `worlds.course` the second; both keep a robot's width from what is filled.
+"""
+
 from __future__ import annotations
 
 import heapq
@@ -11,9 +13,9 @@ from scipy import ndimage
 
 Cell = Tuple[int, int]
 
-MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))     # neighbours differ by 45 degrees
+MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # neighbours differ by 45 degrees
 LENGTHS = tuple(math.hypot(*m) for m in MOVES)
-SHY_CELLS, SHY_COST = 2.0, 5.0      # a cell this near to a blocked one costs 5 / distance more
+SHY_CELLS, SHY_COST = 2.0, 5.0  # a cell this near to a blocked one costs 5 / distance more
 
 
 def free_space(filled: np.ndarray, clearance: int) -> np.ndarray:
@@ -48,7 +50,7 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
     spent: Dict[Cell, float] = {start: 0.0}
     parent: Dict[Cell, Tuple[Optional[Cell], int]] = {start: (None, -1)}
     rank: Dict[Cell, float] = {start: 0.0}
-    number: Dict[Cell, int] = {start: 0}        # ties: the cell met first
+    number: Dict[Cell, int] = {start: 0}  # ties: the cell met first
     queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
     closed = set()
     while queue:
@@ -63,7 +65,7 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
             if not (0 <= r < rows and 0 <= c < columns and free[r, c]) or (r, c) in closed:
                 continue
             if not (free[r, cell[1]] or free[cell[0], c]):
-                continue                        # no squeezing between two blocked corners
+                continue  # no squeezing between two blocked corners
             cost = spent[cell] + LENGTHS[turn]
             if (r, c) not in spent:
                 number[r, c] = len(number)

@@ -1,5 +1,7 @@
 """What a world is: obstacles on a plane, and the course through them. Plain data, nothing is computed here.
-Every part reads these classes; `worlds.load` makes them. Frame: BARN's, x to the right, y forward, metres, radians."""
+Every part reads these classes; `worlds.load` makes them. Frame: BARN's, x to the right, y forward, metres, radians.
+"""
+
 from __future__ import annotations
 
 import math
@@ -24,6 +26,7 @@ class Course:
     goal_tolerance   or within this distance of the goal [m]
     path             (k, 2) float64, a collision-free reference path [m], start's side first
     """
+
     start: Pose
     goal: Pose
     finish_y: Optional[float]
@@ -40,7 +43,8 @@ class Course:
     @property
     def route_m(self) -> float:
         """Length of the reference route [m]: start, reference path, then the finish line or the goal.
-        BARN's metric takes its optimal time, at 2 m/s, from it."""
+        BARN's metric takes its optimal time, at 2 m/s, from it.
+        """
         path, end = self.path, self.goal[:2]
         if self.finish_y is not None:
             path = path[path[:, 1] < self.finish_y]
@@ -63,6 +67,7 @@ class Mover:
     radius     [m]
     waypoints  ((t, x, y), ...) with t rising from 0 [s, m, m]; at least two
     """
+
     radius: float
     waypoints: Tuple[Tuple[float, float, float], ...]
 
@@ -82,8 +87,12 @@ class Mover:
         a, b = points[i][axis], points[i + 1][axis]
         tangent_a = 0.5 * (b - points[max(i - 1, 0)][axis])
         tangent_b = 0.5 * (points[min(i + 2, last)][axis] - a)
-        return (a + tangent_a * u + (3.0 * (b - a) - 2.0 * tangent_a - tangent_b) * u * u
-                + (2.0 * (a - b) + tangent_a + tangent_b) * u * u * u)
+        return (
+            a
+            + tangent_a * u
+            + (3.0 * (b - a) - 2.0 * tangent_a - tangent_b) * u * u
+            + (2.0 * (a - b) + tangent_a + tangent_b) * u * u * u
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +104,7 @@ class World:
     boxes      (m, 5) float64: x, y, yaw, size_x, size_y [m, rad]; sizes are full side lengths
     movers     moving cylinders
     """
+
     name: str
     cylinders: np.ndarray
     boxes: np.ndarray

@@ -2,15 +2,16 @@
 
 The node calls `want` from its own thread and never waits. A newer wish replaces an older one.
 """
+
 import threading
 import time
 
 import numpy as np
 
-RETRY = 0.25        # s between attempts
-REFUSALS = 3        # attempts at a set that a server refuses; the next decision is another set
-PATIENCE = 5        # failed looks for the servers, a second apart, before it is said: both start at the same time
-SETTLE = 1.0        # s after which an abandoned call can no longer come through unseen
+RETRY = 0.25  # s between attempts
+REFUSALS = 3  # attempts at a set that a server refuses; the next decision is another set
+PATIENCE = 5  # failed looks for the servers, a second apart, before it is said: both start at the same time
+SETTLE = 1.0  # s after which an abandoned call can no longer come through unseen
 
 
 class Applier:
@@ -22,11 +23,11 @@ class Applier:
 
     def __init__(self, client, on_report, on_trouble):
         self.client, self._on_report, self._on_trouble = client, on_report, on_trouble
-        self.applied = None         # theta of the last success
-        self._wanted = None         # theta still to be brought
-        self._serial = 0            # counts the wishes
+        self.applied = None  # theta of the last success
+        self._wanted = None  # theta still to be brought
+        self._serial = 0  # counts the wishes
         self._refusals = 0
-        self._abandoned = None      # theta of a call whose end is not known
+        self._abandoned = None  # theta of a call whose end is not known
         self._check_at = None
         self._stopped = False
         self._condition = threading.Condition()
@@ -79,14 +80,16 @@ class Applier:
                         if missed >= PATIENCE:
                             self._on_trouble(trouble)
                         self._pause(4 * RETRY)
-            except Exception as e:      # whatever it is, the thread that talks to the planner stays
+            except Exception as e:  # whatever it is, the thread that talks to the planner stays
                 self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
                 self._pause(4 * RETRY)
 
     def _turn(self):
         with self._condition:
-            self._condition.wait_for(lambda: self._stopped or self._wanted is not None or self._check_due(),
-                                     None if self._check_at is None else SETTLE)
+            self._condition.wait_for(
+                lambda: self._stopped or self._wanted is not None or self._check_due(),
+                None if self._check_at is None else SETTLE,
+            )
             theta, serial, stopped = self._wanted, self._serial, self._stopped
         if stopped:
             return
@@ -124,8 +127,7 @@ class Applier:
             late = self._abandoned
             self._abandoned = self._check_at = None
             self._condition.notify_all()
-        if late is not None and not np.array_equal(late, self.applied) and np.array_equal(
-                late, self.client.theta()):
+        if late is not None and not np.array_equal(late, self.applied) and np.array_equal(late, self.client.theta()):
             self.again()
 
     def _pause(self, seconds):

@@ -3,6 +3,7 @@
 Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision needs one: unpacking each would
 cost a sixth of a core.
 """
+
 import struct
 import threading
 from collections import deque
@@ -17,15 +18,17 @@ from sensor_msgs.msg import LaserScan
 
 from applr_ros1.policy.observation import ObservationError, check_scan
 
-MAX_AGE = 1.0       # s: an older scan or pose is no basis for a decision
-STATUS_AGE = 2.0    # s: without a status for so long, move_base counts as gone
+MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
+STATUS_AGE = 2.0  # s: without a status for so long, move_base counts as gone
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
 @dataclass
 class Snapshot:
     """The inputs of one decision. ranges (720,) m; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m.
-    The stamps (rospy.Time) say which messages these were, so that a bag's reader can find them."""
+    The stamps (rospy.Time) say which messages these were, so that a bag's reader can find them.
+    """
+
     ranges: np.ndarray
     pose: tuple
     plan: np.ndarray
@@ -38,16 +41,17 @@ class Snapshot:
 class Inputs:
     """Subscribes to the standard topics of a Jackal and of move_base (names in __init__)."""
 
-    def __init__(self, scan="/front/scan", odom="/odometry/filtered", plan="/move_base/NavfnROS/plan",
-                 move_base="/move_base"):
+    def __init__(
+        self, scan="/front/scan", odom="/odometry/filtered", plan="/move_base/NavfnROS/plan", move_base="/move_base"
+    ):
         self._names = {"scan": scan, "odometry": odom, "plan": plan}
         self._lock = threading.Lock()
         self._tf = None
         self.clear()
-        big = {"queue_size": 1, "buff_size": 2 ** 24}     # a small buffer would deliver old messages
+        big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
         rospy.Subscriber(scan, rospy.AnyMsg, self._on_scan, **big)
         rospy.Subscriber(plan, rospy.AnyMsg, self._on_plan, **big)
-        rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=20, buff_size=2 ** 20)
+        rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
 
     def clear(self):
@@ -84,8 +88,15 @@ class Inputs:
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
         pose = self._pose(nearest, frame, scan.header.stamp)
-        return Snapshot(np.array(scan.ranges, dtype=np.float32), pose, points, frame, scan.header.stamp,
-                        nearest.header.stamp, plan.header.stamp)
+        return Snapshot(
+            np.array(scan.ranges, dtype=np.float32),
+            pose,
+            points,
+            frame,
+            scan.header.stamp,
+            nearest.header.stamp,
+            plan.header.stamp,
+        )
 
     def _pose(self, odometry, frame, stamp):
         """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
@@ -93,6 +104,7 @@ class Inputs:
             p, q = odometry.pose.pose.position, odometry.pose.pose.orientation
             return p.x, p.y, _yaw(q)
         import tf2_ros
+
         if self._tf is None:
             buffer = tf2_ros.Buffer(rospy.Duration(10.0))
             self._tf = buffer, tf2_ros.TransformListener(buffer)
@@ -112,7 +124,7 @@ class Inputs:
             self._odometry.append(msg)
 
     def _on_plan(self, msg):
-        if _is_type(msg, Path) and _poses(msg._buff):   # a failed plan is published empty: the old one stands
+        if _is_type(msg, Path) and _poses(msg._buff):  # a failed plan is published empty: the old one stands
             with self._lock:
                 self._plan = msg, rospy.Time.now()
 
@@ -131,8 +143,10 @@ def _is_type(msg, message_class):
 
 def _unpack(msg, message_class):
     if not _is_type(msg, message_class):
-        raise ObservationError(f"{msg._connection_header.get('topic')} carries {msg._connection_header.get('type')}: "
-                               f"{message_class._type} is needed")
+        raise ObservationError(
+            f"{msg._connection_header.get('topic')} carries {msg._connection_header.get('type')}: "
+            f"{message_class._type} is needed"
+        )
     result = message_class()
     result.deserialize(msg._buff)
     return result
@@ -147,8 +161,11 @@ def _poses(packed):
 def _check_age(what, topic, now, stamp):
     age = (now - stamp).to_sec()
     if abs(age) > MAX_AGE:
-        raise ObservationError(f"{what} on {topic} is {age:.2f} s old" if age > 0 else
-                               f"{what} on {topic} is stamped {-age:.2f} s ahead of the clock")
+        raise ObservationError(
+            f"{what} on {topic} is {age:.2f} s old"
+            if age > 0
+            else f"{what} on {topic} is stamped {-age:.2f} s ahead of the clock"
+        )
 
 
 def _yaw(q):

@@ -3,6 +3,7 @@
 Run by scripts/applr.py beside any TrajectoryPlannerROS move_base. It decides while a goal is active; between goals
 the planner has theta_0, on which every course starts. README.md lists its topics and parameters.
 """
+
 import gc
 import math
 import sys
@@ -22,10 +23,10 @@ from applr_ros1.policy.appld import AppldError
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
-TICK = 0.05             # s of ROS time between looks at the clock
-LATE = 0.1              # share of a period after which a decision counts as late
+TICK = 0.05  # s of ROS time between looks at the clock
+LATE = 0.1  # share of a period after which a decision counts as late
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
-LOST_AFTER = 3          # periods without a usable decision after which the policy counts as lost
+LOST_AFTER = 3  # periods without a usable decision after which the policy counts as lost
 
 
 class ApplrNode:
@@ -34,11 +35,11 @@ class ApplrNode:
     def __init__(self, method, inputs, topics, period=2.0, namespace="/move_base"):
         self.method, self.inputs, self.topics, self.period = method, inputs, topics, period
         self.counts = Counter()
-        self.trouble = ""           # newest line about what is wrong; "" when nothing is
-        self.degraded = ""          # why the chosen method is not the one that drives
+        self.trouble = ""  # newest line about what is wrong; "" when nothing is
+        self.degraded = ""  # why the chosen method is not the one that drives
         self._goal, self._due, self._failures = None, None, 0
-        self._last = None           # ROS time of the last decision
-        self._base_set = False      # whether what a goal-less planner should have has been sent
+        self._last = None  # ROS time of the last decision
+        self._base_set = False  # whether what a goal-less planner should have has been sent
         self._lock = threading.Lock()
         self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
         self.applier = Applier(self.client, self._on_report, self._on_trouble)
@@ -98,12 +99,12 @@ class ApplrNode:
             target = local_goal(seen.plan, seen.pose)
             obs = observe(seen.ranges, goal_angle(target), theta_prev)
         except ObservationError as e:
-            if (now - self._due).to_sec() >= self.period:       # tried for a whole period
+            if (now - self._due).to_sec() >= self.period:  # tried for a whole period
                 self._due = now
                 self._fail("unusable", str(e))
             return
         if self._last is None:
-            self._due = now     # a course's first decision waits for its first plan, and the others count from it
+            self._due = now  # a course's first decision waits for its first plan, and the others count from it
         late = (now - self._due).to_sec()
         self.counts["late"] += late > LATE * self.period
         self.counts["decisions"] += 1
@@ -124,7 +125,7 @@ class ApplrNode:
             return SPACE.clip(self.method.theta(obs)), ""
         except SpaceError as e:
             return None, str(e)
-        except Exception as e:      # a method is exchangeable: whatever it does, the planner drives on
+        except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
             return None, f"{type(e).__name__}: {e}".splitlines()[0]
 
     def _fail(self, kind, line):
@@ -183,10 +184,18 @@ class ApplrNode:
         with self._lock:
             trouble = self.trouble or self.degraded
         lost = bool(self.degraded) or self._failures >= LOST_AFTER or theta is None
-        self.topics.diagnostics(now, trouble, lost, dict(
-            {name: self.counts[name] for name in COUNTS}, method=self.method.mode,
-            goal=self._goal or "none", decision_age_s=f"{age:.2f}",
-            servers=", ".join(sorted(self.client.servers.values())) or "none"))
+        self.topics.diagnostics(
+            now,
+            trouble,
+            lost,
+            dict(
+                {name: self.counts[name] for name in COUNTS},
+                method=self.method.mode,
+                goal=self._goal or "none",
+                decision_age_s=f"{age:.2f}",
+                servers=", ".join(sorted(self.client.servers.values())) or "none",
+            ),
+        )
 
 
 def make_method(mode, policy, parameters, seed):
@@ -219,10 +228,16 @@ def main():
     """Reads the private parameters and runs until shutdown. Returns the exit status."""
     rospy.init_node("applr")
     try:
-        period, seed, namespace = _number("period", 2.0, 0.1, 60.0), _number("seed", 0, 0, 2**31 - 1), _text(
-            "move_base", "/move_base")
-        topics = (_text("scan_topic", "/front/scan"), _text("odom_topic", "/odometry/filtered"),
-                  _text("plan_topic", namespace + "/NavfnROS/plan"))
+        period, seed, namespace = (
+            _number("period", 2.0, 0.1, 60.0),
+            _number("seed", 0, 0, 2**31 - 1),
+            _text("move_base", "/move_base"),
+        )
+        topics = (
+            _text("scan_topic", "/front/scan"),
+            _text("odom_topic", "/odometry/filtered"),
+            _text("plan_topic", namespace + "/NavfnROS/plan"),
+        )
         method, trouble = make_method(_text("mode", "applr"), _text("policy", ""), _text("parameters", ""), seed)
     except (SpaceError, ValueError) as e:
         print(f"applr: {e}", file=sys.stderr)
@@ -234,6 +249,6 @@ def main():
         node.degraded = trouble
     rospy.loginfo("applr: ready, mode %s, a decision every %g s", method.mode, period)
     gc.collect()
-    gc.freeze()     # what is loaded by now stays; it need not be looked through again
+    gc.freeze()  # what is loaded by now stays; it need not be looked through again
     node.spin()
     return 0

@@ -2,6 +2,7 @@
 
 Called by nodes/applr_node.py. Standard message types only, so that bags need none of ours to be read.
 """
+
 import json
 from math import atan2, cos, sin
 
@@ -36,11 +37,24 @@ class Topics:
         message = Float32MultiArray(data=obs)
         message.layout.dim = [MultiArrayDimension(f"observation {number}", len(obs), len(obs))]
         self._observation.publish(message)
-        self._decision.publish(json.dumps({
-            "number": number, "stamp": str(now), "goal": goal, "scan": str(seen.scan_stamp),
-            "odometry": str(seen.odom_stamp), "plan": str(seen.plan_stamp), "frame": seen.frame,
-            "pose": seen.pose, "local_goal": target, "theta_prev": SPACE.as_dict(theta_prev),
-            "theta": None if theta is None else SPACE.as_dict(theta), "refused": refused}))
+        self._decision.publish(
+            json.dumps(
+                {
+                    "number": number,
+                    "stamp": str(now),
+                    "goal": goal,
+                    "scan": str(seen.scan_stamp),
+                    "odometry": str(seen.odom_stamp),
+                    "plan": str(seen.plan_stamp),
+                    "frame": seen.frame,
+                    "pose": seen.pose,
+                    "local_goal": target,
+                    "theta_prev": SPACE.as_dict(theta_prev),
+                    "theta": None if theta is None else SPACE.as_dict(theta),
+                    "refused": refused,
+                }
+            )
+        )
         self._local_goal.publish(_local_goal(seen, target))
 
     def parameters(self, theta):
@@ -59,9 +73,13 @@ class Topics:
     def diagnostics(self, now, trouble, lost, values):
         """values: {key: value}; trouble: one line or ""; lost: the method does not drive, theta_0 does."""
         level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK
-        status = DiagnosticStatus(level=level, name="applr: parameter policy", hardware_id="none",
-                                  message=trouble or "deciding",
-                                  values=[KeyValue(key, str(value)) for key, value in values.items()])
+        status = DiagnosticStatus(
+            level=level,
+            name="applr: parameter policy",
+            hardware_id="none",
+            message=trouble or "deciding",
+            values=[KeyValue(key, str(value)) for key, value in values.items()],
+        )
         message = DiagnosticArray(status=[status])
         message.header.stamp = now
         self._diagnostics.publish(message)

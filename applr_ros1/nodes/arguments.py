@@ -3,6 +3,7 @@
 Called by scripts/check_arguments.py (while roslaunch loads the file) and by the demo. Names, defaults and sentences
 stand in launch/jackal_applr.launch; what a value may be stands here.
 """
+
 import math
 import os
 import xml.etree.ElementTree as xml
@@ -21,14 +22,18 @@ class ArgumentError(ValueError):
 def launch_file():
     """Path of jackal_applr.launch, the same below the package's folder in devel and in install space."""
     import rospkg
+
     return os.path.join(rospkg.RosPack().get_path("applr_ros1"), "applr_ros1", "launch", "jackal_applr.launch")
 
 
 def declared(path=None):
     """{name: (default, doc)} of the launch file's arguments, in its order."""
     root = xml.parse(path or launch_file()).getroot()
-    return {arg.get("name"): (arg.get("default"), arg.get("doc", "")) for arg in root.findall("arg")
-            if arg.get("value") is None}
+    return {
+        arg.get("name"): (arg.get("default"), arg.get("doc", ""))
+        for arg in root.findall("arg")
+        if arg.get("value") is None
+    }
 
 
 def parse(words, known):
@@ -38,7 +43,7 @@ def parse(words, known):
         name, separator, value = word.partition(":=")
         if not separator or not name:
             raise ArgumentError("%s: arguments are given as ARG:=VALUE, for instance world:=generated:7" % word)
-        if name.startswith("_"):        # roslaunch's and ROS's own
+        if name.startswith("_"):  # roslaunch's and ROS's own
             continue
         if name not in known:
             raise ArgumentError("%s:= is no argument: there are %s" % (name, ", ".join(known)))
@@ -62,7 +67,7 @@ def check(values):
     if factor < 0:
         raise ArgumentError("real_time_factor is %g: give 0 (as fast as it goes) or more" % factor)
     seed = number("seed", values["seed"])
-    if seed != int(seed) or not 0 <= seed < 2 ** 31:
+    if seed != int(seed) or not 0 <= seed < 2**31:
         raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
     one_of("mode", values["mode"], sorted(methods.METHODS))
     methods.make(values["mode"], policy=path(values["policy"]), parameters=path(values["parameters"]), seed=int(seed))
@@ -101,8 +106,9 @@ def goal(text):
         return None
     words = str(text).replace(",", " ").split()
     if len(words) != 3:
-        raise ArgumentError("goal is %s: give auto, none, or three numbers 'x y yaw' in metres and radians"
-                            % (text or "empty"))
+        raise ArgumentError(
+            "goal is %s: give auto, none, or three numbers 'x y yaw' in metres and radians" % (text or "empty")
+        )
     return tuple(number("goal", word) for word in words)
 
 

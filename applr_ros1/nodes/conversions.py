@@ -3,6 +3,7 @@
 Big messages (maps, plans, clouds) are written in one piece from their array: `serialize` of the generated classes
 packs them number by number, 28 ms for a global map.
 """
+
 from __future__ import annotations
 
 import math
@@ -17,7 +18,7 @@ from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
-from applr_ros1.planner.scan import LaserScan
+from applr_ros1.planner.costmap.scan import LaserScan
 
 Pose = Tuple[float, float, float]
 MAX_BEAMS = 100000
@@ -79,8 +80,10 @@ def check_scan(message, beams: Optional[int]) -> np.ndarray:
         raise MessageError("has %d beams where it had %d: restart move_base if the scanner was changed" % (n, beams))
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, geometry)) or message.angle_increment == 0.0:
-        raise MessageError("has angle_min, angle_increment, range_min, range_max = %s: give finite numbers and an "
-                           "increment" % (geometry,))
+        raise MessageError(
+            "has angle_min, angle_increment, range_min, range_max = %s: give finite numbers and an "
+            "increment" % (geometry,)
+        )
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
@@ -89,8 +92,16 @@ def check_scan(message, beams: Optional[int]) -> np.ndarray:
 
 def laser_scan(message, ranges: np.ndarray, sensor_pose: Pose, height: float) -> LaserScan:
     """The planner's scan of a message whose ranges have been checked."""
-    return LaserScan(message.header.stamp.to_sec(), message.angle_min, message.angle_increment, message.range_min,
-                     message.range_max, ranges, sensor_pose, height)
+    return LaserScan(
+        message.header.stamp.to_sec(),
+        message.angle_min,
+        message.angle_increment,
+        message.range_min,
+        message.range_max,
+        ranges,
+        sensor_pose,
+        height,
+    )
 
 
 # -- out -------------------------------------------------------------------------------------------------------
@@ -138,8 +149,16 @@ def grid_update(costmap, window, frame: str, stamp) -> Prepared:
 def path(poses: np.ndarray, frame: str, stamp) -> Prepared:
     """(n, 3) x, y, yaw, or (n, 2) with identity orientation, as nav_msgs/Path."""
     name = frame.encode()
-    kind = np.dtype([("seq", "<u4"), ("secs", "<u4"), ("nsecs", "<u4"), ("length", "<u4"),
-                     ("frame", "S%d" % max(1, len(name))), ("pose", "<f8", 7)])
+    kind = np.dtype(
+        [
+            ("seq", "<u4"),
+            ("secs", "<u4"),
+            ("nsecs", "<u4"),
+            ("length", "<u4"),
+            ("frame", "S%d" % max(1, len(name))),
+            ("pose", "<f8", 7),
+        ]
+    )
     rows = np.zeros(len(poses), kind)
     rows["secs"], rows["nsecs"], rows["length"], rows["frame"] = stamp.secs, stamp.nsecs, len(name), name
     rows["pose"][:, :2] = poses[:, :2]

@@ -1,6 +1,8 @@
 """One course from start to finish with the whole stack, as ./applr demo shows it: starts the launch file on a master of
 its own, says when each part is up, sends the goal, reports progress, ends every process, and leaves a picture and one
-line of JSON. Called by scripts/demo.py."""
+line of JSON. Called by scripts/demo.py.
+"""
+
 import dataclasses
 import json
 import os
@@ -11,17 +13,20 @@ import tempfile
 import time
 
 import worlds
+
 from . import arguments, processes
 
 PICTURE = "applr_demo.png"
-LIMIT = 300.0            # simulated seconds: default DWA sometimes takes long to free itself
-UP_WITHIN = 300.0       # wall seconds for one part to come up; the first time its kernels are compiled
-STALLED_AFTER = 20.0    # wall seconds without a new pose
+LIMIT = 300.0  # simulated seconds: default DWA sometimes takes long to free itself
+UP_WITHIN = 300.0  # wall seconds for one part to come up; the first time its kernels are compiled
+STALLED_AFTER = 20.0  # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
 NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|shutting down|done|=====|log file: ")
-EXTRA = {"port": ("", "of the ROS master; a free one if empty"),
-         "picture": (PICTURE, "file for the picture"),
-         "limit": (str(LIMIT), "simulated seconds until the drive counts as timed out")}
+EXTRA = {
+    "port": ("", "of the ROS master; a free one if empty"),
+    "picture": (PICTURE, "file for the picture"),
+    "limit": (str(LIMIT), "simulated seconds until the drive counts as timed out"),
+}
 
 
 class DemoError(RuntimeError):
@@ -76,18 +81,20 @@ def _prepare(words):
     values.update(given)
     arguments.check({name: values[name] for name in known})
     if not arguments.boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
-        raise arguments.ArgumentError("the demo needs sim:=true, move_base:=python and a goal: for a real robot use "
-                                      "roslaunch applr_ros1 jackal_applr.launch")
+        raise arguments.ArgumentError(
+            "the demo needs sim:=true, move_base:=python and a goal: for a real robot use "
+            "roslaunch applr_ros1 jackal_applr.launch"
+        )
     if not 1.0 <= arguments.number("limit", values["limit"]) <= 3600.0:
         raise arguments.ArgumentError("limit is %s: give 1 to 3600 simulated seconds" % values["limit"])
     _check_picture(values["picture"])
     _choose_port(values)
-    for name in ("world", "policy", "parameters", "record"):        # the nodes run in another folder
+    for name in ("world", "policy", "parameters", "record"):  # the nodes run in another folder
         if os.path.exists(values[name]) or name == "record" and arguments.path(values[name]):
             values[name] = os.path.abspath(values[name])
     world = worlds.load(values["world"])
     goal = arguments.goal(values["goal"])
-    if goal is not None:        # given in odom, whose origin is the start
+    if goal is not None:  # given in odom, whose origin is the start
         start = world.course.start
         goal = (goal[0] + start[0], goal[1] + start[1], goal[2])
         world = dataclasses.replace(world, course=dataclasses.replace(world.course, goal=goal, finish_y=None))
@@ -97,8 +104,9 @@ def _prepare(words):
 def _check_picture(path):
     folder = os.path.dirname(os.path.abspath(path))
     if not path.endswith(".png") or not os.path.isdir(folder) or not os.access(folder, os.W_OK):
-        raise arguments.ArgumentError("picture is %s: give a .png file in a folder that can be written"
-                                      % (path or "empty"))
+        raise arguments.ArgumentError(
+            "picture is %s: give a .png file in a folder that can be written" % (path or "empty")
+        )
 
 
 def _choose_port(values):
@@ -109,8 +117,9 @@ def _choose_port(values):
     if port != int(port) or not 1024 <= port <= 65535:
         raise arguments.ArgumentError("port is %s: give 1024 to 65535" % values["port"])
     if not processes.port_is_free(int(port)):
-        raise arguments.ArgumentError("port %d is taken by another program: leave port:= away and a free one is "
-                                      "chosen" % port)
+        raise arguments.ArgumentError(
+            "port %d is taken by another program: leave port:= away and a free one is chosen" % port
+        )
 
 
 class Stack:
@@ -119,14 +128,32 @@ class Stack:
     def __init__(self, values, log):
         self.log = log
         launch = ["%s:=%s" % (name, values[name]) for name in arguments.declared() if name != "goal"]
-        environment = dict(os.environ, ROS_MASTER_URI="http://localhost:%s" % values["port"], ROS_HOSTNAME="localhost",
-                           PYTHONUNBUFFERED="1")
+        environment = dict(
+            os.environ,
+            ROS_MASTER_URI="http://localhost:%s" % values["port"],
+            ROS_HOSTNAME="localhost",
+            PYTHONUNBUFFERED="1",
+        )
         environment.pop("ROS_IP", None)
         os.environ.update(ROS_MASTER_URI=environment["ROS_MASTER_URI"], ROS_HOSTNAME="localhost")
         os.environ.pop("ROS_IP", None)
         self.process = processes.start(
-            ["roslaunch", "--skip-log-check", "--disable-title", "--sigint-timeout=2", "--sigterm-timeout=0.5",
-             "-p", values["port"], "applr_ros1", "jackal_applr.launch", "goal:=none"] + launch, environment, log)
+            [
+                "roslaunch",
+                "--skip-log-check",
+                "--disable-title",
+                "--sigint-timeout=2",
+                "--sigterm-timeout=0.5",
+                "-p",
+                values["port"],
+                "applr_ros1",
+                "jackal_applr.launch",
+                "goal:=none",
+            ]
+            + launch,
+            environment,
+            log,
+        )
 
     def check(self):
         """DemoError if it has ended."""
@@ -139,7 +166,8 @@ class Stack:
             lines = [COLOUR.sub("", line).strip() for line in file if line.strip()]
         lines = [line for line in lines if not NOISE.match(line)]
         telling = [line for line in lines if line.startswith(("applr: ", "sim_bridge: ", "move_base: "))] or [
-            line for line in lines if "rror" in line or "xception" in line or "FATAL" in line]
+            line for line in lines if "rror" in line or "xception" in line or "FATAL" in line
+        ]
         return (telling[:1] or lines[-1:] or ["it said nothing"])[0][:300]
 
     def stop(self):
@@ -147,9 +175,12 @@ class Stack:
 
 
 def _run(stack, values, world):
-    from . import demo_drive        # rospy is loaded only when there is something to drive
-    say("world %s, mode %s, simulator %s, master on port %s" % (
-        world.name, values["mode"], values["simulator"], values["port"]))
+    from . import demo_drive  # rospy is loaded only when there is something to drive
+
+    say(
+        "world %s, mode %s, simulator %s, master on port %s"
+        % (world.name, values["mode"], values["simulator"], values["port"])
+    )
     began = time.monotonic()
     wait = Waiting(stack)
     observer = demo_drive.Observer(values, world, wait)
@@ -158,13 +189,20 @@ def _run(stack, values, world):
         say("%-12s up after %.1f s" % (part, time.monotonic() - began))
     outcome = observer.drive(float(values["limit"]), say, STALLED_AFTER)
     drive = observer.recorded(outcome.time)
-    say("%s after %.1f s and %.2f m%s" % (outcome.text, outcome.time, drive.length(), ", touching something"
-                                          if drive.contacts else ""))
+    say(
+        "%s after %.1f s and %.2f m%s"
+        % (outcome.text, outcome.time, drive.length(), ", touching something" if drive.contacts else "")
+    )
     result = _result(values, world, outcome.success, bool(drive.contacts), outcome.time, outcome.text)
     gap = observer.command_gap()
-    result.update(timeout=outcome.timeout, path_length_m=round(drive.length(), 3), seed=int(values["seed"]),
-                  simulator=values["simulator"], memory_mb=round(observer.memory / 1e6),
-                  command_gap_p99_ms=None if gap is None else round(1e3 * gap, 1))
+    result.update(
+        timeout=outcome.timeout,
+        path_length_m=round(drive.length(), 3),
+        seed=int(values["seed"]),
+        simulator=values["simulator"],
+        memory_mb=round(observer.memory / 1e6),
+        command_gap_p99_ms=None if gap is None else round(1e3 * gap, 1),
+    )
     return result, drive
 
 
@@ -184,12 +222,19 @@ class Waiting:
 
 
 def _result(values, world, success=False, collided=False, seconds=None, reason=""):
-    return {"world": world.name, "mode": values["mode"], "success": success, "collided": collided,
-            "time_s": None if seconds is None else round(seconds, 2), "reason": reason}
+    return {
+        "world": world.name,
+        "mode": values["mode"],
+        "success": success,
+        "collided": collided,
+        "time_s": None if seconds is None else round(seconds, 2),
+        "reason": reason,
+    }
 
 
 def _picture(drive, path, result):
     from worlds import drive_picture
+
     drive.title = "%s, mode %s: %s in %.1f s" % (result["world"], result["mode"], result["reason"], result["time_s"])
     try:
         drive_picture.save(drive, path)

@@ -1,5 +1,7 @@
 """What the demo sees over ROS of one drive, and how it starts and ends it. Called by demo.py; keeps what it hears
-until the picture is drawn. The robot's true pose decides, the course's own rule says when it is finished."""
+until the picture is drawn. The robot's true pose decides, the course's own rule says when it is finished.
+"""
+
 import math
 import time
 from collections import namedtuple
@@ -17,14 +19,24 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Float64MultiArray
 
 from worlds.drive_picture import Drive
+
 from . import goal, processes
 from .demo import DemoError
 
 Outcome = namedtuple("Outcome", "success timeout time text")
-SHOWN = {"TrajectoryPlannerROS": ("max_vel_x", "max_vel_theta", "vx_samples", "vtheta_samples", "occdist_scale",
-                                  "path_distance_bias", "goal_distance_bias"),
-         "local_costmap/inflater_layer": ("inflation_radius",)}
-EVERY = 2.0         # simulated seconds between lines of progress
+SHOWN = {
+    "TrajectoryPlannerROS": (
+        "max_vel_x",
+        "max_vel_theta",
+        "vx_samples",
+        "vtheta_samples",
+        "occdist_scale",
+        "path_distance_bias",
+        "goal_distance_bias",
+    ),
+    "local_costmap/inflater_layer": ("inflation_radius",),
+}
+EVERY = 2.0  # simulated seconds between lines of progress
 
 
 class Observer:
@@ -33,7 +45,7 @@ class Observer:
     def __init__(self, values, world, wait):
         self.world, self.wait = world, wait
         self.track, self.contacts, self.parameters = [], [], {}
-        self.memory, self._heard = 0, []        # largest of all processes together [bytes]; arrivals of /cmd_vel [s]
+        self.memory, self._heard = 0, []  # largest of all processes together [bytes]; arrivals of /cmd_vel [s]
         self._seen, self._began = {}, None
         wait.until(_master_answers, 30.0, "the ROS master does not come up")
         rospy.init_node("demo", anonymous=True, disable_signals=True)
@@ -46,8 +58,9 @@ class Observer:
         for server, names in SHOWN.items():
             for name in names:
                 self.parameters[name] = []
-            rospy.Subscriber("/move_base/%s/parameter_updates" % server, Config, self._on_parameters, names,
-                             queue_size=10)
+            rospy.Subscriber(
+                "/move_base/%s/parameter_updates" % server, Config, self._on_parameters, names, queue_size=10
+            )
         self.client = None
 
     def parts(self):
@@ -74,8 +87,18 @@ class Observer:
             if now - self._began >= limit:
                 return self._end(Outcome(False, True, now - self._began, "timed out"))
             if self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
-                return self._end(Outcome(False, False, now - self._began, "move_base gave up: %s" % (
-                    self.client.get_goal_status_text() or goal.WORDS.get(self.client.get_state(), "no reason given"))))
+                return self._end(
+                    Outcome(
+                        False,
+                        False,
+                        now - self._began,
+                        "move_base gave up: %s"
+                        % (
+                            self.client.get_goal_status_text()
+                            or goal.WORDS.get(self.client.get_state(), "no reason given")
+                        ),
+                    )
+                )
             if now > newest:
                 newest, heard = now, time.monotonic()
             elif time.monotonic() - heard > stalled_after:
@@ -83,8 +106,10 @@ class Observer:
             if now - told >= EVERY:
                 told += EVERY
                 self.memory = max(self.memory, processes.memory(processes.descendants(self.wait.stack.process.pid)))
-                say("%6.1f s    %5.2f m to go   %4.2f m/s%s" % (
-                    now - self._began, self._to_go(x, y), speed, "   contact" if self._touched(now) else ""))
+                say(
+                    "%6.1f s    %5.2f m to go   %4.2f m/s%s"
+                    % (now - self._began, self._to_go(x, y), speed, "   contact" if self._touched(now) else "")
+                )
             time.sleep(0.01)
 
     def recorded(self, seconds):
@@ -92,10 +117,15 @@ class Observer:
         track = np.array(self.track, dtype=np.float64).reshape(-1, 5)
         track[:, 0] -= self._began
         track = track[track[:, 0] <= seconds + 1e-6]
-        steps = {name: [(max(0.0, t - self._began), value) for t, value in seen]
-                 for name, seen in self.parameters.items()}
-        return Drive(self.world, track, {name: seen for name, seen in steps.items() if seen},
-                     [t - self._began for t in self.contacts if t - self._began <= seconds])
+        steps = {
+            name: [(max(0.0, t - self._began), value) for t, value in seen] for name, seen in self.parameters.items()
+        }
+        return Drive(
+            self.world,
+            track,
+            {name: seen for name, seen in steps.items() if seen},
+            [t - self._began for t in self.contacts if t - self._began <= seconds],
+        )
 
     def command_gap(self):
         """99th percentile of the wall time between two velocity commands [s]; None with too few of them."""
@@ -118,17 +148,23 @@ class Observer:
         if self.client is None:
             self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         action = self.client.action_client
-        return "/move_base/status" in self._seen and action.pub_goal.get_num_connections() > 0 \
-            and action.pub_cancel.get_num_connections() > 0 and action.result_sub.get_num_connections() > 0
+        return (
+            "/move_base/status" in self._seen
+            and action.pub_goal.get_num_connections() > 0
+            and action.pub_cancel.get_num_connections() > 0
+            and action.result_sub.get_num_connections() > 0
+        )
 
     def _keep(self, topic, kind):
-        rospy.Subscriber(topic, kind, lambda message: self._seen.__setitem__(topic, message), queue_size=1,
-                         buff_size=2 ** 24)
+        rospy.Subscriber(
+            topic, kind, lambda message: self._seen.__setitem__(topic, message), queue_size=1, buff_size=2**24
+        )
 
     def _on_pose(self, message):
         pose, twist = message.pose.pose, message.twist.twist
-        self.track.append((message.header.stamp.to_sec(), pose.position.x, pose.position.y,
-                           twist.linear.x, twist.angular.z))
+        self.track.append(
+            (message.header.stamp.to_sec(), pose.position.x, pose.position.y, twist.linear.x, twist.angular.z)
+        )
 
     def _on_contact(self, message):
         if message.data and self.track:
@@ -143,4 +179,3 @@ class Observer:
 
 def _master_answers():
     return rosgraph.is_master_online()
-

@@ -2,6 +2,7 @@
 
 Called by the move_base node after each cycle. Nothing is made that nobody has subscribed to.
 """
+
 from __future__ import annotations
 
 import rospy
@@ -10,7 +11,7 @@ from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2
 
-from applr_ros1.planner import footprint
+from applr_ros1.planner.costmap import footprint
 
 from . import conversions
 

@@ -1,4 +1,5 @@
 """Sends a goal to move_base, ours or the C++ one, through its action. Used by scripts/send_goal.py and the demo."""
+
 import math
 import time
 
@@ -8,10 +9,17 @@ from actionlib_msgs.msg import GoalStatus
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 import worlds
+
 from . import arguments
 
-WORDS = {GoalStatus.SUCCEEDED: "reached", GoalStatus.ABORTED: "aborted", GoalStatus.PREEMPTED: "preempted",
-         GoalStatus.REJECTED: "rejected", GoalStatus.RECALLED: "recalled", GoalStatus.LOST: "lost"}
+WORDS = {
+    GoalStatus.SUCCEEDED: "reached",
+    GoalStatus.ABORTED: "aborted",
+    GoalStatus.PREEMPTED: "preempted",
+    GoalStatus.REJECTED: "rejected",
+    GoalStatus.RECALLED: "recalled",
+    GoalStatus.LOST: "lost",
+}
 
 
 def course_goal(course):
@@ -43,7 +51,7 @@ def main():
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     client.wait_for_server()
     while rospy.get_time() == 0.0 and not rospy.is_shutdown():
-        time.sleep(0.1)         # simulated time has not begun
+        time.sleep(0.1)  # simulated time has not begun
     if rospy.is_shutdown():
         return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in odom", *pose)

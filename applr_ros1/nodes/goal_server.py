@@ -4,6 +4,7 @@ Called by the move_base node from its one thread, so there are no races. Rules a
 actionlib's SimpleActionServer (actionlib's own Python one runs on threads and locks of its own and publishes the
 whole status list several times per goal).
 """
+
 from __future__ import annotations
 
 from collections import OrderedDict
@@ -14,8 +15,10 @@ from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionResult
 
 ACCEPTED = "This goal has been accepted by the simple action server"
 REPLACED = "This goal was canceled because another goal was recieved by the simple action server"
-TOO_OLD = ("This goal handle was canceled by the action server because its timestamp is before the timestamp of "
-           "the last cancel request")
+TOO_OLD = (
+    "This goal handle was canceled by the action server because its timestamp is before the timestamp of "
+    "the last cancel request"
+)
 KEEP = 5.0  # seconds for which an ended goal stays in the status list
 MOST = 200  # ended goals in the status list
 PERIOD = 0.2  # s between status messages without news

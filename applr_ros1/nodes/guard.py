@@ -2,14 +2,18 @@
 
 Called by the move_base node once per cycle. A planner that never heard a heartbeat is left alone.
 """
+
 from __future__ import annotations
 
 from typing import Dict
 
 from applr_ros1.policy.parameter_space import SPACE
 
-SERVERS = {"planner": "TrajectoryPlannerROS", "local_inflation": "local_costmap/inflater_layer",
-           "global_inflation": "global_costmap/inflater_layer"}
+SERVERS = {
+    "planner": "TrajectoryPlannerROS",
+    "local_inflation": "local_costmap/inflater_layer",
+    "global_inflation": "global_costmap/inflater_layer",
+}
 PERIODS = 2.5  # without a heartbeat: back on theta_0 within three periods of the node's death
 
 

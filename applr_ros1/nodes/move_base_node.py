@@ -2,6 +2,7 @@
 
 Started by scripts/move_base.py. Messages come in as data, one thread (turns.py) steps the planner and publishes.
 """
+
 from __future__ import annotations
 
 import gc
@@ -14,14 +15,14 @@ import traceback
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
-from move_base_msgs.msg import (MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus)
+from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus
 from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
-from applr_ros1.planner.parameters import SERVERS, check
+from applr_ros1.planner.parameters.declarations import SERVERS, check
 from applr_ros1.planner.warm_up import warm_up
 
 from . import conversions, guard
@@ -43,28 +44,51 @@ class MoveBaseNode:
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
         self.frame = static["global_costmap"]["global_frame"]
-        self.turns = Turns(self._cycle, lambda: self.move_base.frequency, self._clock_went_back, self._clock_stalled,
-                           self._cycle_failed)
-        self.sensors = Sensors(self.frame, static["global_costmap"]["robot_base_frame"],
-                               static["global_costmap"]["obstacles_layer"]["scan"]["topic"])
+        self.turns = Turns(
+            self._cycle,
+            lambda: self.move_base.frequency,
+            self._clock_went_back,
+            self._clock_stalled,
+            self._cycle_failed,
+        )
+        self.sensors = Sensors(
+            self.frame,
+            static["global_costmap"]["robot_base_frame"],
+            static["global_costmap"]["obstacles_layer"]["scan"]["topic"],
+        )
         self.guard = guard.Guard(static["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
-        self.goals = GoalServer(rospy.get_name(),
-                                rospy.Publisher("move_base/status", GoalStatusArray, queue_size=10, latch=True),
-                                rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
-                                rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000))
+        self.goals = GoalServer(
+            rospy.get_name(),
+            rospy.Publisher("move_base/status", GoalStatusArray, queue_size=10, latch=True),
+            rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
+            rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
+        )
         self._plans = PlanDisplay(self.frame, static["TrajectoryPlannerROS"]["publish_cost_grid_pc"])
-        self._maps = {name: CostmapDisplay(
-            name, lambda name=name: getattr(self.move_base, name),
-            lambda name=name: self.move_base.configuration(name), self.frame,
-            static[name]["always_send_full_costmap"], self.turns.post) for name in COSTMAPS}
+        self._maps = {
+            name: CostmapDisplay(
+                name,
+                lambda name=name: getattr(self.move_base, name),
+                lambda name=name: self.move_base.configuration(name),
+                self.frame,
+                static[name]["always_send_full_costmap"],
+                self.turns.post,
+            )
+            for name in COSTMAPS
+        }
         mirror = ParameterMirror()
-        self.servers = {name: ReconfigureServer(
-            name, lambda values, name=name: self.turns.ask(lambda: self.move_base.reconfigure(name, values)),
-            self.move_base.configuration(name), mirror) for name in SERVERS}
+        self.servers = {
+            name: ReconfigureServer(
+                name,
+                lambda values, name=name: self.turns.ask(lambda: self.move_base.reconfigure(name, values)),
+                self.move_base.configuration(name),
+                mirror,
+            )
+            for name in SERVERS
+        }
         for name in ("conservative_reset", "aggressive_reset"):
             mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
         self._pose = None
@@ -78,8 +102,9 @@ class MoveBaseNode:
             ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
             ("/applr/heartbeat", TimeMessage, lambda m: self.guard.heartbeat(rospy.get_time())),
         ]
-        subscribe += [("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m))
-                      for name in COSTMAPS]
+        subscribe += [
+            ("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m)) for name in COSTMAPS
+        ]
         for topic, kind, work in subscribe:
             rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
@@ -87,8 +112,9 @@ class MoveBaseNode:
         rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_COST))
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
         self.goals.publish_status(rospy.Time.now())
-        rospy.loginfo("move_base is ready: goals on %s, scans from %s", rospy.resolve_name("move_base/goal"),
-                      self.sensors.topic)
+        rospy.loginfo(
+            "move_base is ready: goals on %s, scans from %s", rospy.resolve_name("move_base/goal"), self.sensors.topic
+        )
         self.turns.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
@@ -140,15 +166,19 @@ class MoveBaseNode:
             rospy.logerr_throttle(1.0, "standing still: %s" % sensors.pose_trouble)
         elif cycle.stale:
             why = ": " + sensors.scan_trouble if sensors.scan_trouble else ""
-            rospy.logerr_throttle(1.0, "standing still: no usable scan on %s for %g s%s" % (
-                sensors.topic, self.move_base.parameters["scan_timeout"], why))
+            rospy.logerr_throttle(
+                1.0,
+                "standing still: no usable scan on %s for %g s%s"
+                % (sensors.topic, self.move_base.parameters["scan_timeout"], why),
+            )
         else:
             sensors.scan_trouble = ""
         if cycle.recovery is not None and pose is not None:
             index, total, name = cycle.recovery
             rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
-            self._recovery.publish(RecoveryStatus(conversions.pose_stamped(pose, self.frame, rospy.Time.now()),
-                                                  index, total, name))
+            self._recovery.publish(
+                RecoveryStatus(conversions.pose_stamped(pose, self.frame, rospy.Time.now()), index, total, name)
+            )
 
     def _show(self, cycle, pose, stamp) -> None:
         if cycle.planned:
@@ -163,23 +193,30 @@ class MoveBaseNode:
         """The policy is lost: the eight parameters get their start-up values."""
         for server, values in guard.start_up_requests(self.move_base.start_up_configuration).items():
             self.servers[server].show(self.move_base.reconfigure(server, values))
-        rospy.logwarn("no sign of the applr node for %g s: planner parameters are back at their start-up values",
-                      self.guard.patience)
+        rospy.logwarn(
+            "no sign of the applr node for %g s: planner parameters are back at their start-up values",
+            self.guard.patience,
+        )
 
     def _report_missed(self) -> None:
         if self.turns.missed:
-            rospy.logwarn_throttle(5.0, "control loop missed its rate of %g Hz: %d cycles left out" % (
-                self.move_base.frequency, self.turns.missed))
+            rospy.logwarn_throttle(
+                5.0,
+                "control loop missed its rate of %g Hz: %d cycles left out"
+                % (self.move_base.frequency, self.turns.missed),
+            )
             self.turns.missed = 0
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work, cost=0.0):
         """A service callback that has `work` done in the planner's thread."""
+
         def call(request):
             try:
                 return self.turns.ask(lambda: work(request), cost)
             except (Busy, MessageError) as problem:
                 raise rospy.ServiceException(str(problem)) from None
+
         return call
 
     def _relay_simple_goal(self, message) -> None:

@@ -1,5 +1,7 @@
 """Child processes that end when they should: started apart from the terminal's Ctrl-C, ended by their own pids, never
-by name. The demo runs the whole stack as one such child (roslaunch with everything below it)."""
+by name. The demo runs the whole stack as one such child (roslaunch with everything below it).
+"""
+
 import ctypes
 import os
 import signal
@@ -7,7 +9,7 @@ import socket
 import subprocess
 import time
 
-_SET_PARENT_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36      # linux/prctl.h
+_SET_PARENT_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 
 
 def free_port():
@@ -38,8 +40,15 @@ def _leave_with_parent():
 
 def start(command, environment, output):
     """Popen of `command` in a session of its own; it gets SIGINT if this process dies."""
-    return subprocess.Popen(command, env=environment, stdout=output, stderr=subprocess.STDOUT,
-                            stdin=subprocess.DEVNULL, start_new_session=True, preexec_fn=_leave_with_parent)
+    return subprocess.Popen(
+        command,
+        env=environment,
+        stdout=output,
+        stderr=subprocess.STDOUT,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=_leave_with_parent,
+    )
 
 
 def descendants(root=None):
@@ -51,7 +60,7 @@ def descendants(root=None):
                 with open("/proc/%s/stat" % entry) as stat:
                     state, parent = stat.read().rpartition(")")[2].split()[:2]
             except (OSError, ValueError):
-                continue            # it ended meanwhile
+                continue  # it ended meanwhile
             if state != "Z":
                 children.setdefault(int(parent), []).append(int(entry))
     found, todo = [], [root or os.getpid()]
@@ -81,15 +90,14 @@ def stop(process, patience=3.0):
     deadline = time.monotonic() + patience
     while time.monotonic() < deadline and (process.poll() is None or descendants()):
         time.sleep(0.05)
-    for _ in range(20):             # what is killed may leave children that only then become ours
+    for _ in range(20):  # what is killed may leave children that only then become ours
         left = descendants()
         if not left:
             break
         for pid in left:
-            try:
+            try:  # noqa: SIM105
                 os.kill(pid, signal.SIGKILL)
             except ProcessLookupError:
                 pass
         time.sleep(0.05)
     process.poll()
-

@@ -3,6 +3,7 @@
 A request is checked and applied by MoveBase.reconfigure, between two cycles: all of it or nothing. The library's own
 server lets NaN through and writes thirty ROS parameters, one by one, before it answers.
 """
+
 from __future__ import annotations
 
 import importlib
@@ -16,8 +17,17 @@ from dynamic_reconfigure.msg import Config, ConfigDescription
 from dynamic_reconfigure.srv import Reconfigure
 
 CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner"}
-CONFIGS.update({costmap + layer: config for costmap in ("global_costmap", "local_costmap") for layer, config in (
-    ("", "Costmap2D"), ("/inflater_layer", "InflationPlugin"), ("/obstacles_layer", "ObstaclePlugin"))})
+CONFIGS.update(
+    {
+        costmap + layer: config
+        for costmap in ("global_costmap", "local_costmap")
+        for layer, config in (
+            ("", "Costmap2D"),
+            ("/inflater_layer", "InflationPlugin"),
+            ("/obstacles_layer", "ObstaclePlugin"),
+        )
+    }
+)
 
 
 class ParameterMirror:

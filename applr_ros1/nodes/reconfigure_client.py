@@ -4,6 +4,7 @@ The applr node's worker calls `apply`; the node reads `theta()`, what the planne
 dynamic_reconfigure server offers is used: the topics parameter_descriptions and parameter_updates (both latched)
 and the service set_parameters. Which names, bounds and layers exist is found out, not assumed.
 """
+
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -12,23 +13,35 @@ from dataclasses import dataclass
 import numpy as np
 import rosgraph
 import rospy
-from dynamic_reconfigure.msg import (BoolParameter, Config, ConfigDescription, DoubleParameter, IntParameter,
-                                     StrParameter)
+from dynamic_reconfigure.msg import (
+    BoolParameter,
+    Config,
+    ConfigDescription,
+    DoubleParameter,
+    IntParameter,
+    StrParameter,
+)
 from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 
 from applr_ros1.nodes.service_call import Deadline, Master, ServiceCaller, ServiceError
 from applr_ros1.policy.parameter_space import SPACE
 
-DEADLINE = 1.0      # s of wall time for one call of all servers
-_KINDS = {"bools": (BoolParameter, bool), "ints": (IntParameter, lambda v: int(np.rint(v))),
-          "doubles": (DoubleParameter, float), "strs": (StrParameter, str)}
+DEADLINE = 1.0  # s of wall time for one call of all servers
+_KINDS = {
+    "bools": (BoolParameter, bool),
+    "ints": (IntParameter, lambda v: int(np.rint(v))),
+    "doubles": (DoubleParameter, float),
+    "strs": (StrParameter, str),
+}
 
 
 @dataclass
 class Report:
     """What came of one `apply`. ok: every value is in force, read back; theta: (8,) asked for; error: one line;
     put_back: servers returned to their former values; uncertain: servers that may still carry it out;
-    seconds: wall time it took."""
+    seconds: wall time it took.
+    """
+
     ok: bool
     theta: np.ndarray
     error: str = ""
@@ -51,7 +64,8 @@ class Server:
         self._connection = None
         self._subscribers = (
             rospy.Subscriber(name + "/parameter_descriptions", ConfigDescription, self._on_description),
-            rospy.Subscriber(name + "/parameter_updates", Config, self._on_update))
+            rospy.Subscriber(name + "/parameter_updates", Config, self._on_update),
+        )
 
     def close(self):
         for subscriber in self._subscribers:
@@ -120,10 +134,10 @@ class ReconfigureClient:
         self.namespace, self.space = namespace.rstrip("/"), space
         self.master = Master(rosgraph.get_master_uri(), rospy.get_name())
         self._on_restart = on_restart
-        self._servers = {}          # role -> Server
-        self._names = {}            # role -> [(index in theta, sign, name)]
+        self._servers = {}  # role -> Server
+        self._names = {}  # role -> [(index in theta, sign, name)]
         self._pool = ThreadPoolExecutor(3, thread_name_prefix="reconfigure")
-        self._lock = threading.Lock()   # one apply at a time
+        self._lock = threading.Lock()  # one apply at a time
 
     @property
     def connected(self):
@@ -142,7 +156,7 @@ class ReconfigureClient:
         except ServiceError as e:
             return str(e)
         tail = "/set_parameters"
-        found = [name[:-len(tail)] for name, _ in services if name.endswith(tail)]
+        found = [name[: -len(tail)] for name, _ in services if name.endswith(tail)]
         for role, candidates in self._candidates(found).items():
             if role in self._names:
                 continue
@@ -157,13 +171,17 @@ class ReconfigureClient:
 
     def _candidates(self, found):
         """{role: [server names, likeliest first]}. The C++ costmap names its layers freely."""
+
         def below(prefix, likely):
-            names = [n for n in found if n.startswith(prefix) and "/" not in n[len(prefix):]]
-            return sorted(names, key=lambda n: (likely not in n[len(prefix):].lower(), n))
+            names = [n for n in found if n.startswith(prefix) and "/" not in n[len(prefix) :]]
+            return sorted(names, key=lambda n: (likely not in n[len(prefix) :].lower(), n))
+
         planners = [n for n in below(self.namespace + "/", "trajectoryplanner") if not n.endswith("_costmap")]
-        return {"planner": planners,
-                "local_inflation": below(self.namespace + "/local_costmap/", "inflat"),
-                "global_inflation": below(self.namespace + "/global_costmap/", "inflat")}
+        return {
+            "planner": planners,
+            "local_inflation": below(self.namespace + "/local_costmap/", "inflat"),
+            "global_inflation": below(self.namespace + "/global_costmap/", "inflat"),
+        }
 
     def _try(self, role, name, deadline):
         """Takes server `name` for `role` if it has the parameters. Returns "" or one line why not."""
@@ -188,7 +206,8 @@ class ReconfigureClient:
 
     def theta(self):
         """(8,) float64: what the planner has, as last heard (inflation: the local costmap's). None before
-        `connect` has succeeded."""
+        `connect` has succeeded.
+        """
         if not self.connected:
             return None
         theta = np.array(self.space.theta0)
@@ -211,23 +230,33 @@ class ReconfigureClient:
         with self._lock:
             if not self.connected:
                 return Report(False, theta, f"no parameter servers below {self.namespace} yet")
-            wanted = {role: {name: self._servers[role].clamp(name, sign * theta[i])
-                             for i, sign, name in names} for role, names in self._names.items()}
+            wanted = {
+                role: {name: self._servers[role].clamp(name, sign * theta[i]) for i, sign, name in names}
+                for role, names in self._names.items()
+            }
             former = {role: self._servers[role].values() for role in wanted}
             errors = self._set_all(wanted, Deadline(seconds))
             put_back = ()
             if errors:
-                again = {role: {name: former[role][name] for name in wanted[role]}
-                         for role in wanted if role not in errors or errors[role].answered}
+                again = {
+                    role: {name: former[role][name] for name in wanted[role]}
+                    for role in wanted
+                    if role not in errors or errors[role].answered
+                }
                 failed = self._set_all(again, Deadline(seconds))
                 put_back = tuple(self._servers[role].name for role in again if role not in failed)
-        return Report(not errors, theta, "; ".join(str(e) for e in errors.values()), put_back,
-                      tuple(s.name for s in self._servers.values() if s.uncertain), time.monotonic() - began)
+        return Report(
+            not errors,
+            theta,
+            "; ".join(str(e) for e in errors.values()),
+            put_back,
+            tuple(s.name for s in self._servers.values() if s.uncertain),
+            time.monotonic() - began,
+        )
 
     def _set_all(self, wanted, deadline):
         """{role: {name: value}} set side by side. Returns {role: ServiceError} of those that failed."""
-        futures = {role: self._pool.submit(self._set, role, values, deadline)
-                   for role, values in wanted.items()}
+        futures = {role: self._pool.submit(self._set, role, values, deadline) for role, values in wanted.items()}
         results = {role: future.result() for role, future in futures.items()}
         return {role: error for role, error in results.items() if error}
 

@@ -2,6 +2,7 @@
 
 Callbacks only store; the node's thread asks once per cycle. What is wrong is said in one line, at most every second.
 """
+
 from __future__ import annotations
 
 import math
@@ -17,8 +18,13 @@ from . import conversions
 from .conversions import MessageError, Pose
 
 WAITING = 20  # scans kept until their transform comes
-TF_ERRORS = (tf2_ros.LookupException, tf2_ros.ConnectivityException, tf2_ros.ExtrapolationException,
-             tf2_ros.InvalidArgumentException, tf2_ros.TransformException)
+TF_ERRORS = (
+    tf2_ros.LookupException,
+    tf2_ros.ConnectivityException,
+    tf2_ros.ExtrapolationException,
+    tf2_ros.InvalidArgumentException,
+    tf2_ros.TransformException,
+)
 
 
 class Sensors:
@@ -27,14 +33,14 @@ class Sensors:
     def __init__(self, fixed: str, base: str, topic: str):
         self.fixed, self.base = fixed, base
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
-        self._listener = tf2_ros.TransformListener(self.buffer, queue_size=100, buff_size=2 ** 20)
+        self._listener = tf2_ros.TransformListener(self.buffer, queue_size=100, buff_size=2**20)
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._scans: deque = deque(maxlen=WAITING)
         self._newest = rospy.Time(0)
         self._beams: Optional[int] = None
         self.pose_trouble = self.scan_trouble = ""  # the last thing that was wrong, for who says why the robot stands
-        self._odometry = rospy.Subscriber("odom", Odometry, self._take_odometry, queue_size=1, buff_size=2 ** 20)
-        self._scan = rospy.Subscriber(topic, ScanMessage, self._scans.append, queue_size=1, buff_size=2 ** 24)
+        self._odometry = rospy.Subscriber("odom", Odometry, self._take_odometry, queue_size=1, buff_size=2**20)
+        self._scan = rospy.Subscriber(topic, ScanMessage, self._scans.append, queue_size=1, buff_size=2**24)
         self.topic = self._scan.resolved_name
 
     def _take_odometry(self, message) -> None:
@@ -63,7 +69,12 @@ class Sensors:
         age = (now - transform.header.stamp).to_sec()
         if abs(age) > tolerance and not transform.header.stamp.is_zero():  # stamp 0: a static transform
             self.pose_trouble = "transform %s <- %s is %.2f s %s, transform_tolerance is %g s" % (
-                self.fixed, self.base, abs(age), "old" if age > 0.0 else "ahead of the clock", tolerance)
+                self.fixed,
+                self.base,
+                abs(age),
+                "old" if age > 0.0 else "ahead of the clock",
+                tolerance,
+            )
             return None
         return conversions.pose_of(transform.transform)
 
@@ -100,8 +111,9 @@ class Sensors:
             self.scan_trouble = trouble
             return None
         self._beams, self._newest = len(ranges), message.header.stamp
-        return conversions.laser_scan(message, ranges, conversions.pose_of(transform.transform),
-                                      transform.transform.translation.z)
+        return conversions.laser_scan(
+            message, ranges, conversions.pose_of(transform.transform), transform.transform.translation.z
+        )
 
     def to_fixed(self, message):
         """(x, y, yaw) of a geometry_msgs/PoseStamped in the fixed frame; MessageError if its frame is not known."""
@@ -111,8 +123,9 @@ class Sensors:
             return pose
         transform, trouble = self._look_up(frame, rospy.Time(0))
         if transform is None:
-            raise MessageError("frame %r cannot be transformed to %s: %s" % (
-                message.header.frame_id, self.fixed, trouble))
+            raise MessageError(
+                "frame %r cannot be transformed to %s: %s" % (message.header.frame_id, self.fixed, trouble)
+            )
         return conversions.compose(conversions.pose_of(transform.transform), pose)
 
     def _look_up(self, frame: str, stamp):
@@ -123,5 +136,4 @@ class Sensors:
             return self.buffer.lookup_transform(self.fixed, frame.lstrip("/"), stamp), ""
         except TF_ERRORS as error:
             when = "the newest" if stamp.is_zero() else "%.3f" % stamp.to_sec()
-            return None, "transform %s <- %s at %s: %s" % (
-                self.fixed, frame, when, str(error).strip().split("\n")[0])
+            return None, "transform %s <- %s at %s: %s" % (self.fixed, frame, when, str(error).strip().split("\n")[0])

@@ -6,6 +6,7 @@ the deadline, so no thread is left behind. The request is sent only after the se
 that was frozen meanwhile never finds an outdated request in its queue when it wakes. Until then the connection is
 kept for the next attempt: a server that is frozen for long must not find its short queue (5 in rospy) full of them.
 """
+
 import select
 import socket
 import struct
@@ -14,13 +15,14 @@ import xmlrpc.client
 from io import BytesIO
 from urllib.parse import urlparse
 
-MAX_BYTES = 2 ** 22     # of one answer; a set of parameters has a few kB
-KEEP = 30.0             # s that a connection waits for a frozen server
+MAX_BYTES = 2**22  # of one answer; a set of parameters has a few kB
+KEEP = 30.0  # s that a connection waits for a frozen server
 
 
 class ServiceError(IOError):
     """A call that failed; one line. answered: the server said no. uncertain: the request was sent and nothing
-    came back, so the server may still carry it out."""
+    came back, so the server may still carry it out.
+    """
 
     def __init__(self, text, answered=False, uncertain=False):
         super().__init__(text)
@@ -78,8 +80,8 @@ class ServiceCaller:
 
     def __init__(self, name, service_class, master):
         self.name, self.service_class, self.master = name, service_class, master
-        self._address = None    # of the last success; a restarted server has another one
-        self._waiting = None    # (address, socket, time) of a connection whose header was not answered yet
+        self._address = None  # of the last success; a restarted server has another one
+        self._waiting = None  # (address, socket, time) of a connection whose header was not answered yet
 
     def call(self, request, deadline):
         """request → response, both messages of the service's class. Raises ServiceError."""
@@ -87,7 +89,7 @@ class ServiceCaller:
             try:
                 return self._call_at(self._address, request, deadline)
             except ServiceError as e:
-                self._address = None    # it may have moved
+                self._address = None  # it may have moved
                 if e.answered or e.uncertain or self._waiting is not None:
                     raise
         parsed = urlparse(self.master.call("lookupService", self.name, deadline=deadline))
@@ -120,8 +122,9 @@ class ServiceCaller:
         try:
             response.deserialize(answer)
         except Exception as e:  # genpy raises several kinds
-            raise ServiceError(f"{self.name}: its answer is no {self.service_class._type} ({_short(e)})",
-                               answered=True) from None
+            raise ServiceError(
+                f"{self.name}: its answer is no {self.service_class._type} ({_short(e)})", answered=True
+            ) from None
         return response
 
     def _connect(self, address, deadline):
@@ -142,10 +145,13 @@ class ServiceCaller:
         return s
 
     def _header(self):
-        fields = {"callerid": self.master.caller_id, "service": self.name,
-                  "md5sum": self.service_class._md5sum, "type": self.service_class._type}
-        packed = b"".join(struct.pack("<I", len(f)) + f
-                          for f in (f"{k}={v}".encode() for k, v in fields.items()))
+        fields = {
+            "callerid": self.master.caller_id,
+            "service": self.name,
+            "md5sum": self.service_class._md5sum,
+            "type": self.service_class._type,
+        }
+        packed = b"".join(struct.pack("<I", len(f)) + f for f in (f"{k}={v}".encode() for k, v in fields.items()))
         return struct.pack("<I", len(packed)) + packed
 
     def _check(self, block):
@@ -153,7 +159,7 @@ class ServiceCaller:
         fields, at = {}, 0
         while at + 4 <= len(block):
             (length,) = struct.unpack_from("<I", block, at)
-            key, _, value = block[at + 4:at + 4 + length].partition(b"=")
+            key, _, value = block[at + 4 : at + 4 + length].partition(b"=")
             fields[key.decode("utf-8", "replace")] = value.decode("utf-8", "replace")
             at += 4 + length
         if "error" in fields:

@@ -5,6 +5,7 @@ Publishes cmd_vel (20 Hz) and /demonstration (who drives, latched). Parameters: 
 device such as /dev/input/js0, or "" for the topic joy; ~button held to drive (4), ~axis_forward (1), ~axis_turn (0);
 ~speed, ~turn; ~record a .bag. No goal should be active meanwhile: move_base commands the same robot (goal:=none).
 """
+
 import json
 import math
 import os
@@ -21,9 +22,19 @@ from std_msgs.msg import String
 
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, Pilot
 
-PERIOD = 0.05           # s of wall time between commands
-TOPICS = ("/front/scan", "/odometry/filtered", "/cmd_vel", "/demonstration", "/tf", "/tf_static", "/imu/data",
-          "/move_base/current_goal", "/sim_bridge/current_world", "/sim_bridge/collision")
+PERIOD = 0.05  # s of wall time between commands
+TOPICS = (
+    "/front/scan",
+    "/odometry/filtered",
+    "/cmd_vel",
+    "/demonstration",
+    "/tf",
+    "/tf_static",
+    "/imu/data",
+    "/move_base/current_goal",
+    "/sim_bridge/current_world",
+    "/sim_bridge/collision",
+)
 
 
 class TeleopError(ValueError):
@@ -42,8 +53,10 @@ class Recorder:
         except OSError as error:
             raise TeleopError("record is %s: cannot be written (%s)" % (path, error.strerror or error)) from None
         self._lock = threading.Lock()
-        self._heard = [rospy.Subscriber(topic, rospy.AnyMsg, self._write, topic, queue_size=100, buff_size=2 ** 24)
-                       for topic in topics]
+        self._heard = [
+            rospy.Subscriber(topic, rospy.AnyMsg, self._write, topic, queue_size=100, buff_size=2**24)
+            for topic in topics
+        ]
 
     def _write(self, message, topic):
         header, now = message._connection_header, rospy.Time.now()
@@ -54,7 +67,7 @@ class Recorder:
                 kind = type("Heard", (), {"_md5sum": header["md5sum"], "_full_text": header["message_definition"]})
                 self._bag.write(topic, (header["type"], message._buff, header["md5sum"], kind), now, raw=True)
                 self.count += 1
-            except Exception as error:      # a full disk, or a publisher that sends no definition
+            except Exception as error:  # a full disk, or a publisher that sends no definition
                 self.error = "%s: not recorded any more (%s)" % (self.path, str(error).splitlines()[0])
 
     def close(self):
@@ -84,17 +97,22 @@ class Hands:
 
     def hear(self, pilot, now):
         if self.keyboard:
-            return all([pilot.key(key, now) for key in self.keyboard.keys()])
+            return all([pilot.key(key, now) for key in self.keyboard.keys()])  # noqa: SIM118
         if self.joystick:
             self.joystick.read()
             stick = self.joystick
-            pilot.stick(stick.axes.get(self.forward, 0.0), stick.axes.get(self.turn, 0.0),
-                        stick.buttons.get(self.button, 0), now)
+            pilot.stick(
+                stick.axes.get(self.forward, 0.0),
+                stick.axes.get(self.turn, 0.0),
+                stick.buttons.get(self.button, 0),
+                now,
+            )
             return True
         message, self._joy = self._joy, None
         if message is not None:
-            pilot.stick(_at(message.axes, self.forward), _at(message.axes, self.turn),
-                        _at(message.buttons, self.button), now)
+            pilot.stick(
+                _at(message.axes, self.forward), _at(message.axes, self.turn), _at(message.buttons, self.button), now
+            )
         return True
 
     def __enter__(self):
@@ -130,7 +148,7 @@ def drive(pilot, hands, publisher, recorder, clock=time.monotonic):
         raise TeleopError("%s is gone (%s)" % (hands.kind, error.strerror or error)) from None
     finally:
         publisher.publish(_twist(0.0, 0.0))
-        time.sleep(0.1)         # so that it goes out, and into the bag
+        time.sleep(0.1)  # so that it goes out, and into the bag
 
 
 def _twist(v, w):
@@ -141,8 +159,12 @@ def _twist(v, w):
 
 def _number(name, default, low, high):
     value = rospy.get_param("~" + name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value) \
-            or not low <= value <= high:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float))
+        or not math.isfinite(value)
+        or not low <= value <= high
+    ):
         raise TeleopError("%s is %r: give a number from %g to %g" % (name, value, low, high))
     return value
 
@@ -151,8 +173,9 @@ def _hands():
     kind, device = rospy.get_param("~input", "keyboard"), str(rospy.get_param("~joystick", ""))
     if kind not in ("keyboard", "joystick"):
         raise TeleopError("input is %s: give keyboard or joystick" % kind)
-    numbers = [int(_number(name, default, 0, 63)) for name, default in (("button", 4), ("axis_forward", 1),
-                                                                        ("axis_turn", 0))]
+    numbers = [
+        int(_number(name, default, 0, 63)) for name, default in (("button", 4), ("axis_forward", 1), ("axis_turn", 0))
+    ]
     try:
         return Hands(kind, device, *numbers)
     except OSError as error:
@@ -162,7 +185,7 @@ def _hands():
 
 def main():
     """Exit status 0; 1 and one line for a mistake."""
-    rospy.init_node("teleop", disable_signals=True)     # rospy's own would shut the topics before the robot stands
+    rospy.init_node("teleop", disable_signals=True)  # rospy's own would shut the topics before the robot stands
     signal.signal(signal.SIGTERM, _interrupt)
     recorder = None
     try:
@@ -187,8 +210,11 @@ def main():
     finally:
         if recorder:
             recorder.close()
-            print("teleop: %s has %d messages; learn from it: rosrun applr_ros1 appld.py %s --out FILE.safetensors"
-                  % (recorder.path, recorder.count, recorder.path), flush=True)
+            print(
+                "teleop: %s has %d messages; learn from it: rosrun applr_ros1 appld.py %s --out FILE.safetensors"
+                % (recorder.path, recorder.count, recorder.path),
+                flush=True,
+            )
         rospy.signal_shutdown("teleop has ended")
     return 0
 

@@ -1,5 +1,7 @@
 """What a person's hands say, for the teleoperation node (teleop.py): keys or a joystick as wanted velocities, smoothed.
-Nothing here knows ROS; time is an argument."""
+Nothing here knows ROS; time is an argument.
+"""
+
 import os
 import select
 import struct
@@ -7,19 +9,35 @@ import sys
 import termios
 import tty
 
-KEYS = {"i": (1, 0), "u": (1, 1), "o": (1, -1), "j": (0, 1), "l": (0, -1), "k": (0, 0), " ": (0, 0),
-        ",": (-1, 0), "m": (-1, -1), ".": (-1, 1)}      # forward, left; as teleop_twist_keyboard has them
-FASTER = {"w": (1.1, 1.0), "x": (1 / 1.1, 1.0), "e": (1.0, 1.1), "c": (1.0, 1 / 1.1), "q": (1.1, 1.1),
-          "z": (1 / 1.1, 1 / 1.1)}
-QUIT = "\x1b\x03\x04"           # Esc, Ctrl-C, Ctrl-D
+KEYS = {
+    "i": (1, 0),
+    "u": (1, 1),
+    "o": (1, -1),
+    "j": (0, 1),
+    "l": (0, -1),
+    "k": (0, 0),
+    " ": (0, 0),
+    ",": (-1, 0),
+    "m": (-1, -1),
+    ".": (-1, 1),
+}  # forward, left; as teleop_twist_keyboard has them
+FASTER = {
+    "w": (1.1, 1.0),
+    "x": (1 / 1.1, 1.0),
+    "e": (1.0, 1.1),
+    "c": (1.0, 1 / 1.1),
+    "q": (1.1, 1.1),
+    "z": (1 / 1.1, 1 / 1.1),
+}
+QUIT = "\x1b\x03\x04"  # Esc, Ctrl-C, Ctrl-D
 HELP = """  u i o     forward, with turns      w / x  speed more / less
   j k l     turn, stop               e / c  turn rate more / less
   m , .     back, with turns         Esc    end (and close the bag)
 hold a key to drive; the robot stops when it is let go"""
-HELD = 0.6                      # s for which a key or a stick counts after it was last heard: a terminal repeats late
-SPEED, TURN = (0.05, 2.0), (0.1, 4.0)                   # what may be set [m/s, rad/s]
-GAIN, BRAKE, TURN_GAIN = 1.0, 2.0, 6.0                  # of the smoothed command [m/s^2, m/s^2, rad/s^2]
-DEAD = 0.08                     # of a stick's way that counts as none
+HELD = 0.6  # s for which a key or a stick counts after it was last heard: a terminal repeats late
+SPEED, TURN = (0.05, 2.0), (0.1, 4.0)  # what may be set [m/s, rad/s]
+GAIN, BRAKE, TURN_GAIN = 1.0, 2.0, 6.0  # of the smoothed command [m/s^2, m/s^2, rad/s^2]
+DEAD = 0.08  # of a stick's way that counts as none
 
 
 class Pilot:
@@ -44,7 +62,7 @@ class Pilot:
 
     def stick(self, forward, left, held, now):
         """A joystick at time `now`: forward and left in [-1, 1]; it counts while the dead man's button is held."""
-        live = held and abs(forward) <= 1.001 and abs(left) <= 1.001        # NaN is neither
+        live = held and abs(forward) <= 1.001 and abs(left) <= 1.001  # NaN is neither
         self._wanted = (_dead(forward), _dead(left)) if live else (0.0, 0.0)
         self._heard = now
 
@@ -82,15 +100,17 @@ class Keyboard:
         while select.select([self.file], [], [], 0.0)[0]:
             more = os.read(self.file, 64)
             if not more:
-                return QUIT[0]          # the terminal is gone
+                return QUIT[0]  # the terminal is gone
             typed += more
         text = typed.decode("ascii", "ignore")
-        return "" if text.startswith("\x1b[") else text     # an arrow key is not Esc
+        return "" if text.startswith("\x1b[") else text  # an arrow key is not Esc
 
 
 class Joystick:
     """A Linux joystick device (/dev/input/js0), read directly. axes, buttons: {number: value}, an axis in [-1, 1] with
-    forward and left positive, as ROS's joy node has them."""
+    forward and left positive, as ROS's joy node has them.
+    """
+
     EVENT = struct.Struct("<IhBB")
 
     def __init__(self, path):

@@ -3,6 +3,7 @@
 The move_base node's callbacks and services hand their work to it, so nothing of the planner needs a lock and a
 flood of requests delays a cycle by one request at most.
 """
+
 from __future__ import annotations
 
 import threading
@@ -37,8 +38,9 @@ class Turns:
     still for STALLED seconds. failed(error): a cycle raised; the next one comes all the same.
     """
 
-    def __init__(self, cycle: Callable, frequency: Callable[[], float], went_back: Callable, stalled: Callable,
-                 failed: Callable):
+    def __init__(
+        self, cycle: Callable, frequency: Callable[[], float], went_back: Callable, stalled: Callable, failed: Callable
+    ):
         self._cycle, self._frequency = cycle, frequency
         self._went_back, self._stalled, self._failed = went_back, stalled, failed
         self._requests: deque = deque()
@@ -117,5 +119,6 @@ class Turns:
         with self._wake:
             # what came between the look at the clock and here must not be slept through
             if (since is None or rospy.get_rostime() == since or is_wallclock()) and (
-                    not self._requests or self._requests[0].cost > 0.0):
+                not self._requests or self._requests[0].cost > 0.0
+            ):
                 self._wake.wait(seconds)

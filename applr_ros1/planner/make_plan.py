@@ -2,6 +2,7 @@
 
 Called by MoveBase.make_plan. Rules: move_base/move_base.cpp, planService and clearCostmapWindows.
 """
+
 from __future__ import annotations
 
 import math
@@ -9,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .grid import INSCRIBED, UNKNOWN
+from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
 MOST_STEPS = 100000  # along one axis; goals farther from the map than that are not looked around
 

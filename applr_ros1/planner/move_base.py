@@ -3,6 +3,7 @@
 The ROS node and the training environment step the same object. One thread, no clock: calls get their time.
 Rules: move_base/move_base.cpp; where C++ has a defect that is not copied, a comment says so.
 """
+
 from __future__ import annotations
 
 import math
@@ -11,18 +12,19 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
-from . import footprint, recovery
-from .configuration import Configuration
-from .costmap import Costmap
-from .inflation_layer import InflationParameters
-from .local_planner import LocalPlanner
-from .make_plan import free_square, reachable_near
-from .navfn import Navfn
-from .obstacle_layer import ObstacleParameters
-from .parameter_check import complete
-from .parameters import JACKAL
-from .scan import LaserScan, project
-from .timer import Timer
+from applr_ros1.planner import recovery
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap.scan import LaserScan, project
+from applr_ros1.planner.make_plan import free_square, reachable_near
+from applr_ros1.planner.navfn.navfn import Navfn
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.configuration import Configuration
+from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.planner.timer import Timer
+from applr_ros1.planner.trajectory.local_planner import LocalPlanner
 
 Pose = Tuple[float, float, float]
 Twist = Tuple[float, float]
@@ -31,8 +33,10 @@ PLANNING, CONTROLLING, CLEARING, IDLE = "planning", "controlling", "clearing", "
 NO_PLAN = np.zeros((0, 3))
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 REACHED = "Goal reached."
-NO_CONTROL, NO_PATH, OSCILLATING = (what + " Even after executing recovery behaviors." for what in (
-    "Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating."))
+NO_CONTROL, NO_PATH, OSCILLATING = (
+    what + " Even after executing recovery behaviors."
+    for what in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
+)
 COSTMAPS = ("global_costmap", "local_costmap")
 
 
@@ -67,8 +71,9 @@ class MoveBase:
         """Fresh maps, planners and state from the configuration in force."""
         self.global_costmap, self.local_costmap = (self._make_costmap(name) for name in COSTMAPS)
         static = self.parameters["TrajectoryPlannerROS"]
-        self.local_planner = LocalPlanner(dict(static, **self._config["TrajectoryPlannerROS"]),
-                                          self.local_costmap.footprint)
+        self.local_planner = LocalPlanner(
+            dict(static, **self._config["TrajectoryPlannerROS"]), self.local_costmap.footprint
+        )
         self.navfn = Navfn()
         self.recoveries = recovery.build(self.parameters)
         self._timers = {name: Timer() for name in COSTMAPS}
@@ -96,14 +101,25 @@ class MoveBase:
         static, now = self.parameters[name], self._config[name]
         source = static["obstacles_layer"]["scan"]
         obstacles = ObstacleParameters(
-            obstacle_range=source["obstacle_range"], raytrace_range=source["raytrace_range"],
-            source_min_height=source["min_obstacle_height"], source_max_height=source["max_obstacle_height"],
-            marking=source["marking"], clearing=source["clearing"], **self._config[name + "/obstacles_layer"])
+            obstacle_range=source["obstacle_range"],
+            raytrace_range=source["raytrace_range"],
+            source_min_height=source["min_obstacle_height"],
+            source_max_height=source["max_obstacle_height"],
+            marking=source["marking"],
+            clearing=source["clearing"],
+            **self._config[name + "/obstacles_layer"],
+        )
         return Costmap(
-            now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"]),
-            rolling=static["rolling_window"], footprint=self._footprint(name),
-            track_unknown=static["track_unknown_space"], obstacles=obstacles,
-            inflation=InflationParameters(**self._config[name + "/inflater_layer"]))
+            now["width"],
+            now["height"],
+            now["resolution"],
+            (now["origin_x"], now["origin_y"]),
+            rolling=static["rolling_window"],
+            footprint=self._footprint(name),
+            track_unknown=static["track_unknown_space"],
+            obstacles=obstacles,
+            inflation=InflationParameters(**self._config[name + "/inflater_layer"]),
+        )
 
     def _footprint(self, name: str) -> np.ndarray:
         """The padded outline (n, 2) of one costmap's parameters."""
@@ -124,8 +140,10 @@ class MoveBase:
     def frequency(self) -> float:
         """How often step() wants to be called [Hz]: the fastest of its parts."""
         own = self._config[""]
-        return max([own["controller_frequency"], own["planner_frequency"]]
-                   + [self._config[name]["update_frequency"] for name in COSTMAPS])
+        return max(
+            [own["controller_frequency"], own["planner_frequency"]]
+            + [self._config[name]["update_frequency"] for name in COSTMAPS]
+        )
 
     # -- requests between steps ------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
@@ -394,4 +412,3 @@ class MoveBase:
 
 def _distance(a, b) -> float:
     return math.hypot(a[0] - b[0], a[1] - b[1])
-

@@ -3,12 +3,13 @@
 MoveBase holds one object per behaviour and calls step() once per control turn until it says it is over, so a
 rotation can be cancelled between two turns.
 """
+
 from __future__ import annotations
 
 import math
 from typing import Optional, Tuple
 
-from .parameters import DEFAULT_RECOVERIES, RECOVERY_TYPES
+from applr_ros1.planner.parameters.declarations import DEFAULT_RECOVERIES, RECOVERY_TYPES
 
 Pose = Tuple[float, float, float]
 PATIENCE = 4.0  # a rotation that takes this many times its unhindered time is over (C++ would turn for ever)
@@ -95,7 +96,10 @@ def build(parameters: dict) -> list:
             continue
         if name not in made:
             own = parameters[name]
-            made[name] = (ClearCostmapRecovery(name, own["reset_distance"]) if clears else
-                          RotateRecovery(name, parameters["TrajectoryPlannerROS"], own["sim_granularity"]))
+            made[name] = (
+                ClearCostmapRecovery(name, own["reset_distance"])
+                if clears
+                else RotateRecovery(name, parameters["TrajectoryPlannerROS"], own["sim_granularity"])
+            )
         behaviours.append(made[name])
     return behaviours

@@ -1,4 +1,5 @@
 """When a part of move_base that has its own frequency is due, on a clock that is passed in."""
+
 from __future__ import annotations
 
 import math

@@ -3,15 +3,16 @@
 Called by the move_base node before it says that it is ready, and by whoever measures times. The first start on a
 machine takes about a minute, later ones a few seconds: numba keeps the machine code beside the sources.
 """
+
 from __future__ import annotations
 
 import math
 
 import numpy as np
 
-from .move_base import MoveBase
-from .parameters import JACKAL
-from .scan import LaserScan
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import JACKAL
 
 
 def warm_up() -> None:

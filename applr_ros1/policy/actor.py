@@ -3,6 +3,7 @@
 Called by the applr node and by evaluation; the trainer writes such files with `save`. Nothing is unpickled,
 sizes are bounded, and every way in which a file can be wrong is one line.
 """
+
 import hashlib
 import json
 import os
@@ -15,8 +16,8 @@ from applr_ros1.policy import observation
 from applr_ros1.policy.parameter_space import SPACE
 
 FORMAT = "applr-actor-1"
-MAX_BYTES = 256 * 2 ** 20       # a 3 x 512 actor has 3.6 MB
-MAX_HEADER = 2 ** 20
+MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
+MAX_HEADER = 2**20
 MAX_LAYERS = 16
 
 
@@ -38,7 +39,8 @@ class Actor:
     @classmethod
     def load(cls, path, space=SPACE):
         """Reads an actor file. Raises ActorError when it is absent, damaged, too big, of other shapes, made
-        for another parameter space or observation, or when its checksum is wrong."""
+        for another parameter space or observation, or when its checksum is wrong.
+        """
         path = os.fspath(path)
         weights, metadata = _read(path)
         _compare(path, "parameter space", metadata.get("space"), json.loads(space.to_json()))
@@ -68,8 +70,7 @@ def save(path, weights, metadata=None, space=SPACE):
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
     _layers(weights, observation.BEAMS + 1 + len(space), len(space), "actor to save")
     header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
-    header.update(format=FORMAT, space=space.to_json(), layout=json.dumps(observation.LAYOUT),
-                  sha256=checksum(weights))
+    header.update(format=FORMAT, space=space.to_json(), layout=json.dumps(observation.LAYOUT), sha256=checksum(weights))
     path = os.fspath(path)
     partial = f"{path}.{os.getpid()}.partial"
     try:
@@ -105,27 +106,28 @@ def _read(path):
         with open(path, "rb") as f:
             data = f.read(MAX_BYTES + 1)
     except OSError as e:
-        raise ActorError(f"{path}: cannot be read ({e.strerror or e}); "
-                         "give an existing .safetensors file") from None
+        raise ActorError(f"{path}: cannot be read ({e.strerror or e}); give an existing .safetensors file") from None
     if data[:2] in (b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"):
         raise ActorError(f"{path}: a pickle, not a safetensors file; nothing of it was executed")
     if len(data) < 10:
         raise ActorError(f"{path}: truncated ({len(data)} bytes); copy the file again")
     (length,) = struct.unpack("<Q", data[:8])
     if length > MAX_HEADER:
-        raise ActorError(f"{path}: not a safetensors file (its header would be {length} bytes); "
-                         "give a file that train.py wrote")
+        raise ActorError(
+            f"{path}: not a safetensors file (its header would be {length} bytes); give a file that train.py wrote"
+        )
     try:
-        header = json.loads(data[8:8 + length].decode("utf-8")).get("__metadata__") or {}
+        header = json.loads(data[8 : 8 + length].decode("utf-8")).get("__metadata__") or {}
         metadata = {key: _value(text) for key, text in header.items()}
         weights = safetensors.numpy.load(data)
-    except (safetensors.SafetensorError, ValueError, AttributeError, KeyError, TypeError,
-            RecursionError) as e:
+    except (safetensors.SafetensorError, ValueError, AttributeError, KeyError, TypeError, RecursionError) as e:
         why = str(e).splitlines()[0]
         raise ActorError(f"{path}: truncated or damaged ({why}); copy the file again") from None
     if metadata.get("format") != FORMAT:
-        raise ActorError(f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r}); "
-                         "give a file that train.py wrote")
+        raise ActorError(
+            f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r}); "
+            "give a file that train.py wrote"
+        )
     if metadata.get("sha256") != checksum(weights):
         raise ActorError(f"{path}: checksum of the weights is wrong; the file was damaged or changed, copy it again")
     return weights, metadata
@@ -145,14 +147,16 @@ def _layers(weights, inputs, outputs, path):
     count = len(weights) // 2
     names = {f"{i}.{kind}" for i in range(count) for kind in ("weight", "bias")}
     if not 1 <= count <= MAX_LAYERS or set(weights) != names:
-        raise ActorError(f"{path}: tensors are {', '.join(sorted(weights)[:6])}...: "
-                         "0.weight, 0.bias, 1.weight... needed")
+        raise ActorError(
+            f"{path}: tensors are {', '.join(sorted(weights)[:6])}...: 0.weight, 0.bias, 1.weight... needed"
+        )
     for i in range(count):
         weight, bias = weights[f"{i}.weight"], weights[f"{i}.bias"]
         rows = outputs if i == count - 1 else weight.shape[0]
         if weight.shape != (rows, width) or bias.shape != (rows,):
-            raise ActorError(f"{path}: layer {i} has shapes {weight.shape} and {bias.shape}, "
-                             f"({rows}, {width}) and ({rows},) needed")
+            raise ActorError(
+                f"{path}: layer {i} has shapes {weight.shape} and {bias.shape}, ({rows}, {width}) and ({rows},) needed"
+            )
         if weight.dtype != np.float32 or bias.dtype != np.float32:
             raise ActorError(f"{path}: layer {i} is {weight.dtype}, float32 needed")
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
@@ -164,12 +168,15 @@ def _layers(weights, inputs, outputs, path):
 
 def _compare(path, what, found, expected):
     if not isinstance(found, dict):
-        raise ActorError(f"{path}: its metadata name no {what}; it was not written by this package, "
-                         "give a file that train.py wrote")
+        raise ActorError(
+            f"{path}: its metadata name no {what}; it was not written by this package, give a file that train.py wrote"
+        )
     for key, value in expected.items():
         if found.get(key) != value:
-            raise ActorError(f"{path}: made for another {what}: {key} is {_short(found.get(key))}, "
-                             f"here {_short(value)}; train one for this {what}")
+            raise ActorError(
+                f"{path}: made for another {what}: {key} is {_short(found.get(key))}, "
+                f"here {_short(value)}; train one for this {what}"
+            )
 
 
 def _short(value):

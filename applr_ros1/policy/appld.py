@@ -1,7 +1,8 @@
 """APPLD's runtime half: a parameter set for each navigation context and a small network that tells the context from
-the current scan. Called by training/methods.py and by launch mode appld; whatever learns from demonstrations writes
+the current scan. Called by training/evaluation/methods.py and by launch mode appld; whatever learns from demonstrations writes
 the file.
-"""
+"""  # noqa: E501
+
 import json
 import os
 
@@ -12,12 +13,16 @@ from applr_ros1.policy.observation import BEAMS
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
 FORMAT = "applr-appld-1"
-MAX_BYTES = 64 * 2 ** 20
+MAX_BYTES = 64 * 2**20
 MAX_CONTEXTS = 64
 
 # The authors' published sets for the Jackal, in the order of the space's names
-PUBLISHED = {"curve": (.80, .73, 6, 42, .04, .98, .94, .19), "obstacle": (.71, .91, 16, 53, .55, .54, .91, .39),
-             "gap": (.25, 1.34, 8, 59, .43, .65, .98, .40), "open": (1.59, .89, 18, 18, .40, .46, .27, .42)}
+PUBLISHED = {
+    "curve": (0.80, 0.73, 6, 42, 0.04, 0.98, 0.94, 0.19),
+    "obstacle": (0.71, 0.91, 16, 53, 0.55, 0.54, 0.91, 0.39),
+    "gap": (0.25, 1.34, 8, 59, 0.43, 0.65, 0.98, 0.40),
+    "open": (1.59, 0.89, 18, 18, 0.40, 0.46, 0.27, 0.42),
+}
 
 
 class AppldError(ValueError):
@@ -47,13 +52,13 @@ class Appld:
                 raise AppldError(f"{path}: no APPLD file (absent, a folder, or too big); give a .safetensors file")
             with open(path, "rb") as file:
                 data = file.read(MAX_BYTES)
-            header = json.loads(data[8:8 + int.from_bytes(data[:8], "little")]).get("__metadata__") or {}
+            header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")]).get("__metadata__") or {}
             weights = safetensors.numpy.load(data)
         except OSError as error:
             raise AppldError(f"{path}: cannot be read ({error.strerror or error})") from None
         except AppldError:
             raise
-        except Exception as error:      # safetensors and json let several kinds through
+        except Exception as error:  # safetensors and json let several kinds through
             raise AppldError(f"{path}: damaged, or no safetensors file ({str(error).splitlines()[0]})") from None
         if header.get("format") != FORMAT:
             raise AppldError(f"{path}: no APPLD file (format {header.get('format')!r}, expected {FORMAT!r})")
@@ -80,12 +85,13 @@ class Published:
     """The published parameter sets. Their classifier was never published: this rule of ours stands in for it, on the
     free space ahead and to the sides. `open` where nothing is near ahead, else `gap` between two near walls, `obstacle`
     where something is close ahead, and `curve` in the rest. Chosen among three such rules by a few drives only
-    (with `obstacle` in the rest, most trials run out of time)."""
+    (with `obstacle` in the rest, most trials run out of time).
+    """
 
     names = list(PUBLISHED)
-    AHEAD = 1.6     # [m], 45 degrees; freer counts as open
-    SIDE = 0.6      # [m]; nearer counts as a wall beside the robot
-    CLOSE = 0.8     # [m], 45 degrees ahead
+    AHEAD = 1.6  # [m], 45 degrees; freer counts as open
+    SIDE = 0.6  # [m]; nearer counts as a wall beside the robot
+    CLOSE = 0.8  # [m], 45 degrees ahead
 
     def __init__(self, space=SPACE):
         self.sets = np.array([space.clip(theta) for theta in PUBLISHED.values()])
@@ -112,8 +118,11 @@ def save(path, contexts, weights, metadata=None):
     header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries))
     part = f"{os.fspath(path)}.{os.getpid()}.partial"
     with open(part, "wb") as file:
-        file.write(safetensors.numpy.save({k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()},
-                                          metadata=header))
+        file.write(
+            safetensors.numpy.save(
+                {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()}, metadata=header
+            )
+        )
     os.replace(part, path)
 
 

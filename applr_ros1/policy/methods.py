@@ -3,6 +3,7 @@
 The applr node makes one by the launch argument `mode` and asks it every two seconds. A method added here is
 at once a mode.
 """
+
 import json
 import os
 
@@ -17,7 +18,9 @@ from applr_ros1.policy.parameter_space import SPACE, SpaceError
 class Method:
     """One way to choose theta. Static methods hold one set: it is applied once, and what a person changes
     later stands. mode: what the launch argument calls it. options: what the launch file gives (`policy`,
-    `parameters`, `seed`)."""
+    `parameters`, `seed`).
+    """
+
     mode = ""
     static = False
 
@@ -34,6 +37,7 @@ class Method:
 
 class Default(Method):
     """The paper's baseline: the planner on theta_0, all the way."""
+
     mode = "dwa"
     static = True
 
@@ -43,7 +47,9 @@ class Default(Method):
 
 class Applr(Method):
     """The learned policy. policy: path of an actor file, "" for the shipped one. Raises ActorError (one line)
-    when it cannot be used."""
+    when it cannot be used.
+    """
+
     mode = "applr"
 
     def __init__(self, space=SPACE, policy="", **options):
@@ -57,13 +63,16 @@ class Applr(Method):
 class Appld(Method):
     """The paper's second baseline: the set of the context that the scan shows. policy: an APPLD file, "" for the
     shipped one, or "published" for the authors' sets (chosen by a rule of ours: see policy/appld.py). Raises
-    AppldError (one line) when it cannot be used."""
+    AppldError (one line) when it cannot be used.
+    """
+
     mode = "appld"
 
     def __init__(self, space=SPACE, policy="", **options):
         super().__init__(space)
-        self.contexts = Published(space) if policy == "published" else Contexts.load(
-            policy or shipped("appld.safetensors"), space)
+        self.contexts = (
+            Published(space) if policy == "published" else Contexts.load(policy or shipped("appld.safetensors"), space)
+        )
 
     def theta(self, obs):
         return self.contexts.theta(obs)
@@ -71,14 +80,16 @@ class Appld(Method):
 
 class Fixed(Method):
     """One set of parameters. parameters: a JSON file {name: value}; names left out keep theta_0."""
+
     mode = "fixed"
     static = True
 
     def __init__(self, space=SPACE, parameters="", **options):
         super().__init__(space)
         if not parameters:
-            raise SpaceError("mode fixed has no set of parameters: give parameters:=FILE, JSON such as "
-                             '{"max_vel_x": 1.0}')
+            raise SpaceError(
+                'mode fixed has no set of parameters: give parameters:=FILE, JSON such as {"max_vel_x": 1.0}'
+            )
         self.values = read_parameters(parameters, space)
 
     def theta(self, obs):
@@ -87,6 +98,7 @@ class Fixed(Method):
 
 class Random(Method):
     """Uniform over the ranges: for trying the stack and for gathering data. seed: int."""
+
     mode = "random"
 
     def __init__(self, space=SPACE, seed=0, **options):
@@ -102,7 +114,8 @@ METHODS = {method.mode: method for method in (Default, Applr, Appld, Fixed, Rand
 
 def make(name, space=SPACE, **options):
     """The method called `name`. Raises SpaceError for an unknown name; SpaceError, ActorError or
-    AppldError for bad files."""
+    AppldError for bad files.
+    """
     if name not in METHODS:
         raise SpaceError(f"mode {name!r} is unknown: give {', '.join(sorted(METHODS))}")
     return METHODS[name](space=space, **options)
@@ -122,18 +135,20 @@ def shipped(name="applr.safetensors"):
 def read_parameters(path, space=SPACE):
     """theta (8,) from a JSON file {name: value}. Raises SpaceError with one line that names the file."""
     try:
-        if os.path.getsize(path) > 2 ** 16:
+        if os.path.getsize(path) > 2**16:
             raise SpaceError(f"{path}: too big for a set of parameters")
         with open(path, encoding="utf-8") as f:
             values = json.load(f)
     except OSError as e:
-        raise SpaceError(f"{path}: cannot be read ({e.strerror or e}); "
-                         'give a JSON file such as {"max_vel_x": 1.0}') from None
+        raise SpaceError(
+            f'{path}: cannot be read ({e.strerror or e}); give a JSON file such as {{"max_vel_x": 1.0}}'
+        ) from None
     except (ValueError, RecursionError) as e:
         if isinstance(e, SpaceError):
             raise
-        raise SpaceError(f"{path}: not JSON ({str(e).splitlines()[0]}); "
-                         'give one object such as {"max_vel_x": 1.0}') from None
+        raise SpaceError(
+            f'{path}: not JSON ({str(e).splitlines()[0]}); give one object such as {{"max_vel_x": 1.0}}'
+        ) from None
     if not isinstance(values, dict):
         raise SpaceError(f'{path}: give one object such as {{"max_vel_x": 1.0}}')
     try:

@@ -2,6 +2,7 @@
 
 Called by the applr node, the meta-environment and the bag reader, so that all three see the same vector.
 """
+
 from functools import lru_cache
 from math import atan2, cos, pi, sin
 
@@ -10,14 +11,21 @@ import numpy as np
 from applr_ros1.policy.parameter_space import SPACE
 
 BEAMS = 720
-RANGE_CAP = 2.0             # m; the paper caps the scan there
-ANGLE_MIN = -2.35619        # rad; 270 degrees in all
-ANGLE_TOLERANCE = 0.02      # rad; how far a scanner's first and last beam may be from that
-LOOKAHEAD = 1.0             # m; the local goal is the first plan point farther away than this
-WINDOW, ORDER = 19, 3       # Savitzky-Golay filter that smooths the plan
+RANGE_CAP = 2.0  # m; the paper caps the scan there
+ANGLE_MIN = -2.35619  # rad; 270 degrees in all
+ANGLE_TOLERANCE = 0.02  # rad; how far a scanner's first and last beam may be from that
+LOOKAHEAD = 1.0  # m; the local goal is the first plan point farther away than this
+WINDOW, ORDER = 19, 3  # Savitzky-Golay filter that smooths the plan
 SIZE = BEAMS + 1 + len(SPACE)
-LAYOUT = {"beams": BEAMS, "range_cap_m": RANGE_CAP, "angle_min_rad": ANGLE_MIN, "angle_max_rad": -ANGLE_MIN,
-          "order": ["scan", "phi", "theta"], "lookahead_m": LOOKAHEAD, "size": SIZE}
+LAYOUT = {
+    "beams": BEAMS,
+    "range_cap_m": RANGE_CAP,
+    "angle_min_rad": ANGLE_MIN,
+    "angle_max_rad": -ANGLE_MIN,
+    "order": ["scan", "phi", "theta"],
+    "lookahead_m": LOOKAHEAD,
+    "size": SIZE,
+}
 
 
 class ObservationError(ValueError):
@@ -34,8 +42,10 @@ def observe(ranges, phi, theta_prev, space=SPACE):
     """
     ranges = np.asarray(ranges, dtype=np.float32)
     if ranges.shape != (BEAMS,):
-        raise ObservationError(f"scan has {ranges.size} beams: the policy was trained on {BEAMS}; "
-                               "give a scan of that many over 270 degrees")
+        raise ObservationError(
+            f"scan has {ranges.size} beams: the policy was trained on {BEAMS}; "
+            "give a scan of that many over 270 degrees"
+        )
     if not np.isfinite(phi):
         raise ObservationError(f"angle of the local goal is {phi}: check the pose and the global plan")
     missing = np.isnan(ranges)
@@ -48,19 +58,22 @@ def observe(ranges, phi, theta_prev, space=SPACE):
     result = np.empty(BEAMS + 1 + len(space), dtype=np.float32)
     result[:BEAMS] = np.clip(ranges, 0.0, RANGE_CAP) * (2.0 / RANGE_CAP) - 1.0
     result[BEAMS] = np.clip(phi / pi, -1.0, 1.0)
-    result[BEAMS + 1:] = space.to_action(theta_prev)
+    result[BEAMS + 1 :] = space.to_action(theta_prev)
     return result
 
 
 def check_scan(beams, angle_min, angle_increment):
     """Raises ObservationError unless a scanner's geometry is the policy's: 720 beams over +-2.356 rad."""
     if beams != BEAMS:
-        raise ObservationError(f"scan has {beams} beams: the policy was trained on {BEAMS}; "
-                               "give a scan of that many over 270 degrees")
+        raise ObservationError(
+            f"scan has {beams} beams: the policy was trained on {BEAMS}; give a scan of that many over 270 degrees"
+        )
     angle_max = angle_min + angle_increment * (beams - 1)
     if not (abs(angle_min - ANGLE_MIN) <= ANGLE_TOLERANCE and abs(angle_max + ANGLE_MIN) <= ANGLE_TOLERANCE):
-        raise ObservationError(f"scan covers {angle_min:.3f} to {angle_max:.3f} rad: the policy was trained "
-                               f"on {ANGLE_MIN:.3f} to {-ANGLE_MIN:.3f}; cut the scan to that")
+        raise ObservationError(
+            f"scan covers {angle_min:.3f} to {angle_max:.3f} rad: the policy was trained "
+            f"on {ANGLE_MIN:.3f} to {-ANGLE_MIN:.3f}; cut the scan to that"
+        )
 
 
 def local_goal(plan, pose):
@@ -91,14 +104,15 @@ def goal_angle(goal):
 def smooth(points):
     """Savitzky-Golay filter (19, 3) along the columns of points (n, k), as scipy's savgol_filter with its
     default edges ("interp": a polynomial through the first and last window). Shorter plans take the largest
-    odd window that fits; four points and fewer stay as they are."""
+    odd window that fits; four points and fewer stay as they are.
+    """
     window = min(WINDOW, len(points) if len(points) % 2 else len(points) - 1)
     if window <= ORDER:
         return np.array(points, dtype=np.float64)
     hat, half = _hat(window), window // 2
     result = np.empty(points.shape, dtype=np.float64)
     for k in range(points.shape[1]):
-        result[half:len(points) - half, k] = np.convolve(points[:, k], hat[half][::-1], mode="valid")
+        result[half : len(points) - half, k] = np.convolve(points[:, k], hat[half][::-1], mode="valid")
     result[:half] = hat[:half] @ points[:window]
     result[-half:] = hat[-half:] @ points[-window:]
     return result

@@ -4,13 +4,14 @@ Called by the applr node (actions to parameters), the meta-environment and the t
 those of the authors' final code and of Clearpath's Jackal; types, aliases and theta_0 come from the planner's
 declarations.
 """
+
 import json
 from dataclasses import dataclass, field
 from typing import Dict, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.parameters import SERVERS
+from applr_ros1.planner.parameters.declarations import SERVERS
 
 
 class SpaceError(ValueError):
@@ -24,6 +25,7 @@ class Target:
     server: "planner", "local_inflation" or "global_inflation"; names: accepted names, the newest first
     (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is mirrored.
     """
+
     server: str
     names: Tuple[str, ...]
     sign: float = 1.0
@@ -32,7 +34,9 @@ class Target:
 @dataclass(frozen=True)
 class Space:
     """A box of n planner parameters. names: the paper's; low, high, theta0: (n,) in the parameter's own unit;
-    integer: (n,) bool, True for sample counts; targets: which servers' values each parameter sets."""
+    integer: (n,) bool, True for sample counts; targets: which servers' values each parameter sets.
+    """
+
     names: Tuple[str, ...]
     low: np.ndarray
     high: np.ndarray
@@ -65,19 +69,22 @@ class Space:
 
     def to_action(self, theta):
         """theta (n,) → (n,) float64 in [-1, 1]. Values beyond the ranges (a person may set them) are
-        clipped."""
+        clipped.
+        """
         theta = np.asarray(theta, dtype=np.float64)
         self._check(theta, "parameter")
         return np.clip(2.0 * (theta - self.low) / (self.high - self.low) - 1.0, -1.0, 1.0)
 
     def as_dict(self, theta):
         """theta (n,) → {name: value}, counts as int."""
-        return {name: int(value) if whole else float(value)
-                for name, value, whole in zip(self.names, theta, self.integer)}
+        return {
+            name: int(value) if whole else float(value) for name, value, whole in zip(self.names, theta, self.integer)
+        }
 
     def from_dict(self, values, base=None):
         """{name: value} → theta (n,), missing names taken from `base` (theta_0). Raises SpaceError when a
-        name is unknown, a value is no number, or one lies outside its range."""
+        name is unknown, a value is no number, or one lies outside its range.
+        """
         theta = np.array(self.theta0 if base is None else base, dtype=np.float64)
         for name, value in values.items():
             if name not in self.names:
@@ -92,8 +99,15 @@ class Space:
 
     def to_json(self):
         """The space as a JSON string (what an actor file's metadata hold)."""
-        return json.dumps({"names": list(self.names), "low": self.low.tolist(), "high": self.high.tolist(),
-                           "integer": self.integer.tolist(), "theta0": self.theta0.tolist()})
+        return json.dumps(
+            {
+                "names": list(self.names),
+                "low": self.low.tolist(),
+                "high": self.high.tolist(),
+                "integer": self.integer.tolist(),
+                "theta0": self.theta0.tolist(),
+            }
+        )
 
     def _check(self, vector, what):
         if vector.shape[-1:] != (len(self.names),):
@@ -104,11 +118,17 @@ class Space:
 
 
 # ranges in the authors' final code; what else is to say of each parameter stands in planner/parameters.py
-_RANGES = {"max_vel_x": (0.2, 2.0), "max_vel_theta": (0.314, 3.14), "vx_samples": (4, 20),
-           "vtheta_samples": (4, 60), "occdist_scale": (0.05, 1.0), "pdist_scale": (0.1, 1.5),
-           "gdist_scale": (0.1, 2.0), "inflation_radius": (0.1, 0.6)}
-_INFLATION = {"local_inflation": "local_costmap/inflater_layer",
-              "global_inflation": "global_costmap/inflater_layer"}
+_RANGES = {
+    "max_vel_x": (0.2, 2.0),
+    "max_vel_theta": (0.314, 3.14),
+    "vx_samples": (4, 20),
+    "vtheta_samples": (4, 60),
+    "occdist_scale": (0.05, 1.0),
+    "pdist_scale": (0.1, 1.5),
+    "gdist_scale": (0.1, 2.0),
+    "inflation_radius": (0.1, 0.6),
+}
+_INFLATION = {"local_inflation": "local_costmap/inflater_layer", "global_inflation": "global_costmap/inflater_layer"}
 
 
 def _declared(server, name):
@@ -125,7 +145,7 @@ def _targets(name):
         return tuple(Target(role, (name,)) for role in _INFLATION)
     declared = _declared(_server(name), name)
     targets = (Target("planner", (declared.name,) + declared.aliases),)
-    if name == "max_vel_theta":     # the planner takes the other direction apart: the same speed, mirrored
+    if name == "max_vel_theta":  # the planner takes the other direction apart: the same speed, mirrored
         targets += (Target("planner", ("min_vel_theta",), -1.0),)
     return targets
 

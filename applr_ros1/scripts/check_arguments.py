@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """Run by roslaunch while it loads jackal_applr.launch: prints "checked", or one line about the wrong argument."""
+
 import sys
 
 from applr_ros1.nodes import arguments

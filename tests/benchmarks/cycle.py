@@ -3,6 +3,7 @@ with the planner run on one core. Called by run.py.
 
 All of it runs in one thread, and its processor time is taken: what a clock shows on a machine that does nothing else.
 """
+
 from time import process_time
 
 import numpy as np
@@ -12,10 +13,10 @@ import worlds
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE
-from training.episode import Episode
+from training.mdp.episode import Episode
 
-COURSES = (3, 60, 140, 250)         # of the built-in worlds, from sparse to dense
-DECISIONS = 10                      # of each course, 20 simulated seconds
+COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
+DECISIONS = 10  # of each course, 20 simulated seconds
 
 
 def control_cycle():

@@ -3,6 +3,7 @@
 Also, run by hand: `python -m tests.benchmarks.learning intake [cuda]`, transitions/s that the learner takes in;
 `python -m tests.benchmarks.learning actors 1 2 4`, transitions per second that so many actors make.
 """
+
 import sys
 import time
 from types import SimpleNamespace
@@ -13,8 +14,9 @@ BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
 
 
 def _replay(transitions=6000):
-    from training.replay import Replay
-    from training.trajectory import Layout
+    from training.experience.replay import Replay
+    from training.experience.trajectory import Layout
+
     replay = Replay(Layout(), int(1.2 * transitions))
     for trajectory in _trajectories(transitions // 13):
         replay.add(trajectory)
@@ -22,11 +24,18 @@ def _replay(transitions=6000):
 
 
 def _trajectories(n, t=13):
-    from training.trajectory import Layout, Trajectory
+    from training.experience.trajectory import Layout, Trajectory
+
     rng = np.random.default_rng(0)
     for i in range(n):
-        yield Trajectory.of(Layout(), rng.uniform(-1, 1, (t + 1, OBSERVATIONS)), rng.uniform(-1, 1, (t, ACTIONS)),
-                            rng.normal(size=t), i % 10 > 0, {"actor": "a", "episode": i, "version": 0})
+        yield Trajectory.of(
+            Layout(),
+            rng.uniform(-1, 1, (t + 1, OBSERVATIONS)),
+            rng.uniform(-1, 1, (t, ACTIONS)),
+            rng.normal(size=t),
+            i % 10 > 0,
+            {"actor": "a", "episode": i, "version": 0},
+        )
 
 
 def _rate(step, rounds=5, seconds=0.6, finish=lambda: None):
@@ -48,9 +57,14 @@ def _rate(step, rounds=5, seconds=0.6, finish=lambda: None):
 def td3_updates(device="cpu"):
     """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
     import torch
-    from training.td3 import TD3, TD3Config
-    replay, td3, rng = _replay(), TD3(OBSERVATIONS, ACTIONS, TD3Config(hidden=HIDDEN), device=device), \
-        np.random.default_rng(0)
+
+    from training.td3.td3 import TD3, TD3Config
+
+    replay, td3, rng = (
+        _replay(),
+        TD3(OBSERVATIONS, ACTIONS, TD3Config(hidden=HIDDEN), device=device),
+        np.random.default_rng(0),
+    )
     finish = torch.cuda.synchronize if device == "cuda" else lambda: None
     return _rate(lambda: td3.update(replay.sample(rng, BATCH, 4, 0.95, td3.device)), finish=finish), "updates/s"
 
@@ -65,12 +79,19 @@ def sb3_td3_updates(device="cpu"):
         observation_space = gymnasium.spaces.Box(-1, 1, (OBSERVATIONS,), np.float32)
         action_space = gymnasium.spaces.Box(-1, 1, (ACTIONS,), np.float32)
 
-    model = stable_baselines3.TD3("MlpPolicy", Spaces(), batch_size=BATCH, buffer_size=10,
-                                  policy_kwargs={"net_arch": list(HIDDEN)}, device=device)
+    model = stable_baselines3.TD3(
+        "MlpPolicy", Spaces(), batch_size=BATCH, buffer_size=10, policy_kwargs={"net_arch": list(HIDDEN)}, device=device
+    )
     model.set_logger(stable_baselines3.common.logger.Logger(None, []))
     x = [torch.rand(BATCH, n, device=device) * 2 - 1 for n in (OBSERVATIONS, ACTIONS, 1, OBSERVATIONS, 1, 1)]
-    data = SimpleNamespace(observations=x[0], actions=x[1], rewards=x[2], next_observations=x[3],
-                           dones=torch.zeros_like(x[4]), discounts=x[5])
+    data = SimpleNamespace(
+        observations=x[0],
+        actions=x[1],
+        rewards=x[2],
+        next_observations=x[3],
+        dones=torch.zeros_like(x[4]),
+        discounts=x[5],
+    )
     model.replay_buffer.sample = lambda *a, **k: data
     return _rate(lambda: model.train(2, BATCH)) * 2, "updates/s"
 
@@ -78,6 +99,7 @@ def sb3_td3_updates(device="cpu"):
 def actor_inference():
     """One observation through the actor, as the node does it: numpy, 729 -> 3 x 512 -> 8."""
     from applr_ros1.policy.actor import Actor
+
     rng, sizes = np.random.default_rng(0), [OBSERVATIONS, *HIDDEN, ACTIONS]
     weights = {}
     for i, (width, out) in enumerate(zip(sizes[:-1], sizes[1:])):
@@ -90,12 +112,17 @@ def actor_inference():
 def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
     """Transitions/s from packed bytes to the replay and the journal, with the paper's share of gradient steps."""
     import tempfile
-    from training.learner import Learner, LearnerConfig
-    from training.trajectory import Layout
+
+    from training.experience.trajectory import Layout
+    from training.gorila.learner import Learner, LearnerConfig
+
     blobs = [t.pack() for t in _trajectories(20000 if updates_per_transition == 0 else 4000)]
     with tempfile.TemporaryDirectory() as folder:
-        learner = Learner(Layout(), LearnerConfig(capacity=300_000, updates_per_transition=updates_per_transition,
-                                                  device=device), folder)
+        learner = Learner(
+            Layout(),
+            LearnerConfig(capacity=300_000, updates_per_transition=updates_per_transition, device=device),
+            folder,
+        )
         begun = time.perf_counter()
         for blob in blobs:
             learner.take(blob)
@@ -107,12 +134,13 @@ def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
 
 def actor_rate(actors, seconds=20.0):
     """Transitions per second of so many processes with random parameters in the built-in train worlds."""
-    from training.actor_pool import Processes
-    from training.config import TrainConfig
-    from training.tasks import Tasks
-    from training.trajectory import Trajectory
-    tasks = Tasks(TrainConfig(warmup=10 ** 9).resolved(), 250)
-    settings = {"env": "training.env:ApplrEnv", "train": {}, "evaluate": {}}
+    from training.experience.trajectory import Trajectory
+    from training.gorila.actor_pool import Processes
+    from training.gorila.config import TrainConfig
+    from training.gorila.tasks import Tasks
+
+    tasks = Tasks(TrainConfig(warmup=10**9).resolved(), 250)
+    settings = {"env": "training.mdp.env:ApplrEnv", "train": {}, "evaluate": {}}
     pool = Processes(settings, tasks.next, actors)
     pool.publish(0, b"")
     try:
@@ -121,9 +149,8 @@ def actor_rate(actors, seconds=20.0):
             for answer in pool.poll(0.2):
                 if begun is not None:
                     came += len(Trajectory.unpack(answer[1:]))
-            if begun is None and min(tasks._next.values(), default=0) > 1 \
-                    and len(tasks._next) == actors:
-                begun = time.perf_counter()         # every actor has driven an episode: all is compiled
+            if begun is None and min(tasks._next.values(), default=0) > 1 and len(tasks._next) == actors:
+                begun = time.perf_counter()  # every actor has driven an episode: all is compiled
         return came / (time.perf_counter() - begun), "transitions/s"
     finally:
         pool.close()
@@ -131,7 +158,7 @@ def actor_rate(actors, seconds=20.0):
 
 if __name__ == "__main__":
     if "actors" in sys.argv:
-        for n in map(int, sys.argv[sys.argv.index("actors") + 1:]):
+        for n in map(int, sys.argv[sys.argv.index("actors") + 1 :]):
             print("%d actors: %.1f %s" % (n, *actor_rate(n)))
         sys.exit()
     where = "cuda" if "cuda" in sys.argv else "cpu"

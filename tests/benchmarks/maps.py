@@ -4,24 +4,25 @@ maps cost in a control cycle. Called by run.py.
 Times are processor time. FORMAT.md of the golden set has the C++ figures: inflation of 200 x 200 cells 179 us, navfn
 on 800 x 800 cells 1,076 us.
 """
+
 import math
 from time import process_time
 
 import numpy as np
 
 import worlds
-from applr_ros1.planner import footprint
-from applr_ros1.planner.costmap import Costmap
-from applr_ros1.planner.inflation_layer import InflationParameters
-from applr_ros1.planner.navfn import Navfn
-from applr_ros1.planner.scan import LaserScan, project
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.scan import LaserScan, project
+from applr_ros1.planner.navfn.navfn import Navfn
 from sim_bridge import jackal
 from sim_bridge.lidar import Lidar
 
-COURSES = (3, 60, 140, 250)         # of the built-in worlds, from sparse to dense
-SPEED = 0.5                         # [m/s] along the reference path
+COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
+SPEED = 0.5  # [m/s] along the reference path
 PERIOD = 0.05
-REPEATS = 3                         # of each drive; the least time of an update counts
+REPEATS = 3  # of each drive; the least time of an update counts
 JACKAL = footprint.pad(jackal.FOOTPRINT, 0.1)
 
 
@@ -68,8 +69,8 @@ def scan_and_maps():
 
             def cycle(pose, scan):
                 cloud = project(scan)
-                local.update(pose, cloud)
-                world.update(pose, cloud)
+                local.update(pose, cloud)  # noqa: B023
+                world.update(pose, cloud)  # noqa: B023
 
             cycle = _timed(cycle)
             for pose, scan in clouds:
@@ -82,17 +83,21 @@ def scan_and_maps():
 def _maps():
     """The Jackal's local and global costmap."""
     inflated = InflationParameters(0.3)
-    return (Costmap(10, 10, 0.05, rolling=True, footprint=JACKAL, inflation=inflated),
-            Costmap(40, 40, 0.05, (-20, -20), footprint=JACKAL, inflation=inflated))
+    return (
+        Costmap(10, 10, 0.05, rolling=True, footprint=JACKAL, inflation=inflated),
+        Costmap(40, 40, 0.05, (-20, -20), footprint=JACKAL, inflation=inflated),
+    )
 
 
 def _timed(function):
     """The function, with the processor time of each call appended to its `took`."""
+
     def call(*arguments):
         began = process_time()
         result = function(*arguments)
         call.took.append(process_time() - began)
         return result
+
     call.took = []
     return call
 
@@ -119,7 +124,7 @@ def _drive(number):
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
 
     def at(distance):
-        near = distance + np.linspace(-0.25, 0.25, 11)          # smoothed: the path follows a grid
+        near = distance + np.linspace(-0.25, 0.25, 11)  # smoothed: the path follows a grid
         return np.array([np.interp(near, along, path[:, axis]).mean() for axis in (0, 1)])
 
     clouds = []
@@ -129,7 +134,14 @@ def _drive(number):
         yaw = math.atan2(ahead[1] - y, ahead[0] - x)
         sensor = (x + jackal.LASER_OFFSET[0] * math.cos(yaw), y + jackal.LASER_OFFSET[0] * math.sin(yaw))
         ranges = lidar.scan(*sensor, yaw) + noise.normal(0, jackal.SCAN_NOISE, jackal.BEAMS)
-        scan = LaserScan(0.0, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX,
-                         ranges.astype(np.float32), (sensor[0] - start[0], sensor[1] - start[1], yaw))
+        scan = LaserScan(
+            0.0,
+            jackal.ANGLE_MIN,
+            jackal.ANGLE_INCREMENT,
+            jackal.RANGE_MIN,
+            jackal.RANGE_MAX,
+            ranges.astype(np.float32),
+            (sensor[0] - start[0], sensor[1] - start[1], yaw),
+        )
         clouds.append(((x - start[0], y - start[1], yaw), scan))
     return clouds, (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])

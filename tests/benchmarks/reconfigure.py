@@ -2,6 +2,7 @@
 
 By itself: python tests/benchmarks/reconfigure.py [--stand-in]. Starts its own master and move_base and ends them.
 """
+
 import argparse
 import json
 import sys
@@ -28,6 +29,7 @@ def measure(count=200, rate=20.0, stand_in=False):
 
     from applr_ros1.nodes.reconfigure_client import ReconfigureClient
     from applr_ros1.policy.parameter_space import SPACE
+
     ros = session()
     if stand_in:
         node = ros.python("tests/fake_move_base.py")
@@ -55,8 +57,15 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stand-in", action="store_true", help="dynamic_reconfigure's own servers, not move_base's")
     took = measure(stand_in=parser.parse_args().stand_in)
-    print(json.dumps({"reconfigure_all": {"value": round(float(np.percentile(took, 95)), 2), "unit": "ms (p95)"},
-                      "median": round(float(np.median(took)), 2), "worst": round(float(took.max()), 2)}))
+    print(
+        json.dumps(
+            {
+                "reconfigure_all": {"value": round(float(np.percentile(took, 95)), 2), "unit": "ms (p95)"},
+                "median": round(float(np.median(took)), 2),
+                "worst": round(float(took.max()), 2),
+            }
+        )
+    )
 
 
 if __name__ == "__main__":

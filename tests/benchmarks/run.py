@@ -4,6 +4,7 @@
 Each figure is a function of its own name in one of the modules beside this file, returning (value, unit). Measure on a
 machine that does nothing else.
 """
+
 import argparse
 import importlib
 import json
@@ -11,7 +12,7 @@ import sys
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
-FIGURES = {             # name -> module beside this file, in the order in which they are measured
+FIGURES = {  # name -> module beside this file, in the order in which they are measured
     "planner_cycle_default": "control",
     "planner_cycle_max": "control",
     "inflation": "maps",
@@ -35,14 +36,20 @@ def measure(name):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--json", action="store_true", help="one JSON object instead of a line per figure")
-    parser.add_argument("--only", nargs="+", choices=list(FIGURES), default=list(FIGURES), metavar="NAME",
-                        help="measure these: " + ", ".join(FIGURES))
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=list(FIGURES),
+        default=list(FIGURES),
+        metavar="NAME",
+        help="measure these: " + ", ".join(FIGURES),
+    )
     options = parser.parse_args()
     figures = {}
     for name in options.only:
         try:
             figures[name] = measure(name)
-        except Exception as problem:        # the others are still worth having
+        except Exception as problem:  # the others are still worth having
             figures[name] = {"value": None, "unit": "failed: %s" % (str(problem).splitlines() or [repr(problem)])[0]}
         if not options.json:
             print("%-22s %s %s" % (name, figures[name]["value"], figures[name]["unit"]), flush=True)

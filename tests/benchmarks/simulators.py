@@ -1,5 +1,7 @@
 """How fast the simulators are: simulated seconds per wall second on one core, alone and with their laser.
-tests/benchmarks/run.py reads the functions; `python tests/benchmarks/simulators.py` prints all."""
+tests/benchmarks/run.py reads the functions; `python tests/benchmarks/simulators.py` prints all.
+"""
+
 import sys
 import time
 from pathlib import Path
@@ -14,12 +16,13 @@ from sim_bridge import jackal  # noqa: E402
 from sim_bridge.lidar import Lidar  # noqa: E402
 
 WORLD = "generated:0"
-CYCLE = 0.05            # simulated seconds between commands, and between scans
+CYCLE = 0.05  # simulated seconds between commands, and between scans
 
 
 def sim_speed(name, seconds=20.0, scans=False, repeats=3):
     """Simulated seconds per wall second of simulator `name`, driven to and fro on the course at 20 Hz, in contact
-    now and then; with a scan per cycle if `scans`. The best of `repeats`."""
+    now and then; with a scan per cycle if `scans`. The best of `repeats`.
+    """
     simulator, world = sim_bridge.make(name), worlds.load(WORLD)
     cycles, best = int(seconds / CYCLE), 0.0
     _drive(simulator, world, 10, scans)

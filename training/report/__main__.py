@@ -1,4 +1,5 @@
 """`python -m training.report FOLDER [--training RUN]`: makes the report of an evaluation anew."""
+
 import argparse
 import sys
 
@@ -9,8 +10,7 @@ from training.storage import StorageError
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m training.report", description=__doc__)
     parser.add_argument("folder", help="what evaluate.py --out wrote")
-    parser.add_argument("--training", default="", help="folder of a training run, whose learning curves are "
-                                                       "shown too")
+    parser.add_argument("--training", default="", help="folder of a training run, whose learning curves are shown too")
     options = parser.parse_args()
     try:
         print(write(options.folder, options.training))

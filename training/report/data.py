@@ -1,5 +1,7 @@
 """An evaluation's trials as arrays: by method and world, in the paper's two sets, in thirds of difficulty.
-The report's tables and figures ask here."""
+The report's tables and figures ask here.
+"""
+
 from __future__ import annotations
 
 import re
@@ -9,9 +11,9 @@ from typing import Any, Dict, List
 
 import numpy as np
 
+from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, read_rows
+from training.evaluation.trials import COLUMNS, MEASURES
 from training.storage import read_json
-from training.trial_store import MEASURES_FILE, SETTINGS, TRIALS, read_rows
-from training.trials import COLUMNS, MEASURES
 from worlds import builtin
 
 SETS = ("Training", "Test", "Physical course", "Other")
@@ -26,18 +28,19 @@ class ReportError(ValueError):
 @dataclass(frozen=True)
 class Cell:
     """The trials of one method in one world, in their order: arrays (n,)."""
+
     success: np.ndarray
     collided: np.ndarray
     timeout: np.ndarray
-    time: np.ndarray            # [s]; the limit where it timed out
+    time: np.ndarray  # [s]; the limit where it timed out
     decisions: np.ndarray
-    path_length: np.ndarray     # [m]
+    path_length: np.ndarray  # [m]
     reason: List[str]
-    route: np.ndarray           # length of the reference route [m]
-    clearance: np.ndarray       # smallest laser range [m]
-    jerk: np.ndarray            # mean |jerk| [m/s^3]
-    turn: np.ndarray            # mean |yaw acceleration| [rad/s^2]
-    switching: np.ndarray       # mean change of the parameters per decision, of their range in [-1, 1]
+    route: np.ndarray  # length of the reference route [m]
+    clearance: np.ndarray  # smallest laser range [m]
+    jerk: np.ndarray  # mean |jerk| [m/s^3]
+    turn: np.ndarray  # mean |yaw acceleration| [rad/s^2]
+    switching: np.ndarray  # mean change of the parameters per decision, of their range in [-1, 1]
 
     @property
     def times(self) -> np.ndarray:

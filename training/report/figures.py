@@ -1,5 +1,7 @@
 """The paper's figures from our trials: time against world index, parameter profiles, driven paths.
-page.py calls them."""
+page.py calls them.
+"""
+
 from __future__ import annotations
 
 import logging
@@ -10,9 +12,9 @@ import numpy as np
 
 import worlds as worlds_package
 from applr_ros1.policy.parameter_space import SPACE
+from training.evaluation.store import read_trace
 from training.report.data import Results
 from training.report.regions import REGIONS, region_of
-from training.trial_store import read_trace
 from worlds import World, WorldError
 
 # the baseline red and applr green, as in the paper
@@ -26,6 +28,7 @@ def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.
     """(figure, axes array) without pyplot: no window, no global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **more)
@@ -45,19 +48,27 @@ def times(results: Results, folder: Path) -> Optional[str]:
     shade = colors(results)
     for ax, name in zip(axes[0], sets):
         base = results.cells[results.baseline]
-        ordered = sorted((w for w in results.of_set(name) if w in base and len(base[w].times)),
-                         key=lambda w: base[w].times.mean())
+        ordered = sorted(
+            (w for w in results.of_set(name) if w in base and len(base[w].times)), key=lambda w: base[w].times.mean()
+        )
         for method in results.methods:
-            points = [(n, results.cells[method][w].times.mean()) for n, w in enumerate(ordered)
-                      if w in results.cells[method] and len(results.cells[method][w].times)]
+            points = [
+                (n, results.cells[method][w].times.mean())
+                for n, w in enumerate(ordered)
+                if w in results.cells[method] and len(results.cells[method][w].times)
+            ]
             if not points:
                 continue
             x, y = np.array(points, dtype=float).T
             ax.plot(x, y, "o", ms=3.5, color=shade[method], alpha=0.7, label=method)
             if len(x) > 2:
                 ax.plot(x, np.polyval(np.polyfit(x, y, 1), x), "--", lw=1.4, color=shade[method])
-        ax.set(title="%s worlds" % name, xlabel="world, in the order of %s's mean" % results.baseline,
-               ylabel="mean time of successful trials [s]", ylim=(0, None))
+        ax.set(
+            title="%s worlds" % name,
+            xlabel="world, in the order of %s's mean" % results.baseline,
+            ylabel="mean time of successful trials [s]",
+            ylim=(0, None),
+        )
         ax.grid(alpha=0.25)
         ax.xaxis.get_major_locator().set_params(integer=True)
         ax.legend()
@@ -70,6 +81,7 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     if world is None or not traces:
         return None
     from worlds.draw import draw
+
     shade = colors(results)
     figure, axes = canvas(size=(6.5, 8.0))
     ax = axes[0, 0]
@@ -90,6 +102,7 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     if world is None or trace is None or not len(trace["theta"]):
         return None
     from worlds.draw import draw
+
     regions = region_of(world, trace["pose"])
     figure, axes = canvas(3, 4, size=(4.2, 2.1), width_ratios=None)
     for ax in axes[:, 0]:
@@ -111,8 +124,9 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
         ax.axhline(SPACE.theta0[i], color="grey", ls=":", lw=1)
         _shade(ax, trace["time"], regions)
         span = SPACE.high[i] - SPACE.low[i]
-        ax.set(title=SPACE.names[i], ylim=(SPACE.low[i] - 0.05 * span, SPACE.high[i] + 0.05 * span),
-               xlim=(0, begins[-1]))
+        ax.set(
+            title=SPACE.names[i], ylim=(SPACE.low[i] - 0.05 * span, SPACE.high[i] + 0.05 * span), xlim=(0, begins[-1])
+        )
         ax.title.set_fontsize(9)
         if i >= 6:
             ax.set_xlabel("time [s]")
@@ -129,15 +143,17 @@ def _shade(ax, time: np.ndarray, regions: np.ndarray) -> None:
 
 def chosen(results: Results) -> List[str]:
     """The worlds to draw paths and profiles of: the one of middling difficulty among those with all traces, and the
-    physical course."""
+    physical course.
+    """
     with_traces = [w for w in results.worlds if len(_traces(results, w)) == len(results.methods)]
     ordered = results.by_difficulty([w for w in with_traces if w != "physical_course"])
-    return ordered[len(ordered) // 2:][:1] + [w for w in with_traces if w == "physical_course"]
+    return ordered[len(ordered) // 2 :][:1] + [w for w in with_traces if w == "physical_course"]
 
 
 def load(results: Results, name: str) -> Optional[World]:
     """A world of the evaluation, None where its file has gone since."""
-    from training.trials import under
+    from training.evaluation.trials import under
+
     for known, spec in zip(results.settings.get("worlds", []), results.settings.get("world_specs", [])):
         if known == name:
             try:

@@ -1,5 +1,7 @@
 """Writes the report: each table as CSV, LaTeX and Markdown, pictures as PNG, and all of it on index.html and in
-report.md. evaluate.py and `python -m training.report` call it."""
+report.md. evaluate.py and `python -m training.report` call it.
+"""
+
 from __future__ import annotations
 
 import html
@@ -7,19 +9,21 @@ import shutil
 from pathlib import Path
 from typing import List, Tuple
 
+from training.evaluation.trials import PROTOCOLS
 from training.report import figures, paper
 from training.report.data import ReportError, Results
 from training.report.table import Table
 from training.report.tables import PAPER
 from training.report.tables_more import MORE
 from training.storage import make_folder, write_bytes
-from training.trials import PROTOCOLS
 
 FOLDER = "report"
-CURVES = ("learning_curves.png", "curves.png")      # what a training run calls its picture
+CURVES = ("learning_curves.png", "curves.png")  # what a training run calls its picture
 
-TIMES = ("Traversal time against world index, ordered by %s's time, with linear fits (the paper's figure of "
-         "training and test environments).")
+TIMES = (
+    "Traversal time against world index, ordered by %s's time, with linear fits (the paper's figure of "
+    "training and test environments)."
+)
 PROFILE = "Parameters along %s: regions by the room around the robot; dotted: θ₀ (the paper's parameter profiles)."
 
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1180px;padding:0 1em;color:#222}
@@ -33,7 +37,8 @@ img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font
 
 def write(folder, training: str = "") -> str:
     """Makes folder/report/ and returns the path of its index.html. training: a training run whose learning curves are
-    shown. Raises ReportError or StorageError with one line."""
+    shown. Raises ReportError or StorageError with one line.
+    """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
     tables = [table for table in (make(results) for make in PAPER + MORE) if table.rows]
@@ -79,13 +84,17 @@ def _facts(results: Results) -> Tuple[str, List[str]]:
     s = results.settings
     per = sorted({len(c.success) for cells in results.cells.values() for c in cells.values()})
     trials = str(per[0]) if len(per) == 1 else "%d to %d" % (per[0], per[-1])
-    facts = ["%d trials: %d worlds × %d methods × %s trials. Simulator: %s." % (
-        results.count, len(results.worlds), len(results.methods), trials, s.get("simulator", "not recorded"))]
+    facts = [
+        "%d trials: %d worlds × %d methods × %s trials. Simulator: %s."
+        % (results.count, len(results.worlds), len(results.methods), trials, s.get("simulator", "not recorded"))
+    ]
     if s.get("protocol") in PROTOCOLS:
         facts.append("Protocol %s. %s" % (s["protocol"], PROTOCOLS[s["protocol"]].sentence))
     if "wall_s" in s:
-        facts.append("Wall time %s with %s workers; base seed %s, the same seeds for every method." % (
-            _clock(s["wall_s"]), s.get("workers", "?"), s.get("seed", "?")))
+        facts.append(
+            "Wall time %s with %s workers; base seed %s, the same seeds for every method."
+            % (_clock(s["wall_s"]), s.get("workers", "?"), s.get("seed", "?"))
+        )
     return "APPLR: evaluation of %s" % ", ".join(results.methods), facts
 
 
@@ -96,8 +105,12 @@ def _clock(seconds: float) -> str:
 
 
 def _markdown(title: str, facts: List[str], tables: List[Table], pictures) -> str:
-    return "# %s\n\n%s\n\n%s\n%s" % (title, "\n".join(facts), "\n".join(t.markdown() for t in tables), "".join(
-        "\n![%s](%s)\n" % (caption, file) for file, caption in pictures))
+    return "# %s\n\n%s\n\n%s\n%s" % (
+        title,
+        "\n".join(facts),
+        "\n".join(t.markdown() for t in tables),
+        "".join("\n![%s](%s)\n" % (caption, file) for file, caption in pictures),
+    )
 
 
 def _html(title: str, facts: List[str], tables: List[Table], pictures) -> str:
@@ -105,7 +118,14 @@ def _html(title: str, facts: List[str], tables: List[Table], pictures) -> str:
     body += [t.html() for t in tables]
     for file, caption in pictures:
         said = html.escape(caption)
-        body.append("<h2>%s</h2><img src=\"%s\" alt=\"%s\">" % (said, html.escape(file), said))
-    page = ["<!doctype html><html lang=en><head><meta charset=utf-8>", "<title>%s</title>" % html.escape(title),
-            "<style>%s</style></head><body>" % STYLE] + body + ["</body></html>"]
+        body.append('<h2>%s</h2><img src="%s" alt="%s">' % (said, html.escape(file), said))
+    page = (
+        [
+            "<!doctype html><html lang=en><head><meta charset=utf-8>",
+            "<title>%s</title>" % html.escape(title),
+            "<style>%s</style></head><body>" % STYLE,
+        ]
+        + body
+        + ["</body></html>"]
+    )
     return "\n".join(page) + "\n"

@@ -1,21 +1,37 @@
 """The paper's numbers, to stand beside ours, and its slips. Only the report reads them."""
 
-UNIT = ("The paper's table gives no unit. Its numbers are two-second decisions: 5.925 m at the default 0.5 m/s "
-        "take 11.85 s at least, and the authors' released trials fit two-second steps; in seconds they are twice "
-        "as large.")
+UNIT = (
+    "The paper's table gives no unit. Its numbers are two-second decisions: 5.925 m at the default 0.5 m/s "
+    "take 11.85 s at least, and the authors' released trials fit two-second steps; in seconds they are twice "
+    "as large."
+)
 GAIN_SLIP = "1.28 / 13.24 is 9.7 %; the paper prints 9.6 %."
-SWAP_SLIP = ("The paper's \"Medium All\" 3 % and \"Difficult All\" 14 % for DWA lie outside what their own "
-             "training and test parts allow (6 to 14 %, 0 to 5 %): the two cells look swapped.")
-NOISE_SLIP = ("The paper's exploration noise, .5 falling by .125 per million steps, reaches its floor of .02 "
-              "after 3.84 million steps, not 4.")
-CHANCE = ("Two identical methods \"win\" 2.4 % of worlds each way under this test; with 20 trials a side a "
-          "uniform gain of 9.6 % wins 40 % of worlds, one of 20 % wins 73 %.")
+SWAP_SLIP = (
+    'The paper\'s "Medium All" 3 % and "Difficult All" 14 % for DWA lie outside what their own '
+    "training and test parts allow (6 to 14 %, 0 to 5 %): the two cells look swapped."
+)
+NOISE_SLIP = (
+    "The paper's exploration noise, .5 falling by .125 per million steps, reaches its floor of .02 "
+    "after 3.84 million steps, not 4."
+)
+CHANCE = (
+    'Two identical methods "win" 2.4 % of worlds each way under this test; with 20 trials a side a '
+    "uniform gain of 9.6 % wins 40 % of worlds, one of 20 % wins 73 %."
+)
 
 TIME = {("Training", "applr"): 11.96, ("Training", "dwa"): 13.24, ("Test", "applr"): 12.25, ("Test", "dwa"): 13.03}
 GAIN = {"Training": "9.6 %", "Test": "6 %"}
 BETTER = {"Training": ("88 (35 %)", "23 (9 %)"), "Test": ("15 (30 %)", "3 (6 %)")}
-THIRDS = {("Easy", "Training"): (62, 7), ("Easy", "Test"): (41, 12), ("Easy", "All"): (57, 8),
-          ("Medium", "Training"): (29, 14), ("Medium", "Test"): (18, 6), ("Medium", "All"): (24, 3),
-          ("Difficult", "Training"): (26, 5), ("Difficult", "Test"): (31, 0), ("Difficult", "All"): (28, 14)}
+THIRDS = {
+    ("Easy", "Training"): (62, 7),
+    ("Easy", "Test"): (41, 12),
+    ("Easy", "All"): (57, 8),
+    ("Medium", "Training"): (29, 14),
+    ("Medium", "Test"): (18, 6),
+    ("Medium", "All"): (24, 3),
+    ("Difficult", "Training"): (26, 5),
+    ("Difficult", "Test"): (31, 0),
+    ("Difficult", "All"): (28, 14),
+}
 SWAPPED = (("Medium", "All"), ("Difficult", "All"))
 PHYSICAL = {"dwa": "72.8 ± 10.1 (one more failed)", "appld": "43.2 ± 4.1", "applr": "34.4 ± 4.8"}

@@ -1,4 +1,5 @@
 """The report's statistics: Welch tests per world with and without Holm's correction, intervals, BARN's metric."""
+
 from __future__ import annotations
 
 import warnings
@@ -15,7 +16,9 @@ RESAMPLES = 2000
 
 class Verdict(NamedTuple):
     """Of one world: which method is faster (-1 the rival, +1 the baseline), and how sure. p is nan where it cannot be
-    tested: fewer than two successes on a side."""
+    tested: fewer than two successes on a side.
+    """
+
     world: str
     sign: int
     p: float
@@ -38,13 +41,14 @@ def welch_p(a: np.ndarray, b: np.ndarray) -> float:
     if a.std() == 0.0 and b.std() == 0.0:
         return float(a[0] == b[0])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)     # scipy's, where a side hardly varies
+        warnings.simplefilter("ignore", RuntimeWarning)  # scipy's, where a side hardly varies
         return float(stats.ttest_ind(a, b, equal_var=False).pvalue)
 
 
 def count(verdicts: Sequence[Verdict], corrected: bool = False) -> Tuple[int, int]:
     """(worlds where the rival is significantly faster, where the baseline is), at .05; corrected: with Holm's step-down
-    over all tested worlds, so that the chance of any false one stays below .05."""
+    over all tested worlds, so that the chance of any false one stays below .05.
+    """
     tested = [v for v in verdicts if not np.isnan(v.p)]
     p = np.array([v.p for v in tested])
     significant = holm(p) if corrected else p < LEVEL
@@ -113,6 +117,7 @@ def _ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:
 
 def barn_metric(cell: Cell, lower: float) -> np.ndarray:
     """(n,) the BARN Challenge's score of each trial: OT / clip(AT, lower OT, 8 OT), 0 where it failed or touched
-    anything; OT is the reference route at 2 m/s. lower: 2 since 2025 (at most .5), 4 before (at most .25)."""
+    anything; OT is the reference route at 2 m/s. lower: 2 since 2025 (at most .5), 4 before (at most .25).
+    """
     optimal = cell.route / 2.0
     return cell.success * ~cell.collided * optimal / np.clip(cell.time, lower * optimal, 8.0 * optimal)

@@ -1,4 +1,5 @@
 """A table that can be written as CSV, LaTeX, Markdown and HTML. tables.py fills them, page.py writes them."""
+
 from __future__ import annotations
 
 import csv
@@ -11,6 +12,7 @@ from typing import List
 @dataclass
 class Table:
     """name: of its files; rows of strings as long as columns; notes: sentences under it."""
+
     name: str
     title: str
     columns: List[str]
@@ -25,6 +27,7 @@ class Table:
     def markdown(self) -> str:
         def line(cells):
             return "| %s |\n" % " | ".join(c.replace("|", "\\|") for c in cells)
+
         rule = "|%s|\n" % "|".join(["---"] + ["---:"] * (len(self.columns) - 1))
         notes = "".join("\n%s\n" % n for n in self.notes)
         return "### %s\n\n%s%s%s%s" % (self.title, line(self.columns), rule, "".join(map(line, self.rows)), notes)
@@ -32,24 +35,55 @@ class Table:
     def html(self) -> str:
         def cells(tag, row):
             return "<tr>%s</tr>" % "".join("<%s>%s</%s>" % (tag, html.escape(c), tag) for c in row)
+
         notes = "".join("<p class=note>%s</p>" % html.escape(n) for n in self.notes)
         return "<h2 id=%s>%s</h2><table><thead>%s</thead><tbody>%s</tbody></table>%s" % (
-            self.name, html.escape(self.title), cells("th", self.columns),
-            "".join(cells("td", r) for r in self.rows), notes)
+            self.name,
+            html.escape(self.title),
+            cells("th", self.columns),
+            "".join(cells("td", r) for r in self.rows),
+            notes,
+        )
 
     def latex(self) -> str:
         def line(cells):
             return "%s \\\\\n" % " & ".join(map(_latex, cells))
+
         notes = "".join("\n\\par\\footnotesize %s" % _latex(n) for n in self.notes)
-        return "".join(["\\begin{table}\n\\centering\n\\caption{%s}\n" % _latex(self.title),
-                        "\\begin{tabular}{l%s}\n\\toprule\n" % ("r" * (len(self.columns) - 1)), line(self.columns),
-                        "\\midrule\n", "".join(map(line, self.rows)), "\\bottomrule\n\\end{tabular}", notes,
-                        "\n\\end{table}\n"])
+        return "".join(
+            [
+                "\\begin{table}\n\\centering\n\\caption{%s}\n" % _latex(self.title),
+                "\\begin{tabular}{l%s}\n\\toprule\n" % ("r" * (len(self.columns) - 1)),
+                line(self.columns),
+                "\\midrule\n",
+                "".join(map(line, self.rows)),
+                "\\bottomrule\n\\end{tabular}",
+                notes,
+                "\n\\end{table}\n",
+            ]
+        )
 
 
-_LATEX = {"\\": "\\textbackslash{}", "&": "\\&", "%": "\\%", "#": "\\#", "_": "\\_", "$": "\\$", "{": "\\{", "}": "\\}",
-          "±": "$\\pm$", "θ": "$\\theta$", "–": "--", "<": "$<$", ">": "$>$", "~": "\\textasciitilde{}",
-          "^": "\\textasciicircum{}", "×": "$\\times$", "²": "$^2$", "³": "$^3$"}
+_LATEX = {
+    "\\": "\\textbackslash{}",
+    "&": "\\&",
+    "%": "\\%",
+    "#": "\\#",
+    "_": "\\_",
+    "$": "\\$",
+    "{": "\\{",
+    "}": "\\}",
+    "±": "$\\pm$",
+    "θ": "$\\theta$",
+    "–": "--",
+    "<": "$<$",
+    ">": "$>$",
+    "~": "\\textasciitilde{}",
+    "^": "\\textasciicircum{}",
+    "×": "$\\times$",
+    "²": "$^2$",
+    "³": "$^3$",
+}
 
 
 def _latex(text: str) -> str:

@@ -1,5 +1,7 @@
 """Beyond the paper's tables: rates with intervals, BARN's metric in both versions, smoothness, ablation, methods.
-page.py writes them."""
+page.py writes them.
+"""
+
 from __future__ import annotations
 
 import numpy as np
@@ -12,9 +14,22 @@ from training.report.tables import NONE, _number, _span
 
 def rates(results: Results) -> Table:
     """What share succeeds, touches something, runs out of time; BARN's metric."""
-    table = Table("rates", "Success, collisions, time-outs, and BARN's metric", [
-        "worlds", "method", "trials", "success [%]", "collided [%]", "timed out [%]", "metric, 2 OT", "95 % interval",
-        "metric, 4 OT", "95 % interval"])
+    table = Table(
+        "rates",
+        "Success, collisions, time-outs, and BARN's metric",
+        [
+            "worlds",
+            "method",
+            "trials",
+            "success [%]",
+            "collided [%]",
+            "timed out [%]",
+            "metric, 2 OT",
+            "95 % interval",
+            "metric, 4 OT",
+            "95 % interval",
+        ],
+    )
     for name in SETS:
         worlds = results.of_set(name)
         for method in results.methods if worlds else []:
@@ -25,48 +40,71 @@ def rates(results: Results) -> Table:
                 scores = [statistics.barn_metric(c, lower) for c in cells]
                 value, low, high = statistics.over_worlds(
                     [np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])],
-                    lambda total, n: total / n)
+                    lambda total, n: total / n,
+                )
                 row += [_number(value, 3), _span(low, high, 3)]
             table.rows.append(row)
-    table.notes = ["Rates with Wilson's 95 % interval; collided: touched anything at any time, also where the "
-                   "trial went on and succeeded.",
-                   "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT) (since 2025, at most .5; before, the "
-                   "lower clip was 4 OT, at most .25), OT = reference route / (2 m/s), intervals by bootstrap "
-                   "over worlds; a trial with a contact scores 0. It is comparable with the Challenge's numbers "
-                   "only under --protocol barn-challenge: default DWA there has .16 (2 OT), success .88, "
-                   "collision .048, time-out .072, 33.5 s."]
+    table.notes = [
+        "Rates with Wilson's 95 % interval; collided: touched anything at any time, also where the "
+        "trial went on and succeeded.",
+        "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT) (since 2025, at most .5; before, the "
+        "lower clip was 4 OT, at most .25), OT = reference route / (2 m/s), intervals by bootstrap "
+        "over worlds; a trial with a contact scores 0. It is comparable with the Challenge's numbers "
+        "only under --protocol barn-challenge: default DWA there has .16 (2 OT), success .88, "
+        "collision .048, time-out .072, 33.5 s.",
+    ]
     return table
 
 
 def smoothness(results: Results) -> Table:
     """How smooth, how near, how restless."""
-    table = Table("smoothness", "Smoothness, clearance and switching", [
-        "worlds", "method", "mean |jerk| [m/s³]", "mean |yaw acceleration| [rad/s²]", "median smallest range [m]",
-        "change of parameters per decision", "driven / reference route"])
+    table = Table(
+        "smoothness",
+        "Smoothness, clearance and switching",
+        [
+            "worlds",
+            "method",
+            "mean |jerk| [m/s³]",
+            "mean |yaw acceleration| [rad/s²]",
+            "median smallest range [m]",
+            "change of parameters per decision",
+            "driven / reference route",
+        ],
+    )
     for name in SETS:
         worlds = results.of_set(name)
         for method in results.methods if worlds else []:
             success = results.pooled(method, worlds, "success")
 
             def good(field):
-                return results.pooled(method, worlds, field)[success]
+                return results.pooled(method, worlds, field)[success]  # noqa: B023
 
             if success.any():
-                values = [np.nanmean(good("jerk")), np.nanmean(good("turn")), np.nanmedian(good("clearance")),
-                          np.nanmean(good("switching")), np.nanmean(good("path_length") / good("route"))]
+                values = [
+                    np.nanmean(good("jerk")),
+                    np.nanmean(good("turn")),
+                    np.nanmedian(good("clearance")),
+                    np.nanmean(good("switching")),
+                    np.nanmean(good("path_length") / good("route")),
+                ]
             else:
                 values = [np.nan] * 5
             table.rows.append([name, method] + [_number(float(v), 3) for v in values])
-    table.notes = ["Over successful trials; true speeds at 20 Hz. The smallest range is the laser's (its sensor "
-                   "sits .12 m ahead of the robot's middle). Change of parameters: mean |difference| of the "
-                   "eight, each scaled to [-1, 1]."]
+    table.notes = [
+        "Over successful trials; true speeds at 20 Hz. The smallest range is the laser's (its sensor "
+        "sits .12 m ahead of the robot's middle). Change of parameters: mean |difference| of the "
+        "eight, each scaled to [-1, 1]."
+    ]
     return table
 
 
 def ablation(results: Results) -> Table:
     """Methods X-without-P beside X: what share of X's gain goes when P stays at theta_0."""
-    table = Table("ablation", "Ablation: one parameter at a time held at θ₀", [
-        "method", "parameter held", "time [s]", "success [%]", "share of the gain lost [%]"])
+    table = Table(
+        "ablation",
+        "Ablation: one parameter at a time held at θ₀",
+        ["method", "parameter held", "time [s]", "success [%]", "share of the gain lost [%]"],
+    )
     everything = results.worlds
     base = statistics.mean_time(results, results.baseline, everything)[0]
     for name in results.methods:
@@ -75,10 +113,13 @@ def ablation(results: Results) -> Table:
             continue
         whole, without = (statistics.mean_time(results, m, everything)[0] for m in (method, name))
         lost = 100.0 * (without - whole) / (base - whole) if base != whole else np.nan
-        table.rows.append([method, parameter, _number(without), _rate(results.pooled(name, everything, "success")),
-                           _number(lost, 0)])
-    table.notes = ["Means over successful trials in all worlds of this evaluation. Shares need not add up to "
-                   "100: parameters act together, and one that is held may be made up for by the others."]
+        table.rows.append(
+            [method, parameter, _number(without), _rate(results.pooled(name, everything, "success")), _number(lost, 0)]
+        )
+    table.notes = [
+        "Means over successful trials in all worlds of this evaluation. Shares need not add up to "
+        "100: parameters act together, and one that is held may be made up for by the others."
+    ]
     return table
 
 
@@ -90,8 +131,9 @@ def methods(results: Results) -> Table:
         parts = []
         for key, value in told.items():
             if isinstance(value, dict):
-                value = ", ".join("%s %g" % item if isinstance(item[1], (int, float)) else "%s %s" % item
-                                  for item in value.items())
+                value = ", ".join(
+                    "%s %g" % item if isinstance(item[1], (int, float)) else "%s %s" % item for item in value.items()
+                )
             parts.append("%s: %s" % (key, value))
         table.rows.append([name, "; ".join(parts) or NONE])
     return table

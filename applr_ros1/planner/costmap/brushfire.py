@@ -1,0 +1,279 @@
+"""The inflation layer's spreading of obstacles, kept between updates and repaired where obstacles changed.
+
+Called by inflation_layer.InflationLayer. In C++ every update spreads all obstacles anew: a queue ordered by distance,
+first in first out, along 4-neighbours. Every cell's winner follows from its neighbours' winners at lower distances
+alone, so when a few obstacles come or go only the cells that depend on them are evaluated again; the result is the
+same cell for cell (tests/test_inflation.py).
+
+Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
+  level (uint8)  WALL on the padding, NONE where nothing reaches, else 1 + index of the distance to the source
+  link (uint16)  offset from the source as a code, plus the direction it was entered from << 12
+  cost (uint8)   the cost that goes with the level, 0 for NONE
+Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+
+WALL = 0
+SEED = 1
+NONE = 255
+MAX_REACH = 25  # [cells] beyond it levels do not fit; InflationLayer then spreads anew every time
+CODE = 4095
+
+
+@lru_cache(maxsize=64)
+def tables(reach):
+    """(step_level, distances) for a reach in cells.
+
+    step_level (codes * 4,) uint8: level of the cell one step in direction k from offset code c, at [4 c + k]; 0 if
+    that is beyond `reach` or not further from the source. distances: in cells, by level from SEED on.
+    """
+    side = 2 * reach + 1
+    axis = np.arange(-reach - 1, reach + 2, dtype=np.float64)
+    distance = np.hypot(axis[:, None], axis[None, :])
+    distances = np.unique(distance[distance <= reach])
+    level = np.where(distance <= reach, np.searchsorted(distances, distance) + SEED, 0)
+    step_level = np.zeros((side, side, 4), np.uint8)
+    inner = slice(1, side + 1)
+    for k, (dx, dy) in enumerate(((-1, 0), (0, -1), (1, 0), (0, 1))):
+        ahead = slice(1 + dy, side + 1 + dy), slice(1 + dx, side + 1 + dx)
+        step_level[:, :, k] = np.where(distance[ahead] > distance[inner, inner], level[ahead], 0)
+    return step_level.reshape(-1), tuple(distances.tolist())
+
+
+@njit(cache=True)
+def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
+    """List in `changed` the padded cells that begin or cease to be a seed; returns their number.
+
+    Seeds are the cells of value 254 of base (ny, nx) within [x0, xn) x [y0, yn), in row order. The second rectangle,
+    which holds the first, is where seeds may have been before. Returns -1 when `changed` is too short.
+    """
+    count = 0
+    for y in range(ay0, ayn):
+        inside = y0 <= y < yn
+        left = x0 if inside else axn
+        right = xn if inside else axn
+        differs = np.uint8(0)
+        levels = level[y + 1, left + 1 : right + 1]
+        values = base[y, left:right]
+        for i in range(values.shape[0]):
+            differs |= np.uint8((values[i] == 254) != (levels[i] == SEED))
+        differs |= _any_seed(level[y + 1, ax0 + 1 : left + 1]) | _any_seed(level[y + 1, right + 1 : axn + 1])
+        if differs == 0:
+            continue
+        for x in range(ax0, axn):
+            seed = left <= x < right and base[y, x] == 254
+            if seed != (level[y + 1, x + 1] == SEED):
+                if count == changed.shape[0]:
+                    return -1
+                changed[count] = (y + 1) * level.shape[1] + x + 1
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def _any_seed(levels):
+    found = np.uint8(0)
+    for i in range(levels.shape[0]):
+        found |= np.uint8(levels[i] == SEED)
+    return found
+
+
+@njit(cache=True)
+def wipe(level, cost, x0, y0, xn, yn):
+    """Nothing reaches the cells [x0, xn) x [y0, yn) any more."""
+    for y in range(y0 + 1, yn + 1):
+        level[y, x0 + 1 : xn + 1] = NONE
+        cost[y, x0 + 1 : xn + 1] = 0
+
+
+@njit(cache=True)
+def _enqueue(queue, used, entry, level):
+    """Append an entry (4 cell + direction) to a level's queue; returns the number of entries used.
+
+    queue (4, m) int32: entries, the next entry of the same level, each level's first and last entry. All in one array:
+    numba counts references per array, and with four of them a call costs more than its work.
+    """
+    queue[0, used] = entry
+    queue[1, used] = -1
+    if queue[2, level] < 0:
+        queue[2, level] = used
+    else:
+        queue[1, queue[3, level]] = used
+    queue[3, level] = used
+    return used + 1
+
+
+@njit(cache=True)
+def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, queue):
+    """Spread the `count` padded cells in `seeds`, in row order, over arrays that are NONE. False: `queue` too short."""
+    width = level2.shape[1]
+    level = level2.reshape(-1)
+    side = 2 * reach + 1
+    steps = (-1, -width, 1, width)
+    deltas = (-1, -side, 1, side)
+    queue[2, :256] = -1
+    used = 0
+    room = queue.shape[1] - 4
+    centre = reach * side + reach
+    for i in range(count):
+        c = seeds[i]
+        level[c] = SEED
+        link[c] = centre
+        cost[c] = level_cost[SEED]
+    for i in range(count):
+        if used > room:
+            return False
+        for k in range(4):
+            c = seeds[i] + steps[k]
+            b = step_level[4 * centre + k]
+            if b != 0 and level[c] == NONE:
+                used = _enqueue(queue, used, 4 * c + k, b)
+    for b in range(2, NONE):
+        e = queue[2, b]
+        while e >= 0:
+            c = queue[0, e] >> 2
+            k = queue[0, e] & 3
+            e = queue[1, e]
+            if level[c] != NONE:
+                continue
+            if used > room:
+                return False
+            code = (link[c - steps[k]] & CODE) + deltas[k]
+            level[c] = b
+            link[c] = code | (k << 12)
+            cost[c] = level_cost[b]
+            for j in range(4):
+                t = step_level[4 * code + j]
+                q = c + steps[j]
+                if t != 0 and level[q] == NONE:
+                    used = _enqueue(queue, used, 4 * q + j, t)
+    return True
+
+
+@njit(cache=True)
+def _earlier(level, link, steps, n1, k1, n2, k2):
+    """Whether C++ enqueued the step k1 from n1 before the step k2 from n2, both of one level."""
+    while True:
+        if n1 == n2:
+            return k1 < k2
+        if level[n1] != level[n2]:
+            return level[n1] < level[n2]
+        if level[n1] == SEED:
+            return n1 < n2
+        k1 = link[n1] >> 12
+        k2 = link[n2] >> 12
+        n1 -= steps[k1]
+        n2 -= steps[k2]
+
+
+@njit(cache=True)
+def _fell(level, link, cost, steps, root, lost, count):
+    """Forget `root` and all cells that were reached through it; append them to `lost`; returns the new count."""
+    lost[count] = root
+    level[root] = NONE
+    cost[root] = 0
+    i = count
+    count += 1
+    while i < count:
+        c = lost[i]
+        i += 1
+        for k in range(4):
+            q = c + steps[k]
+            if SEED < level[q] < NONE and link[q] >> 12 == k:
+                level[q] = NONE
+                cost[q] = 0
+                lost[count] = q
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def repair(changed, count, level2, link, cost, step_level, level_cost, reach, queue, lost):
+    """Take the padded cells in `changed` in or out as seeds and evaluate again what depends on them.
+
+    Returns False when `queue` or `lost` (m,) int64 is too short: the arrays are then to be rebuilt.
+    """
+    width = level2.shape[1]
+    level = level2.reshape(-1)
+    side = 2 * reach + 1
+    steps = (-1, -width, 1, width)
+    deltas = (-1, -side, 1, side)
+    queue[2, :256] = -1
+    used = 0
+    room = queue.shape[1] - 8
+    lost_room = lost.shape[0] - 4 * side * side
+    centre = reach * side + reach
+    fallen = 0
+    for i in range(count):
+        c = changed[i]
+        begins = level[c] != SEED
+        if level[c] != NONE:
+            if fallen > lost_room:
+                return False
+            fallen = _fell(level, link, cost, steps, c, lost, fallen)
+        if begins:
+            level[c] = SEED
+            link[c] = centre
+            cost[c] = level_cost[SEED]
+            if used > room:
+                return False
+            for k in range(4):
+                b = step_level[4 * centre + k]
+                q = c + steps[k]
+                if b != 0 and level[q] >= b:
+                    used = _enqueue(queue, used, 4 * q + k, b)
+    done = 0
+    b = 2
+    while True:
+        while done < fallen:  # every cell that has fallen asks its neighbours
+            c = lost[done]
+            done += 1
+            if level[c] != NONE:
+                continue
+            if used > room:
+                return False
+            for k in range(4):
+                n = c - steps[k]
+                if level[n] != WALL and level[n] != NONE:
+                    t = step_level[4 * (link[n] & CODE) + k]
+                    if t != 0:
+                        if t < b:
+                            b = t
+                        used = _enqueue(queue, used, 4 * c + k, t)
+        while b < NONE and queue[2, b] < 0:
+            b += 1
+        if b == NONE:
+            return True
+        e = queue[2, b]
+        queue[2, b] = queue[1, e]
+        c = queue[0, e] >> 2
+        k = queue[0, e] & 3
+        n = c - steps[k]
+        if level[c] < b or level[n] == WALL or level[n] == NONE:
+            continue
+        code = link[n] & CODE
+        if step_level[4 * code + k] != b:  # n was evaluated again since
+            continue
+        if level[c] != NONE:
+            if level[c] == b:
+                other = link[c] >> 12
+                if other == k or not _earlier(level, link, steps, n, k, c - steps[other], other):
+                    continue
+            if fallen > lost_room:
+                return False
+            fallen = _fell(level, link, cost, steps, c, lost, fallen)
+        if used > room:
+            return False
+        code += deltas[k]
+        level[c] = b
+        link[c] = code | (k << 12)
+        cost[c] = level_cost[b]
+        for j in range(4):
+            t = step_level[4 * code + j]
+            q = c + steps[j]
+            if t != 0 and level[q] >= t:
+                used = _enqueue(queue, used, 4 * q + j, t)

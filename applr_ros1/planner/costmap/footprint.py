@@ -1,0 +1,251 @@
+"""The robot's outline: parsing, padding, placing at a pose, radii, its cost on a map and the cells it fills.
+
+Called by the costmap (radii, clearing under the robot), the trajectory planner (legality) and the recoveries.
+"""
+
+import ast
+import math
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, walk_line, world_to_map
+
+OFF_MAP = -3.0
+ON_UNKNOWN = -2.0
+ON_LETHAL = -1.0
+HUGE = float(np.finfo(np.float64).max)
+
+
+class FootprintError(ValueError):
+    """A footprint that cannot be used; the message is one line."""
+
+
+def parse(text):
+    """Vertices (n, 2) float64 [m] from the parameter `footprint`: a string "[[x, y], ...]" or a sequence.
+
+    Values take the way of the C++ node: printed with six digits, read as float32. An empty list gives (0, 2).
+    """
+    value = text
+    if isinstance(text, str):
+        try:
+            value = ast.literal_eval(text.strip() or "[]")
+        except (ValueError, SyntaxError, MemoryError, RecursionError):
+            raise FootprintError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % text)  # noqa: B904
+    try:
+        points = np.array([[float("%g" % float(v)) for v in point] for point in value], dtype=np.float32)
+    except (TypeError, ValueError):
+        raise FootprintError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % (text,))  # noqa: B904
+    if points.size == 0:
+        return np.zeros((0, 2))
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise FootprintError("footprint %.60r has a point that is not a pair: write it as [[x, y], ...]" % (text,))
+    if len(points) < 3:
+        raise FootprintError(
+            "footprint %.60r has fewer than three points: give three or more, or a robot_radius" % (text,)
+        )
+    if not np.all(np.isfinite(points)):
+        raise FootprintError("footprint %.60r has a coordinate that is not finite" % (text,))
+    return points.astype(np.float64)
+
+
+def circle(radius):
+    """Sixteen vertices (16, 2) [m] on a circle, as costmap_2d makes them from `robot_radius`."""
+    angles = [i * 2 * math.pi / 16 for i in range(16)]
+    return np.array([[math.cos(a) * radius, math.sin(a) * radius] for a in angles])
+
+
+def pad(vertices, padding):
+    """Vertices (n, 2) moved away from the axes by `padding` [m]; a coordinate of exactly 0 stays. footprint.cpp:138."""
+    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
+    return vertices + np.sign(vertices) * padding
+
+
+def transform(vertices, x, y, yaw):
+    """Vertices (n, 2) [m] of the footprint placed at the pose (x, y [m], yaw [rad]). footprint.cpp:106."""
+    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
+    out = np.empty_like(vertices)
+    c, s = math.cos(yaw), math.sin(yaw)
+    out[:, 0] = x + (vertices[:, 0] * c - vertices[:, 1] * s)
+    out[:, 1] = y + (vertices[:, 0] * s + vertices[:, 1] * c)
+    return out
+
+
+def _distance_to_edge(x0, y0, x1, y1):
+    a, b = 0.0 - x0, 0.0 - y0
+    c, d = x1 - x0, y1 - y0
+    dot, length = a * c + b * d, c * c + d * d
+    t = dot / length if length != 0 else math.nan
+    if t < 0:
+        px, py = x0, y0
+    elif t > 1:
+        px, py = x1, y1
+    else:
+        px, py = x0 + t * c, y0 + t * d
+    return float(np.hypot(0.0 - px, 0.0 - py))
+
+
+def radii(vertices):
+    """(inscribed, circumscribed) radius [m] about (0, 0) of the vertices (n, 2). footprint.cpp:41.
+
+    Two vertices or fewer: (largest double, 0), as in C++.
+    """
+    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
+    inscribed, circumscribed = HUGE, 0.0
+    if len(vertices) <= 2:
+        return inscribed, circumscribed
+    for i in range(len(vertices)):
+        x0, y0 = (float(v) for v in vertices[i])
+        x1, y1 = (float(v) for v in vertices[(i + 1) % len(vertices)])
+        for distance in (float(np.hypot(x0, y0)), _distance_to_edge(x0, y0, x1, y1)):
+            if distance < inscribed:
+                inscribed = distance
+            if distance > circumscribed:
+                circumscribed = distance
+    return inscribed, circumscribed
+
+
+@njit(cache=True, error_model="numpy")
+def footprint_cost(cells, ox, oy, resolution, vertices, x, y, yaw):
+    """Cost of the outline of `vertices` (n, 2) [m] at the pose (x, y, yaw) on `cells` (ny, nx).
+
+    The largest cost under the outline, or OFF_MAP, ON_UNKNOWN, ON_LETHAL for the first failing edge.
+    costmap_model.cpp:47.
+    """
+    ny, nx = cells.shape
+    cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
+    if cx < 0:
+        return OFF_MAP
+    n = vertices.shape[0]
+    if n < 3:
+        cost = cells[cy, cx]
+        if cost == UNKNOWN:
+            return ON_UNKNOWN
+        if cost >= 253:
+            return ON_LETHAL
+        return float(cost)
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    worst = 0
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        fx = vertices[i, 0]
+        fy = vertices[i, 1]
+        x0, y0 = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
+        if x0 < 0:
+            return OFF_MAP
+        fx = vertices[j, 0]
+        fy = vertices[j, 1]
+        x1, y1 = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
+        if x1 < 0:
+            return OFF_MAP
+        cost = line_cost(cells, x0, y0, x1, y1)
+        if cost < 0:
+            return float(cost)
+        if cost > worst:
+            worst = cost
+    return float(worst)
+
+
+@njit(cache=True)
+def line_cost(cells, x0, y0, x1, y1):
+    """Largest cost on the line of cells from (x0, y0) to (x1, y1); -1 / -2 at the first lethal / unknown one."""
+    adx = abs(x1 - x0)
+    ady = abs(y1 - y0)
+    sx = 1 if x1 >= x0 else -1
+    sy = 1 if y1 >= y0 else -1
+    x_major = adx >= ady
+    major = adx if x_major else ady
+    minor = ady if x_major else adx
+    counter = major // 2
+    x = x0
+    y = y0
+    worst = 0
+    for _ in range(major + 1):
+        cost = int(cells[y, x])
+        if cost >= LETHAL:
+            return -2 if cost == UNKNOWN else -1
+        if cost > worst:
+            worst = cost
+        counter += minor
+        step = counter >= major
+        if step:
+            counter -= major
+        if x_major:
+            x += sx
+            if step:
+                y += sy
+        else:
+            y += sy
+            if step:
+                x += sx
+    return worst
+
+
+@njit(cache=True, error_model="numpy")
+def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
+    """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; returns success.
+
+    whole True: nothing is written if a vertex is off the map or there are fewer than three vertices
+    (Costmap2D::setConvexPolygonCost). whole False: FootprintHelper::getFootprintCells, where a vertex off the map
+    leaves only the edges done before it, and a footprint of at most one point covers the centre's cell.
+    """
+    ny, nx = grid.shape
+    n = vertices.shape[0]
+    if n < 3 and whole:
+        return False
+    if n <= 1:
+        cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
+        if cx >= 0:
+            grid[cy, cx] = value
+        return cx >= 0
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    px = np.empty(n, np.int64)
+    py = np.empty(n, np.int64)
+    count = n  # vertices on the map before the first one off it
+    for i in range(n):
+        fx = vertices[i, 0]
+        fy = vertices[i, 1]
+        mx, my = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
+        px[i] = mx
+        py[i] = my
+        if mx < 0:
+            count = i
+            break
+    if count < n:
+        if whole:
+            return False
+        for i in range(count - 1):
+            _draw_line(grid, value, px[i], py[i], px[i + 1], py[i + 1])
+        return False
+    left = nx
+    right = -1
+    for i in range(n):
+        left = min(left, px[i])
+        right = max(right, px[i])
+    low = np.full(right - left + 1, ny, np.int64)
+    high = np.full(right - left + 1, -1, np.int64)
+    longest = nx + ny
+    xs = np.empty(longest, np.int64)
+    ys = np.empty(longest, np.int64)
+    for i in range(n):
+        j = i + 1 if i + 1 < n else 0
+        end = walk_line(px[i], py[i], px[j], py[j], xs, ys, 0)
+        for k in range(end):
+            column = xs[k] - left
+            low[column] = min(low[column], ys[k])
+            high[column] = max(high[column], ys[k])
+    for column in range(right - left + 1):
+        for row in range(low[column], high[column] + 1):
+            grid[row, left + column] = value
+    return True
+
+
+@njit(cache=True)
+def _draw_line(grid, value, x0, y0, x1, y1):
+    n = max(abs(x1 - x0), abs(y1 - y0)) + 1
+    xs = np.empty(n, np.int64)
+    ys = np.empty(n, np.int64)
+    for k in range(walk_line(x0, y0, x1, y1, xs, ys, 0)):
+        grid[ys[k], xs[k]] = value

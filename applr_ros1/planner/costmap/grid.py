@@ -1,0 +1,139 @@
+"""Geometry of a cell grid: world <-> cell conversions and the line of cells between two cells.
+
+Called by every kernel of the planner. The expressions (a division, then truncation) are those of costmap_2d;
+multiplying by 1 / resolution instead would move points on cell borders.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+FREE = 0
+INSCRIBED = 253
+LETHAL = 254
+UNKNOWN = 255
+
+
+@njit(cache=True)
+def world_to_map(wx, wy, ox, oy, resolution, nx, ny):
+    """Cell (mx, my) of the point (wx, wy) [m]; (-1, -1) if it is off the map. costmap_2d.cpp:208."""
+    if wx < ox or wy < oy:
+        return -1, -1
+    fx = (wx - ox) / resolution
+    fy = (wy - oy) / resolution
+    if not (fx < nx and fy < ny):  # also refuses NaN and numbers too large for an integer
+        return -1, -1
+    return int(fx), int(fy)
+
+
+@njit(cache=True)
+def map_to_world(mx, my, ox, oy, resolution):
+    """Centre (x, y) [m] of the cell (mx, my)."""
+    return ox + (mx + 0.5) * resolution, oy + (my + 0.5) * resolution
+
+
+def world_to_map_no_bounds(w, o, resolution):
+    """Cell index of the coordinate w along one axis, truncated towards zero and not clipped."""
+    return int((w - o) / resolution)
+
+
+def world_to_map_enforce_bounds(w, o, resolution, n):
+    """Cell index of the coordinate w along one axis, clipped into 0 .. n - 1. costmap_2d.cpp:233."""
+    if w < o:
+        return 0
+    if w >= resolution * n + o:
+        return n - 1
+    return int((w - o) / resolution)
+
+
+def cell_distance(distance, resolution):
+    """A length [m] in whole cells, rounded up and never negative. costmap_2d.cpp:190."""
+    return max(0, int(math.ceil(distance / resolution)))
+
+
+def size_in_meters(n, resolution):
+    """Length [m] of n cells as costmap_2d counts it: half a cell short."""
+    return (n - 1 + 0.5) * resolution
+
+
+@njit(cache=True)
+def walk_line(x0, y0, x1, y1, xs, ys, start):
+    """Write the cells from (x0, y0) to (x1, y1), both included, into xs, ys from index `start`; return the end.
+
+    base_local_planner/line_iterator.h: the way back does not visit the same cells in general.
+    """
+    adx = abs(x1 - x0)
+    ady = abs(y1 - y0)
+    sx = 1 if x1 >= x0 else -1
+    sy = 1 if y1 >= y0 else -1
+    x_major = adx >= ady
+    major = adx if x_major else ady
+    minor = ady if x_major else adx
+    counter = major // 2
+    x = x0
+    y = y0
+    n = start
+    for _ in range(major + 1):
+        xs[n] = x
+        ys[n] = y
+        n += 1
+        counter += minor
+        step = counter >= major
+        if step:
+            counter -= major
+        if x_major:
+            x += sx
+            if step:
+                y += sy
+        else:
+            y += sy
+            if step:
+                x += sx
+    return n
+
+
+def line_cells(x0, y0, x1, y1):
+    """The cells from (x0, y0) to (x1, y1) as an (n, 2) int64 array, both ends included."""
+    n = max(abs(x1 - x0), abs(y1 - y0)) + 1
+    xs = np.empty(n, np.int64)
+    ys = np.empty(n, np.int64)
+    walk_line(int(x0), int(y0), int(x1), int(y1), xs, ys, 0)
+    return np.stack((xs, ys), axis=1)
+
+
+def roll(cells, origin, resolution, new_ox, new_oy, default):
+    """Move the window of `cells` (ny, nx) towards the origin (new_ox, new_oy) [m] by whole cells; returns (cx, cy).
+
+    Cells in the overlap keep their values, others get `default`; `origin` (2,) is moved. costmap_2d.cpp:260.
+    """
+    ox, oy = origin.tolist()
+    cx = int((new_ox - ox) / resolution)
+    cy = int((new_oy - oy) / resolution)
+    if cx != 0 or cy != 0:
+        origin[0] = ox + cx * resolution
+        origin[1] = oy + cy * resolution
+        shift(cells, cx, cy, default)
+    return cx, cy
+
+
+def shift(cells, cx, cy, default):
+    """cells[y, x] = cells[y + cy, x + cx] where that exists, else `default`, in place."""
+    ny, nx = cells.shape
+    if abs(cx) >= nx or abs(cy) >= ny:
+        cells[:] = default
+        return
+    flat = cells.reshape(-1)
+    k = cy * nx + cx
+    if k > 0:
+        flat[:-k] = flat[k:]
+    elif k < 0:
+        flat[-k:] = flat[:k].copy()
+    if cy > 0:
+        cells[ny - cy :] = default
+    elif cy < 0:
+        cells[:-cy] = default
+    if cx > 0:
+        cells[:, nx - cx :] = default
+    elif cx < 0:
+        cells[:, :-cx] = default

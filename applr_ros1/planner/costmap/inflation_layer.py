@@ -1,0 +1,335 @@
+"""Inflation layer of a costmap: spreads falling costs around lethal cells.
+
+Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp: obstacles pass along 4-neighbours in order of
+distance, first in first out, so a distance transform would give other bytes. brushfire.py does the spreading.
+"""
+
+import math
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap import brushfire
+from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance
+
+LARGEST_F32 = float(np.finfo(np.float32).max)
+FEW = 4096  # so many changed obstacle cells are repaired, more are spread anew
+
+
+@dataclass
+class InflationParameters:
+    """Settings of the layer, named as the ROS parameters."""
+
+    inflation_radius: float = 0.55  # [m]
+    cost_scaling_factor: float = 10.0  # [1/m]
+    enabled: bool = True
+    inflate_unknown: bool = False
+
+    def __post_init__(self):  # the kernels are compiled for these types alone
+        for field in fields(self):
+            setattr(self, field.name, type(field.default)(getattr(self, field.name)))
+
+
+def cost_at(distance, resolution, inscribed_radius, weight):
+    """Cost (0 .. 254) at a distance in cells. inflation_layer.h:109."""
+    if distance == 0:
+        return LETHAL
+    if distance * resolution <= inscribed_radius:
+        return 253
+    return int(252 * math.exp(-1.0 * weight * (distance * resolution - inscribed_radius)))
+
+
+@lru_cache(maxsize=8)
+def _level_costs(distances, resolution, inscribed_radius, weight):
+    """Costs (uint8) by level of brushfire, for the distances in cells of the levels from SEED on."""
+    costs = [cost_at(d, resolution, inscribed_radius, weight) for d in distances]
+    return np.array([0] * brushfire.SEED + costs, dtype=np.uint8)
+
+
+class InflationLayer:
+    """Keeps the tables, what is due, and the spread of the obstacles of the last update."""
+
+    def __init__(self, nx, ny, resolution, parameters):
+        self.resolution = float(resolution)
+        self.parameters = parameters
+        self.inscribed_radius = 0.0
+        self.full_pass_due = False
+        self._last = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
+        self._nx, self._ny = nx, ny
+        self._level = np.full((ny + 2, nx + 2), brushfire.NONE, np.uint8)
+        self._level[0, :] = self._level[-1, :] = self._level[:, 0] = self._level[:, -1] = brushfire.WALL
+        self._link = np.zeros((ny + 2) * (nx + 2), np.uint16)
+        self._cost = np.zeros((ny + 2, nx + 2), np.uint8)
+        self._columns = np.zeros(nx, np.uint8)
+        self._changed = np.empty(FEW, np.int64)
+        self._queue = np.empty((4, 1 << 16), np.int32)
+        self._lost = np.empty(1 << 15, np.int64)
+        self._seen = self._entries = None  # for reaches that cannot be repaired
+        self._spread = None  # rectangle in which obstacles were spread last, None: nothing to build on
+        self._make_tables()
+
+    def _make_tables(self):
+        p = self.parameters
+        self._forget()
+        self.reach = cell_distance(p.inflation_radius, self.resolution)
+        self._incremental = self.reach <= brushfire.MAX_REACH
+        if self._incremental:
+            self._step_level, distances = brushfire.tables(self.reach)
+        else:
+            axis = np.arange(self.reach + 2, dtype=np.float64)
+            distance = np.hypot(axis[:, None], axis[None, :])
+            distances = tuple(np.unique(distance[distance <= self.reach]).tolist())
+            self._bin = np.where(distance <= self.reach, np.searchsorted(distances, distance), -1).astype(np.int32)
+        self._level_cost = _level_costs(distances, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
+
+    def configure(self, parameters):
+        """Take new parameters; a full pass becomes due where the C++ layer asks for one."""
+        old = self.parameters
+        self.parameters = parameters
+        if (
+            parameters.inflation_radius != old.inflation_radius
+            or parameters.cost_scaling_factor != old.cost_scaling_factor
+        ):
+            self._make_tables()
+            self.full_pass_due = True
+        if parameters.enabled != old.enabled or parameters.inflate_unknown != old.inflate_unknown:
+            self.full_pass_due = True
+
+    def set_inscribed_radius(self, radius):
+        """The footprint was set: its inscribed radius [m]. A full pass becomes due."""
+        self.inscribed_radius = float(radius)
+        self._make_tables()
+        self.full_pass_due = True
+
+    def update_bounds(self, bounds):
+        """Bounds (min x, min y, max x, max y) [m], widened. inflation_layer.cpp:129."""
+        last, self._last = self._last, bounds
+        if self.full_pass_due:
+            self.full_pass_due = False
+            return -LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32
+        radius = self.parameters.inflation_radius
+        return (
+            min(last[0], bounds[0]) - radius,
+            min(last[1], bounds[1]) - radius,
+            max(last[2], bounds[2]) + radius,
+            max(last[3], bounds[3]) + radius,
+        )
+
+    def reset(self):
+        """After the maps were cleared: no full pass is due."""
+        self.full_pass_due = False
+
+    def roll(self, cx, cy):
+        """The map's window moved by (cx, cy) cells: the spread moves along, or is forgotten if it met the border."""
+        if self._spread is None:
+            return
+        r = self.reach
+        x0, y0, xn, yn = self._spread
+        if (
+            min(x0 - r, x0 - r - cx) <= 0
+            or min(y0 - r, y0 - r - cy) <= 0
+            or max(xn + r, xn + r - cx) >= self._nx
+            or max(yn + r, yn + r - cy) >= self._ny
+        ):
+            self._forget()
+            return
+        width = self._nx + 2
+        first = min(y0, y0 - cy) - r + 1
+        last = max(yn, yn - cy) + r + 1
+        k = cy * width + cx
+        for grid, empty in ((self._level, brushfire.NONE), (self._cost, 0), (self._link.reshape(-1, width), 0)):
+            rows = grid[first:last].reshape(-1)
+            if k > 0:
+                rows[:-k] = rows[k:]
+                rows[-k:] = empty
+            else:
+                rows[-k:] = rows[:k].copy()
+                rows[:-k] = empty
+        walls = self._level[first:last]
+        n = abs(cx)
+        walls[:, 1 : n + 1] = brushfire.NONE
+        walls[:, width - 1 - n :] = brushfire.NONE
+        walls[:, 0] = walls[:, -1] = brushfire.WALL
+        self._spread = (x0 - cx, y0 - cy, xn - cx, yn - cy)
+
+    def _forget(self):
+        """Nothing is spread any more."""
+        if self._spread is not None:
+            brushfire.wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
+            self._spread = None
+
+    def _around(self, rect, cells):
+        return (
+            max(0, rect[0] - cells),
+            max(0, rect[1] - cells),
+            min(self._nx, rect[2] + cells),
+            min(self._ny, rect[3] + cells),
+        )
+
+    def update(self, master, base, window):
+        """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
+
+        base holds the cells before inflation: inside the window as the layers below made them, outside it as the
+        master is. Returns the rectangle around what changed in the master, None if nothing did.
+        """
+        if not self.parameters.enabled or self.reach == 0:
+            self._forget()
+            return _apply(master, base, self._cost, self._columns, False, *window)
+        if not self._incremental:
+            return self._update_anew(master, base, window)
+        seeds_in = self._around(window, self.reach)
+        self._spread_obstacles(base, seeds_in)
+        return _apply(
+            master,
+            base,
+            self._cost,
+            self._columns,
+            self.parameters.inflate_unknown,
+            *self._around(seeds_in, self.reach),
+        )
+
+    def _spread_obstacles(self, base, rect):
+        """Have the obstacles of `base` within the rectangle spread, from those of the last time where possible."""
+        before, self._spread = self._spread, rect
+        self._spread_reach = self.reach
+        grids = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
+        if before is not None:
+            union = (min(before[0], rect[0]), min(before[1], rect[1]), max(before[2], rect[2]), max(before[3], rect[3]))
+            count = brushfire.seed_changes(base, self._level, *rect, *union, self._changed)
+            if count >= 0 and brushfire.repair(self._changed, count, *grids, self._queue, self._lost):
+                return
+            brushfire.wipe(self._level, self._cost, *self._around(union, self.reach))
+        seeds = self._changed
+        while True:
+            count = brushfire.seed_changes(base, self._level, *rect, *rect, seeds)
+            if count >= 0 and brushfire.rebuild(seeds, count, *grids, self._queue):
+                return
+            if count < 0:
+                seeds = np.empty(2 * len(seeds), np.int64)
+            else:
+                self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
+                brushfire.wipe(self._level, self._cost, *self._around(rect, self.reach))
+
+    def _update_anew(self, master, base, window):
+        """For a reach beyond brushfire's levels: spread everything, as C++ does in each update."""
+        rect = self._around(window, 2 * self.reach)
+        x0, y0, xn, yn = rect
+        before = master[y0:yn, x0:xn].copy()
+        master[y0:yn, x0:xn] = base[y0:yn, x0:xn]
+        if self._entries is None:
+            self._seen = np.zeros(master.shape, np.uint8)
+            self._entries = np.empty((5 * master.size, 4), np.int32)
+        _inflate(
+            master,
+            self._seen,
+            self._entries,
+            self._bin,
+            self._level_cost,
+            self.parameters.inflate_unknown,
+            *self._around(window, self.reach),
+        )
+        return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
+
+
+@njit(cache=True)
+def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
+    """Inflated value of every cell [x0, xn) x [y0, yn) into the master; returns the rectangle of changes or None.
+
+    columns (nx,) is scratch. Rows are sliced so that the inner loop compiles to vector instructions.
+    """
+    lowest = np.uint8(0 if inflate_unknown else 252)  # what does not exceed it leaves an unknown cell unknown
+    unknown = np.uint8(UNKNOWN)
+    touched = columns[x0:xn]
+    touched[:] = 0
+    first = -1
+    last = -1
+    for y in range(y0, yn):
+        olds = base[y, x0:xn]
+        news = cost[y + 1, x0 + 1 : xn + 1]
+        row = master[y, x0:xn]
+        differs = np.uint8(0)
+        for i in range(row.shape[0]):
+            old = olds[i]
+            new = news[i]
+            spread = new if new > lowest else unknown
+            grown = spread if old == unknown else max(old, new)
+            difference = np.uint8(grown ^ row[i])
+            differs |= difference
+            touched[i] |= difference
+            row[i] = grown
+        if differs != 0:
+            if first < 0:
+                first = y
+            last = y
+    if first < 0:
+        return None
+    left = 0
+    while touched[left] == 0:
+        left += 1
+    right = touched.shape[0]
+    while touched[right - 1] == 0:
+        right -= 1
+    return x0 + left, first, x0 + right, last + 1
+
+
+@njit(cache=True)
+def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0, xn, yn):
+    """entries (m, 4): x, y, source (as x + nx y), next entry of the same bin."""
+    ny, nx = master.shape
+    bins = level_cost.shape[0] - 1
+    head = np.full(bins, -1, np.int64)
+    tail = np.full(bins, -1, np.int64)
+    used = 0
+    for y in range(y0, yn):
+        for x in range(x0, xn):
+            if master[y, x] == LETHAL:
+                entries[used, 0] = x
+                entries[used, 1] = y
+                entries[used, 2] = y * nx + x
+                entries[used, 3] = -1
+                if head[0] < 0:
+                    head[0] = used
+                else:
+                    entries[tail[0], 3] = used
+                tail[0] = used
+                used += 1
+    for b in range(bins):
+        e = head[b]
+        while e >= 0:
+            x = entries[e, 0]
+            y = entries[e, 1]
+            source = entries[e, 2]
+            if seen[y, x] == 0:
+                seen[y, x] = 1
+                sx = source % nx
+                sy = source // nx
+                new = level_cost[b + 1]
+                old = master[y, x]
+                if old == UNKNOWN:
+                    if new >= 253 or (inflate_unknown and new > 0):
+                        master[y, x] = new
+                elif new > old:
+                    master[y, x] = new
+                for k in range(4):
+                    px = x - 1 if k == 0 else (x + 1 if k == 2 else x)
+                    py = y - 1 if k == 1 else (y + 1 if k == 3 else y)
+                    if px < 0 or py < 0 or px >= nx or py >= ny or seen[py, px] != 0:
+                        continue
+                    nb = bin_of[abs(py - sy), abs(px - sx)]
+                    if nb <= b:
+                        continue
+                    entries[used, 0] = px
+                    entries[used, 1] = py
+                    entries[used, 2] = source
+                    entries[used, 3] = -1
+                    if head[nb] < 0:
+                        head[nb] = used
+                    else:
+                        entries[tail[nb], 3] = used
+                    tail[nb] = used
+                    used += 1
+            e = entries[e, 3]
+    for i in range(used):
+        seen[entries[i, 1], entries[i, 0]] = 0

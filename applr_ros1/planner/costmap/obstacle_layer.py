@@ -1,0 +1,359 @@
+"""Obstacle layer of a costmap: marks laser hits, clears along the rays, clears under the robot.
+
+Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step; the layer has its own grid.
+"""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap.footprint import fill_footprint
+from applr_ros1.planner.costmap.grid import (
+    FREE,
+    LETHAL,
+    UNKNOWN,
+    cell_distance,
+    roll,
+    size_in_meters,
+    world_to_map,
+    world_to_map_no_bounds,
+)
+
+OVERWRITE = 0
+MAXIMUM = 1
+
+
+@dataclass
+class ObstacleParameters:
+    """Settings of the layer and of its one laser source, named as the ROS parameters."""
+
+    enabled: bool = True
+    footprint_clearing_enabled: bool = True
+    max_obstacle_height: float = 2.0  # [m] marking skips higher points
+    combination_method: int = MAXIMUM
+    obstacle_range: float = 2.5  # [m] hits at or beyond it do not mark
+    raytrace_range: float = 3.0  # [m] rays clear up to it
+    source_min_height: float = -2.0  # [m] the source keeps points between these two
+    source_max_height: float = 2.0
+    marking: bool = True
+    clearing: bool = True
+
+    def __post_init__(self):  # the kernels are compiled for these types alone
+        for field in fields(self):
+            setattr(self, field.name, type(field.default)(getattr(self, field.name)))
+
+
+class ObstacleLayer:
+    """Grid `cells` (ny, nx) uint8 of 0, 254 and 255 with its own rolling `origin` (2,) [m]."""
+
+    def __init__(self, nx, ny, resolution, origin, rolling, default, parameters):
+        self.parameters = parameters
+        self.resolution = float(resolution)
+        self.rolling = bool(rolling)
+        self.default = int(default)
+        self.cells = np.full((ny, nx), default, np.uint8)
+        self.origin = np.array(origin, dtype=np.float64)
+        self.cloud = None  # the newest scan, applied again in every update
+        self._extra = None  # bounds left by a recovery: min x, min y, max x, max y
+        self._bounds = np.empty(4)
+        self._hits = np.empty(1024, np.int64)
+
+    def update_bounds(self, pose, footprint):
+        """Roll, clear, mark. Returns what may have changed as (min x, min y, max x, max y) [m]."""
+        p = self.parameters
+        ny, nx = self.cells.shape
+        if self.rolling:
+            roll(
+                self.cells,
+                self.origin,
+                self.resolution,
+                pose[0] - size_in_meters(nx, self.resolution) / 2,
+                pose[1] - size_in_meters(ny, self.resolution) / 2,
+                self.default,
+            )
+        bounds = self._bounds
+        bounds[:] = (1e30, 1e30, -1e30, -1e30) if self._extra is None else self._extra
+        self._extra = None
+        if self.cloud is not None:
+            points = self.cloud.points
+            sx, sy, sz = self.cloud.origin
+            if len(points) > len(self._hits):
+                self._hits = np.empty(len(points), np.int64)
+            _observe(
+                self.cells,
+                self.origin,
+                self.resolution,
+                points,
+                sx,
+                sy,
+                sz,
+                p.raytrace_range,
+                cell_distance(p.raytrace_range, self.resolution),
+                p.obstacle_range,
+                p.max_obstacle_height,
+                p.source_min_height,
+                p.source_max_height,
+                p.clearing,
+                p.marking,
+                self._hits,
+                bounds,
+            )
+        if p.footprint_clearing_enabled:
+            _touch_footprint(footprint, pose[0], pose[1], pose[2], bounds)
+        return tuple(bounds.tolist())
+
+    def update_costs(self, master, base, pose, footprint, window, around):
+        """Clear under the robot, then write the cells before inflation into `base` (ny, nx) over `around`.
+
+        Inside the window (x0, y0, xn, yn) that is the default value with this layer merged into it, outside it the
+        master as it is. Both ways of merging agree, since the window has just been set to the default.
+        """
+        p = self.parameters
+        if p.enabled and p.footprint_clearing_enabled:
+            ox, oy = self.origin.tolist()
+            fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose[0], pose[1], pose[2], True)
+        merging = p.enabled and p.combination_method in (OVERWRITE, MAXIMUM)
+        _merge(self.cells, master, base, self.default, merging, *window, *around)
+
+    def reset(self):
+        """Everything back to the default value. The newest scan stays and marks again."""
+        self.cells[:] = self.default
+
+    def clear_outside(self, pose, side, inverted=False):
+        """Recovery: cells outside (inside, if inverted) the square of `side` [m] about the pose become 255.
+
+        clear_costmap_recovery.cpp:351, costmap_layer.cpp:21; corner rows and columns count as outside.
+        """
+        ny, nx = self.cells.shape
+        ends = []
+        for axis in (0, 1):
+            start = pose[axis] - side / 2
+            ends += [
+                world_to_map_no_bounds(start, self.origin[axis], self.resolution),
+                world_to_map_no_bounds(start + side, self.origin[axis], self.resolution),
+            ]
+        xs, ys = np.arange(nx), np.arange(ny)
+        inside = ((ys > ends[2]) & (ys < ends[3]))[:, None] & ((xs > ends[0]) & (xs < ends[1]))[None, :]
+        self.cells[inside == bool(inverted)] = UNKNOWN
+        ox, oy = self.origin.tolist()
+        old = self._extra or (1e30, 1e30, -1e30, -1e30)
+        self._extra = (
+            min(old[0], ox),
+            min(old[1], oy),
+            max(old[2], ox + size_in_meters(nx, self.resolution)),
+            max(old[3], oy + size_in_meters(ny, self.resolution)),
+        )
+
+
+@njit(cache=True)
+def _touch_footprint(footprint, x, y, yaw, bounds):
+    c = math.cos(yaw)
+    s = math.sin(yaw)
+    for i in range(footprint.shape[0]):
+        fx = footprint[i, 0]
+        fy = footprint[i, 1]
+        px = x + (fx * c - fy * s)
+        py = y + (fx * s + fy * c)
+        bounds[0] = min(bounds[0], px)
+        bounds[1] = min(bounds[1], py)
+        bounds[2] = max(bounds[2], px)
+        bounds[3] = max(bounds[3], py)
+
+
+@njit(cache=True, error_model="numpy")
+def _observe(
+    cells,
+    origin,
+    res,
+    points,
+    sx,
+    sy,
+    sz,
+    raytrace_range,
+    reach,
+    obstacle_range,
+    max_height,
+    source_min,
+    source_max,
+    clearing,
+    marking,
+    hits,
+    bounds,
+):
+    """Clear along all rays, then mark all points (n, 3); bounds (4,) are widened by both.
+
+    hits (n,) is scratch: each point's cell, flat, or -1 off the map.
+    """
+    ny, nx = cells.shape
+    ox = origin[0]
+    oy = origin[1]
+    n = points.shape[0]
+    for i in range(n):
+        px = np.float64(points[i, 0])
+        py = np.float64(points[i, 1])
+        fx = (px - ox) / res
+        fy = (py - oy) / res
+        on_map = px >= ox and py >= oy and fx < nx and fy < ny
+        hits[i] = int(fy) * nx + int(fx) if on_map else -1
+    flat = cells.reshape(-1)
+    if clearing:
+        x0, y0 = world_to_map(sx, sy, ox, oy, res, nx, ny)
+        if x0 >= 0:
+            _clear_rays(
+                flat,
+                nx,
+                ny,
+                ox,
+                oy,
+                res,
+                points,
+                hits,
+                sx,
+                sy,
+                x0,
+                y0,
+                raytrace_range,
+                reach,
+                source_min,
+                source_max,
+                bounds,
+            )
+    if not marking:
+        return
+    highest = min(source_max, max_height)
+    limit = obstacle_range * obstacle_range
+    min_x = bounds[0]
+    min_y = bounds[1]
+    max_x = bounds[2]
+    max_y = bounds[3]
+    for i in range(n):
+        if hits[i] < 0:
+            continue
+        px = np.float64(points[i, 0])
+        py = np.float64(points[i, 1])
+        pz = np.float64(points[i, 2])
+        if pz < source_min or pz > highest:
+            continue
+        if (px - sx) * (px - sx) + (py - sy) * (py - sy) + (pz - sz) * (pz - sz) >= limit:
+            continue
+        flat[hits[i]] = LETHAL
+        min_x = min(min_x, px)
+        min_y = min(min_y, py)
+        max_x = max(max_x, px)
+        max_y = max(max_y, py)
+    bounds[0] = min_x
+    bounds[1] = min_y
+    bounds[2] = max_x
+    bounds[3] = max_y
+
+
+@njit(cache=True, error_model="numpy")
+def _clear_rays(
+    flat, nx, ny, ox, oy, res, points, hits, sx, sy, x0, y0, raytrace_range, reach, source_min, source_max, bounds
+):
+    right = ox + nx * res
+    top = oy + ny * res
+    near = reach * reach
+    safely_near = raytrace_range * raytrace_range * (1.0 - 1e-9)
+    start = y0 * nx + x0
+    last = -1
+    min_x = min(bounds[0], sx)
+    min_y = min(bounds[1], sy)
+    max_x = max(bounds[2], sx)
+    max_y = max(bounds[3], sy)
+    for i in range(points.shape[0]):
+        pz = np.float64(points[i, 2])
+        if pz < source_min or pz > source_max:
+            continue
+        wx = np.float64(points[i, 0])
+        wy = np.float64(points[i, 1])
+        end = hits[i]
+        if wx < ox or wy < oy or wx > right or wy > top:
+            a = wx - sx
+            b = wy - sy
+            if wx < ox:
+                t = (ox - sx) / a
+                wx = ox
+                wy = sy + b * t
+            if wy < oy:
+                t = (oy - sy) / b
+                wx = sx + a * t
+                wy = oy
+            if wx > right:
+                t = (right - sx) / a
+                wx = right - 0.001
+                wy = sy + b * t
+            if wy > top:
+                t = (top - sy) / b
+                wx = sx + a * t
+                wy = top - 0.001
+            x1, y1 = world_to_map(wx, wy, ox, oy, res, nx, ny)
+            end = y1 * nx + x1 if x1 >= 0 else -1
+        if end < 0:
+            continue
+        dx = wx - sx
+        dy = wy - sy
+        if dx * dx + dy * dy >= safely_near:  # otherwise the factor is 1
+            f = min(1.0, raytrace_range / math.hypot(dx, dy))
+            dx *= f
+            dy *= f
+        min_x = min(min_x, sx + dx)
+        min_y = min(min_y, sy + dy)
+        max_x = max(max_x, sx + dx)
+        max_y = max(max_y, sy + dy)
+        if end == last:  # the same line of cells again
+            continue
+        last = end
+        dy_cells = end // nx - y0
+        dx_cells = end % nx - x0
+        step_x = 1 if dx_cells >= 0 else -1
+        step_y = nx if dy_cells >= 0 else -nx
+        dx_cells = abs(dx_cells)
+        dy_cells = abs(dy_cells)
+        x_major = dx_cells >= dy_cells
+        major = dx_cells if x_major else dy_cells
+        minor = dy_cells if x_major else dx_cells
+        step_major = step_x if x_major else step_y
+        step_both = step_x + step_y
+        length = major
+        if dx_cells * dx_cells + dy_cells * dy_cells > near:
+            f = min(1.0, reach / math.hypot(float(dx_cells), float(dy_cells)))
+            length = min(int(f * major), major)
+        counter = major // 2 - major
+        k = start
+        for _ in range(length + 1):
+            flat[k] = FREE
+            counter += minor
+            k += step_both if counter >= 0 else step_major
+            counter -= major if counter >= 0 else 0
+    bounds[0] = min_x
+    bounds[1] = min_y
+    bounds[2] = max_x
+    bounds[3] = max_y
+
+
+@njit(cache=True)
+def _merge(layer, master, base, default, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
+    empty = np.uint8(default)
+    for y in range(ay0, ayn):
+        if not y0 <= y < yn:
+            _copy(master[y, ax0:axn], base[y, ax0:axn])
+            continue
+        _copy(master[y, ax0:x0], base[y, ax0:x0])
+        _copy(master[y, xn:axn], base[y, xn:axn])
+        values = layer[y, x0:xn]
+        target = base[y, x0:xn]
+        if merging:
+            for i in range(values.shape[0]):
+                target[i] = values[i] if values[i] != UNKNOWN else empty
+        else:
+            for i in range(values.shape[0]):
+                target[i] = empty
+
+
+@njit(cache=True)
+def _copy(source, target):
+    for i in range(source.shape[0]):
+        target[i] = source[i]

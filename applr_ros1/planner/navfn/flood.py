@@ -1,0 +1,200 @@
+"""navfn's flood: the potential grown from the robot's cell until the goal's cell has one.
+
+Called by navfn.Navfn, and the costliest kernel of a control cycle. It visits cells in the C++ order and rounds as
+C++ does (navfn.cpp:419, 440, 615; planner_details.md section 4). What differs is the work per cell, which waits for
+memory more than it computes:
+- All that is known of a cell is two float32 side by side, its potential and the weight of a push to it: infinite for
+  obstacles, and times 2^64 while the cell is listed, so that one comparison decides. The cost is read off the weight.
+- A cycle runs over its list twice, first for the new potentials, then for the pushes. Pushes never enter a potential,
+  so the order of results is the same, and neither loop has a branch for the processor to guess wrong.
+- Lines of sixteen potentials that were written are noted and alone are reset for the next flood.
+Indices are uint64 so that numba adds no wrap-around for negative ones.
+"""
+
+import numpy as np
+from numba import njit
+
+OBSTACLE = 254
+LIST_SIZE = 10000  # cells a propagation list holds; more are lost, as in C++
+LINE = 16  # potentials in a noted line
+LISTED = np.float32(2.0**64)  # a listed cell's weight is times this: more than any potential
+UNLISTED = np.float32(2.0**-64)  # exact, as is the way back
+COST = np.float32(1.4142135 * 2.0**-64)  # a listed cell's weight times this, rounded, is its cost: for all of 1..253
+
+_int = np.uint64
+
+
+def push_weights():
+    """(256,) float32 by cost: what a push to such a cell adds to a potential, infinite where there is no push."""
+    weights = np.full(256, np.inf, np.float32)
+    weights[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
+    return weights
+
+
+def make_field(cells):
+    """(2 n,) float32 of a map that is all obstacles, no cell reached: potential, weight, potential, ...
+
+    n is the number of cells rounded up to groups of eight lines, as reset() takes them.
+    """
+    lines = -(-cells // (8 * LINE)) * 8
+    return np.tile(np.float32([1e10, np.inf]), lines * LINE)
+
+
+def scratch(list_size=LIST_SIZE):
+    """Working arrays of flood(): lists, before."""
+    return np.empty((3, list_size + 4), np.uint32), np.empty((list_size + 4) * 8, np.float32)
+
+
+@njit(cache=True)
+def reset(field, lines):
+    """Set the potentials of all noted lines back to 1e10 and forget the notes."""
+    far = np.float32(1e10)
+    groups = lines.view(np.uint64)
+    for g in range(groups.shape[0]):
+        if groups[g] != 0:
+            for i in range(8 * g, 8 * g + 8):
+                if lines[i] != 0:
+                    for k in range(_int(2 * LINE * i), _int(2 * LINE * (i + 1)), _int(2)):
+                        field[k] = far
+            groups[g] = 0
+
+
+@njit(cache=True)
+def _push(field, lists, end, k, old, new):
+    """List the cell at place k, whose potential was `old`, if its neighbour's `new` one asks for it; new end."""
+    weight = field[k + _int(1)]
+    push = old > new + weight
+    lists[end] = k
+    field[k + _int(1)] = weight * LISTED if push else weight
+    return end + _int(push)
+
+
+@njit(cache=True, error_model="numpy")
+def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
+    """Grow the potential from the cell `robot_` until `goal_` is reached.
+
+    field float32: make_field(), all potentials 1e10, the border's weights infinite; lines uint8: zeros, one for
+    LINE cells; lists_ (3, m + 4) uint32 and before (8 m + 32,) float32: scratch, whose length sets the
+    m = LIST_SIZE cells that a list holds. In here a cell is known by its place in the field, twice its index.
+    """
+    far = np.float32(1e10)
+    one = _int(1)
+    two = _int(2)
+    three = _int(3)
+    four = _int(4)
+    five = _int(5)
+    row = _int(2 * nx_)
+    robot = _int(2 * robot_)
+    goal = _int(2 * goal_)
+    places = _int(2 * nx_ * ny_)
+    lists = lists_.reshape(lists_.size)
+    room = _int(lists_.shape[1] - 4)
+    current = _int(0)  # where each list begins
+    following = room + four
+    over = two * (room + four)
+    n_current = _int(0)
+    n_over = _int(0)
+    field[robot] = np.float32(0.0)
+    lines[robot >> five] = 1
+    for k in (robot + two, robot - two, robot - row, robot + row):
+        if k < places and field[k + one] < far and n_current < room:
+            lists[n_current] = k
+            n_current += one
+            field[k + one] *= LISTED
+    threshold = np.float32(OBSTACLE)
+    for _ in range(max(nx_ * ny_ // 20, nx_ + ny_)):
+        if n_current == _int(0):
+            break
+        improved = _int(0)
+        for i in range(n_current):
+            n = _int(lists[current + i])
+            left = field[n - two]
+            right = field[n + two]
+            up = field[n - row]
+            down = field[n + row]
+            old = field[n]
+            weight = field[n + one]
+            field[n + one] = weight * UNLISTED
+            h = np.rint(weight * COST)
+            across = right if right < left else left
+            along = down if down < up else up
+            low = across if across < along else along
+            high = along if across < along else across
+            difference = high - low
+            q = np.float64(difference / h)
+            v = np.float32(((-0.2301 * q) * q + 0.5307 * q) + 0.7040)
+            new = low + (h if difference >= h else h * v)
+            field[n] = min(new, old)
+            b = improved << three
+            before[b] = left
+            before[b + one] = right
+            before[b + two] = up
+            before[b + three] = down
+            before[b + four] = new
+            lists[current + improved] = n
+            improved += _int(new < old)
+        if four * n_current + n_over > room:
+            n_following, n_over = _push_carefully(
+                field, lines, lists, before, current, improved, threshold, row, following, over, n_over, room
+            )
+        else:
+            end_following = following
+            end_over = over + n_over
+            for i in range(improved):
+                n = _int(lists[current + i])
+                lines[n >> five] = 1
+                b = _int(i) << three
+                new = before[b + four]
+                below = new < threshold
+                end = end_following if below else end_over
+                end = _push(field, lists, end, n - two, before[b], new)
+                end = _push(field, lists, end, n + two, before[b + one], new)
+                end = _push(field, lists, end, n - row, before[b + two], new)
+                end = _push(field, lists, end, n + row, before[b + three], new)
+                end_following = end if below else end_following
+                end_over = end_over if below else end
+            n_following = end_following - following
+            n_over = end_over - over
+        current, following = following, current
+        n_current = n_following
+        if n_current == _int(0):
+            threshold = threshold + np.float32(100.0)
+            current, over = over, current
+            n_current = n_over
+            n_over = _int(0)
+        if field[goal] < far:
+            break
+    for i in range(n_current):
+        field[_int(lists[current + i]) + one] *= UNLISTED
+    for i in range(n_over):
+        field[_int(lists[over + i]) + one] *= UNLISTED
+
+
+@njit(cache=True)
+def _push_carefully(field, lines, lists, before, current, improved, threshold, row, following, over, n_over, room):
+    """The pushes of one cycle when a list may run full: pushes to a full list are lost."""
+    n_following = _int(0)
+    for i in range(improved):
+        n = _int(lists[current + i])
+        lines[n >> _int(5)] = 1
+        b = _int(8) * _int(i)
+        new = before[b + _int(4)]
+        for j in range(4):
+            k = n - _int(2)
+            if j == 1:
+                k = n + _int(2)
+            elif j == 2:
+                k = n - row
+            elif j == 3:
+                k = n + row
+            if before[b + _int(j)] > new + field[k + _int(1)]:
+                if new < threshold:
+                    if n_following < room:
+                        lists[following + n_following] = k
+                        n_following += _int(1)
+                        field[k + _int(1)] *= LISTED
+                elif n_over < room:
+                    lists[over + n_over] = k
+                    n_over += _int(1)
+                    field[k + _int(1)] *= LISTED
+    return n_following, n_over

@@ -1,0 +1,181 @@
+"""The global planner navfn: a potential grown from the robot's cell, a path traced down its gradient.
+
+Called by MoveBase. Follows navfn/navfn_ros.cpp (planner_details.md section 4); potentials, cost array and plans are
+equal to the C++ ones byte for byte.
+"""
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap.grid import world_to_map
+from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, flood, make_field, push_weights, reset, scratch
+from applr_ros1.planner.navfn.path import trace
+
+PUSH_WEIGHTS = push_weights()
+
+
+class Navfn:
+    """Plans on a Costmap. One instance serves one map: it keeps navfn's cost array in step with the costmap, and
+    answers from memory as long as nothing that the last flood looked at has changed.
+    """
+
+    def __init__(self, list_size=LIST_SIZE):
+        self._costmap = None
+        self._list_size = list_size
+
+    def _attach(self, costmap, allow_unknown):
+        """Begin with a costmap: everything is converted at the next plan."""
+        nx, ny = costmap.size
+        self._costmap = costmap
+        self._allow_unknown = allow_unknown
+        self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
+        self._field = make_field(nx * ny)
+        self._potential, self._weights = self._field[::2], self._field[1::2]
+        self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
+        self._scratch = scratch(self._list_size)
+        self._path = np.empty((4 * nx, 2), np.float32)
+        self._version = None
+        self._flooded = None  # robot's and goal's cells of the flood in memory
+        self._asked = None  # the question of the plan in memory
+        self._plan = None
+
+    @property
+    def potential(self):
+        """(ny, nx) float32: potential of the last flood, 1e10 where it did not reach."""
+        nx, ny = self._costmap.size
+        return self._potential[: nx * ny].reshape(ny, nx)
+
+    @property
+    def costs(self):
+        """(ny, nx) uint8: navfn's cost array of the last plan."""
+        nx, ny = self._costmap.size
+        return self._costs.reshape(ny, nx).copy()
+
+    def plan(self, costmap, start, goal, tolerance=0.0, allow_unknown=True):
+        """Plan (n, 3) of x, y [m], yaw [rad] from `start` (x, y) to `goal` (x, y, yaw); (0, 3) if there is none.
+
+        Yaw is 0 but for the last pose, the goal's. The robot's cell becomes free in the live costmap, as in C++.
+        """
+        nx, ny = costmap.size
+        sx, sy = costmap.world_to_map(start[0], start[1])
+        if sx < 0:
+            return np.zeros((0, 3))
+        gx, gy = costmap.world_to_map(goal[0], goal[1])
+        if gx < 0:
+            if tolerance <= 0:
+                return np.zeros((0, 3))
+            gx, gy = 0, 0
+        costmap.set_free(sx, sy, sx + 1, sy + 1)
+        self._flood(costmap, bool(allow_unknown), sy * nx + sx, gy * nx + gx)
+        ox, oy = costmap.origin.tolist()
+        question = (ox, oy, float(goal[0]), float(goal[1]), float(goal[2]), float(tolerance))
+        if question != self._asked:
+            self._asked = question
+            self._plan = self._trace(costmap, ox, oy, goal, tolerance, sy * nx + sx)
+        return self._plan.copy()
+
+    def _flood(self, costmap, allow_unknown, robot, goal):
+        """Bring the cost array up to date; flood again if that may change anything."""
+        if costmap is not self._costmap or allow_unknown != self._allow_unknown:
+            self._attach(costmap, allow_unknown)
+        nx, ny = costmap.size
+        changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
+        self._version = costmap.version
+        stale = changed is not None and _convert(
+            costmap.cells, self._costs, self._potential, self._weights, PUSH_WEIGHTS, allow_unknown, *changed
+        )
+        if not stale and self._flooded == (robot, goal):
+            return
+        self._flooded = (robot, goal)
+        self._asked = None
+        reset(self._field, self._lines)
+        flood(self._field, self._lines, *self._scratch, nx, ny, robot, goal)
+
+    def _trace(self, costmap, ox, oy, goal, tolerance, robot):
+        nx, ny = costmap.size
+        res = costmap.resolution
+        target, tx, ty = _target(self._potential, ox, oy, res, nx, ny, float(goal[0]), float(goal[1]), float(tolerance))
+        n = trace(self._potential, nx, ny, target, robot, self._path) if target >= 0 else 0
+        if n == 0:
+            return np.zeros((0, 3))
+        plan = np.zeros((n + 1, 3))
+        _to_world(self._path, n, ox, oy, res, plan)
+        plan[n] = tx, ty, goal[2]
+        return plan
+
+
+@njit(cache=True)
+def _to_world(path, n, ox, oy, res, plan):
+    """The n traced points (cells, goal first) as world points of the plan, robot first; no half cell is added."""
+    for i in range(n):
+        plan[i, 0] = ox + np.float64(path[n - 1 - i, 0]) * res
+        plan[i, 1] = oy + np.float64(path[n - 1 - i, 1]) * res
+
+
+@njit(cache=True)
+def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, y0, xn, yn):
+    """Bring navfn's costs and weights of the cells [x0, xn) x [y0, yn) up to date; the map's border stays an obstacle.
+
+    int(50 + 0.8 v) for v < 253, in integers. Returns whether a cell changed at which the last flood may have looked:
+    one that has a potential or lies beside one that has. navfn.cpp:228.
+    """
+    ny, nx = cells.shape
+    far = np.float32(1e10)
+    unknown = np.uint16(253 if allow_unknown else OBSTACLE)
+    obstacle = np.uint16(OBSTACLE)
+    stale = False
+    left = max(1, x0)
+    right = max(left, min(nx - 1, xn))
+    for y in range(max(1, y0), min(ny - 1, yn)):
+        values = cells[y, left:right]
+        olds = costs[y * nx + left : y * nx + right]
+        differs = np.uint16(0)
+        for i in range(values.shape[0]):  # compiles to vector instructions: (205 v) >> 8 is (4 v) // 5 there
+            v = np.uint16(values[i])
+            cost = np.uint16(np.uint16(50) + np.uint16(np.uint16(v * np.uint16(205)) >> np.uint16(8)))
+            new = cost if v < np.uint16(253) else (unknown if v == np.uint16(255) else obstacle)
+            differs |= np.uint16(new ^ np.uint16(olds[i]))
+        if differs == 0:
+            continue
+        for i in range(values.shape[0]):
+            v = int(values[i])
+            new = 50 + (4 * v) // 5 if v < 253 else (int(unknown) if v == 255 else OBSTACLE)
+            if new != olds[i]:
+                olds[i] = new
+                k = y * nx + left + i
+                weights[k] = push_weights[new]
+                stale = stale or (
+                    potential[k] < far
+                    or potential[k - 1] < far
+                    or potential[k + 1] < far
+                    or potential[k - nx] < far
+                    or potential[k + nx] < far
+                )
+    return stale
+
+
+@njit(cache=True)
+def _target(potential, ox, oy, res, nx, ny, gx, gy, tolerance):
+    """Cell, x, y of the reached point nearest to the goal in the square of `tolerance` [m]; cell -1 if there is none.
+
+    navfn_ros.cpp:262.
+    """
+    cell = -1
+    best = np.inf
+    bx = gx
+    by = gy
+    y = gy - tolerance
+    while y <= gy + tolerance:
+        x = gx - tolerance
+        while x <= gx + tolerance:
+            mx, my = world_to_map(x, y, ox, oy, res, nx, ny)
+            if mx >= 0 and potential[my * nx + mx] < np.float32(1e10):
+                d = (x - gx) * (x - gx) + (y - gy) * (y - gy)
+                if d < best:
+                    best = d
+                    bx = x
+                    by = y
+                    cell = my * nx + mx
+            x += res
+        y += res
+    return cell, bx, by

@@ -1,0 +1,154 @@
+"""navfn's path: traced down the gradient of the potential in half-cell steps.
+
+Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (planner_details.md section 4) in float32 where C++ is. C++ reads
+a cell outside its arrays at the map's ends; here such cells count as unreached.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def trace(potential, nx, ny, start, robot, path):
+    """Trace from the cell `start` down to `robot`; points [cells] go into `path` (4 nx, 2) float32.
+
+    Returns their number, 0 if there is no way or it takes more than 4 nx points.
+    """
+    ns = nx * ny
+    far = np.float32(1e10)
+    one = np.float32(1.0)
+    c = start
+    dx = np.float32(0.0)
+    dy = np.float32(0.0)
+    g0x = g0y = g1x = g1y = g2x = g2y = g3x = g3y = np.float32(0.0)
+    known = -1
+    for n in range(path.shape[0]):
+        near = c + _round(dx) + nx * _round(dy)
+        near = min(max(near, 0), ns - 1)
+        if potential[near] < np.float32(50.0):
+            path[n, 0] = np.float32(robot % nx)
+            path[n, 1] = np.float32(robot // nx)
+            return n + 1
+        if c < nx or c > ns - nx:
+            return 0
+        path[n, 0] = np.float32(c % nx) + dx
+        path[n, 1] = np.float32(c // nx) + dy
+        stuck = n >= 2 and path[n, 0] == path[n - 2, 0] and path[n, 1] == path[n - 2, 1]
+        for row in (c - nx, c, c + nx):
+            for k in (row - 1, row, row + 1):
+                stuck = stuck or k < 0 or k >= ns or potential[k] >= far
+        if stuck:
+            c = _lowest_around(potential, nx, ns, c)
+            dx = np.float32(0.0)
+            dy = np.float32(0.0)
+            if potential[c] >= far:
+                return 0
+            continue
+        if c != known:  # half steps often stay at a cell
+            known = c
+            g0x, g0y = _gradient(potential, nx, ns, c)
+            g1x, g1y = _gradient(potential, nx, ns, c + 1)
+            g2x, g2y = _gradient(potential, nx, ns, c + nx)
+            g3x, g3y = _gradient(potential, nx, ns, c + nx + 1)
+        x = _blend(g0x, g1x, g2x, g3x, dx, dy)
+        y = _blend(g0y, g1y, g2y, g3y, dx, dy)
+        if x == 0 and y == 0:
+            return 0
+        ss = np.float32(0.5 / np.float64(_hypot(x, y)))
+        dx = dx + x * ss
+        dy = dy + y * ss
+        if dx > one:
+            c += 1
+            dx = dx - one
+        if dx < -one:
+            c -= 1
+            dx = dx + one
+        if dy > one:
+            c += nx
+            dy = dy - one
+        if dy < -one:
+            c -= nx
+            dy = dy + one
+    return 0
+
+
+@njit(cache=True)
+def _lowest_around(potential, nx, ns, c):
+    """The neighbour of lowest potential, compared with truncated potentials as in C++; c itself if none is lower."""
+    lowest = _truncate(potential[c])
+    best = c
+    for k in (c - nx - 1, c - nx, c - nx + 1, c - 1, c + 1, c + nx - 1, c + nx, c + nx + 1):
+        if 0 <= k < ns and potential[k] < np.float32(lowest):
+            lowest = _truncate(potential[k])
+            best = k
+    return best
+
+
+@njit(cache=True)
+def _gradient(potential, nx, ns, n):
+    """Normalised gradient (gx, gy) of a cell, float32. navfn.cpp:955."""
+    zero = np.float32(0.0)
+    far = np.float32(1e10)
+    if n < nx or n > ns - nx:
+        return zero, zero
+    v = potential[n]
+    left = potential[n - 1]
+    right = potential[n + 1] if n + 1 < ns else far
+    below = potential[n - nx]
+    above = potential[n + nx] if n + nx < ns else far
+    gx = zero
+    gy = zero
+    if v >= far:
+        if left < far:
+            gx = np.float32(-254.0)
+        elif right < far:
+            gx = np.float32(254.0)
+        if below < far:
+            gy = np.float32(-254.0)
+        elif above < far:
+            gy = np.float32(254.0)
+    else:
+        if left < far:
+            gx = gx + (left - v)
+        if right < far:
+            gx = gx + (v - right)
+        if below < far:
+            gy = gy + (below - v)
+        if above < far:
+            gy = gy + (v - above)
+    norm = _hypot(gx, gy)
+    if norm > 0:
+        norm = np.float32(1.0 / np.float64(norm))
+        gx = gx * norm
+        gy = gy * norm
+    return gx, gy
+
+
+@njit(cache=True)
+def _hypot(x, y):
+    a = np.float64(x)
+    b = np.float64(y)
+    return np.float32(math.sqrt(a * a + b * b))
+
+
+@njit(cache=True)
+def _round(v):
+    """To the nearest integer, halves away from zero."""
+    return int(math.floor(v + 0.5)) if v >= 0 else -int(math.floor(-v + 0.5))
+
+
+@njit(cache=True)
+def _truncate(v):
+    """A float32 as a C int: what does not fit becomes the smallest one."""
+    return -2147483648 if v >= np.float32(2147483648.0) else int(v)
+
+
+@njit(cache=True)
+def _blend(g0, g1, g2, g3, dx, dy):
+    """Bilinear mean of the gradients of four cells: first products double, second ones float32, sums double."""
+    a = 1.0 - np.float64(dx)
+    p = np.float32(a * np.float64(g0) + np.float64(dx * g1))
+    q = np.float32(a * np.float64(g2) + np.float64(dx * g3))
+    return np.float32((1.0 - np.float64(dy)) * np.float64(p) + np.float64(dy * q))

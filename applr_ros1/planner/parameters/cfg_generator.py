@@ -1,0 +1,26 @@
+"""Turns one server's parameters into a dynamic_reconfigure configuration; the files in applr_ros1/cfg call it
+at build time, under ROS's interpreter and without numpy.
+"""
+
+from __future__ import annotations
+
+import math
+
+from applr_ros1.planner.parameters.declarations import SERVERS
+
+
+def generate(server: str, node: str, name: str) -> int:
+    """Write `name`Config for the parameters of `server`; each alias becomes a parameter of its own."""
+    from dynamic_reconfigure import parameter_generator_catkin as catkin
+
+    types = {"double": catkin.double_t, "int": catkin.int_t, "bool": catkin.bool_t, "str": catkin.str_t}
+    generator = catkin.ParameterGenerator()
+    for p in SERVERS[server]:
+        bounds = [v if p.type in ("double", "int") and math.isfinite(v) else None for v in (p.min, p.max)]
+        doc = p.doc + (" Unit: %s." % p.unit if p.unit else "")
+        choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]
+        edit = generator.enum(choices, doc) if choices else ""
+        for key in (p.name,) + p.aliases:
+            text = doc if key == p.name else "Older name of %s; both always show the same value." % p.name
+            generator.add(key, types[p.type], 0, text, p.default, bounds[0], bounds[1], edit)
+    return generator.generate("applr_ros1", node, name)

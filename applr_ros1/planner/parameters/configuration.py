@@ -1,0 +1,75 @@
+"""The values in force in the eight dynamic_reconfigure servers: takes requests whole or refuses them whole.
+
+MoveBase keeps one of these; it knows the tables of parameters.py but not what the values do.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict
+
+from applr_ros1.planner.parameters.check import clamp, convert
+from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError
+
+_TABLES = {server: {name: p for p in table for name in (p.name,) + p.aliases} for server, table in SERVERS.items()}
+
+
+class Configuration:
+    """`tree`: a complete parameter tree (parameter_check.complete); its values are those to return to."""
+
+    def __init__(self, tree: Dict[str, Any]):
+        self._start: Dict[str, Dict[str, Any]] = {}
+        for server, table in _TABLES.items():
+            here = tree
+            for part in filter(None, server.split("/")):
+                here = here[part]
+            self._start[server] = {name: clamp(p, here[name]) for name, p in table.items()}
+        self.restore()
+
+    def restore(self) -> None:
+        """Everything back to its start-up value."""
+        self._now = {server: dict(values) for server, values in self._start.items()}
+
+    def __getitem__(self, server: str) -> Dict[str, Any]:
+        """The values of one server by name, older names included; not to be changed."""
+        try:
+            return self._now[server]
+        except KeyError:
+            known = ", ".join(map(repr, SERVERS))
+            raise ParameterError("no server %r: give one of %s" % (server, known)) from None
+
+    def start_up(self, server: str) -> Dict[str, Any]:
+        """The values of one server when it started."""
+        return dict(self._start[server])
+
+    def request(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
+        """What the server would have after taking `values`: converted, clamped, older names following.
+
+        Nothing changes yet (see accept). ParameterError, one line, for an unknown name or a value that is not
+        finite, of another type, or useless: then the whole request counts for nothing. A parameter given
+        under both names takes the one that differs from the present value, the newer name first.
+        """
+        table, has = _TABLES.get(server, {}), self[server]
+        wanted = {}
+        for name, value in values.items():
+            if name not in table:
+                raise ParameterError("%s: no such parameter of server %r" % (name, server))
+            wanted[name] = clamp(table[name], convert(table[name], value))
+        if wanted.get("restore_defaults"):
+            return dict(self._start[server])
+        for p in SERVERS[server]:
+            if p.aliases:
+                names = [name for name in (p.name,) + p.aliases if name in wanted]
+                changed = [name for name in names if wanted[name] != has[p.name]]
+                if names:
+                    value = wanted[(changed or names)[0]]
+                    wanted.update({name: value for name in (p.name,) + p.aliases})
+        new = dict(has)
+        new.update(wanted)
+        if server == "":
+            for name in ("base_global_planner", "base_local_planner"):
+                new[name] = self._start[server][name]  # nothing else can be loaded: it stays
+        return new
+
+    def accept(self, server: str, new: Dict[str, Any]) -> None:
+        """Put a dict made by request() in force."""
+        self._now[server] = new

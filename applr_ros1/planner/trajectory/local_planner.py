@@ -1,0 +1,181 @@
+"""The local planner (TrajectoryPlannerROS): follows a plan with the trajectory planner, stops and turns at its end.
+
+Called by MoveBase once per control cycle. Rules: base_local_planner/trajectory_planner_ros.cpp, goal_functions.cpp.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.planner.trajectory.sampling import angle_difference, wrapped
+
+STOPPED = 0.01  # [m/s] and [rad/s]
+NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped
+STANDING = (0.0, 0.0)
+EMPTY = np.zeros((0, 3))
+
+
+class LocalPlanner:
+    """params: the values of the server and the static parameters of TrajectoryPlannerROS by name (parameters.py).
+
+    footprint: padded vertices (n, 2) [m] of the local costmap. Both are kept as they are now: `reconfigure` reaches
+    only the sampling. Tolerances, meter_scoring, the control period and the limits of stopping and turning at the
+    goal change with a restart.
+
+    After compute_velocity: goal_reached, cropped_plan (n, 3), local_plan (k, 3), cost_cloud(costmap).
+    """
+
+    def __init__(self, params, footprint):
+        frequency = params.get("controller_frequency", 20.0)
+        self._period = 1.0 / frequency if frequency > 0 else 0.05
+        self._xy_tolerance = params["xy_goal_tolerance"]
+        self._yaw_tolerance = params["yaw_goal_tolerance"]
+        self._latches = params["latch_xy_goal_tolerance"]
+        self._prunes = bool(params["prune_plan"])
+        self._acceleration = params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"]
+        self._slowest_turn = params["min_in_place_vel_theta"]
+        self._fastest_turn = params["max_rotational_vel"]
+        self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
+        self.reset()
+
+    def reset(self):
+        """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
+        self.planner.reset()
+        self._rotating = False
+        self._result = None
+        self.cropped_plan = EMPTY
+        self.set_plan(EMPTY)
+
+    def reconfigure(self, params):
+        """New values of the server by name, for the sampling. As in C++ the goal has to be found reached again."""
+        self.planner.reconfigure(params)
+        self.goal_reached = False
+
+    def set_plan(self, plan):
+        """The global plan (n, 3) x, y [m], yaw [rad] in the costmap's frame, from now on."""
+        self._plan = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
+        self._latched = False
+        self.goal_reached = False
+
+    @property
+    def local_plan(self):
+        """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
+        return EMPTY if self._result is None else self._result.points
+
+    def cost_cloud(self, costmap):
+        """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
+        return self.planner.cost_cloud(costmap)
+
+    def compute_velocity(self, pose, twist, costmap):
+        """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
+
+        ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached; it
+        holds until the next plan or reconfigure, so it is to be read at once (in C++ a new plan comes in between).
+        """
+        x, y, yaw = (float(v) for v in pose)
+        v, w = (float(v) for v in twist)
+        if not math.isfinite(x + y + yaw + v + w):
+            return False, STANDING
+        cut, dropped = cut_plan(self._plan, x, y, _half_size(costmap), self._prunes)
+        if dropped:
+            self._plan = self._plan[dropped:]
+        if len(cut) == 0:
+            return False, STANDING
+        goal_x, goal_y, goal_yaw = cut[-1].tolist()
+        at_goal = self._latched or np.hypot(goal_x - x, goal_y - y) <= self._xy_tolerance
+        if at_goal and self._latches:
+            self._latched = True
+        if at_goal and abs(angle_difference(wrapped(yaw), wrapped(goal_yaw))) <= self._yaw_tolerance:
+            self._rotating = self._latched = False
+            self.goal_reached = True
+            self.cropped_plan, self._result = cut, None
+            return True, STANDING
+
+        self.planner.set_plan(cut)
+        result = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
+        if at_goal:  # the choice is ignored; its floods are needed below, and its flags change as in C++
+            ok, command = self._stop_or_turn((x, y, wrapped(yaw)), (v, 0.0, wrapped(w)), wrapped(goal_yaw), costmap)
+            if ok:
+                self.cropped_plan, self._result = cut, None
+            return ok, command
+        legal = result.cost >= 0
+        self.cropped_plan, self._result = cut, result if legal else None
+        return legal, result.drive
+
+    def _stop_or_turn(self, pose, velocity, goal_yaw, costmap):
+        """At the goal's place: once the robot has stopped it turns to the goal's heading."""
+        if not self._rotating and max(abs(v) for v in velocity) > STOPPED:
+            return self._if_legal(pose, velocity, self._slower(velocity), costmap)
+        self._rotating = True
+        return self._if_legal(pose, velocity, (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw)), costmap)
+
+    def _slower(self, velocity):
+        """The velocity after one period of braking as hard as the acceleration limits allow."""
+        return tuple(
+            math.copysign(max(0.0, abs(v) - limit * self._period), v) for v, limit in zip(velocity, self._acceleration)
+        )
+
+    def _turn(self, yaw, w, goal_yaw):
+        """Turn rate [rad/s] towards the goal's heading, no faster than the turn can be ended there."""
+        error = angle_difference(yaw, goal_yaw)
+        limit = self._acceleration[2]
+        wanted = self._clamped(error)
+        speed = min(max(abs(wanted), abs(w) - limit * self._period), abs(w) + limit * self._period)
+        speed = min(math.sqrt(2 * limit * abs(error)), speed)
+        return self._clamped(-speed if wanted < 0 else speed)
+
+    def _clamped(self, w):
+        """w within the slowest and the fastest turn rate, by its sign."""
+        if w > 0:
+            return min(self._fastest_turn, max(self._slowest_turn, w))
+        return max(-self._fastest_turn, min(-self._slowest_turn, w))
+
+    def _if_legal(self, pose, velocity, command, costmap):
+        if self.planner.score(costmap, pose, velocity, command)[0] >= 0:
+            return True, (command[0], command[2])
+        return False, STANDING
+
+
+def _half_size(costmap):
+    """The larger half [m] of the map's two sides."""
+    ny, nx = costmap.cells.shape
+    return max(nx * costmap.resolution / 2, ny * costmap.resolution / 2)
+
+
+def cut_plan(plan, x, y, limit, prune):
+    """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows. goal_functions.cpp:77, 96.
+
+    From the first point within `limit` [m] on, up to and including the first one beyond it. Pruned: without the
+    leading points that are NEAR or farther away; that many (`dropped`) are also to go from the front of the stored
+    plan, even where the cut begins later.
+    """
+    first, last, dropped = _cut(plan, x, y, limit, prune)
+    return plan[first:last].copy(), dropped
+
+
+@njit(cache=True)
+def _cut(plan, x, y, limit, prune):
+    n = plan.shape[0]
+    first = 0
+    while first < n and _squared_distance(plan, first, x, y) > limit * limit:
+        first += 1
+    last = first
+    while last < n:
+        last += 1
+        if _squared_distance(plan, last - 1, x, y) > limit * limit:
+            break
+    dropped = 0
+    if prune:
+        while first < last and _squared_distance(plan, first, x, y) >= NEAR * NEAR:
+            first += 1
+            dropped += 1
+    return first, last, dropped
+
+
+@njit(cache=True)
+def _squared_distance(plan, i, x, y):
+    dx = x - plan[i, 0]
+    dy = y - plan[i, 1]
+    return dx * dx + dy * dy

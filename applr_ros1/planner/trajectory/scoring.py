@@ -1,0 +1,277 @@
+"""Rolls one velocity sample out and scores it (TrajectoryPlanner::generateTrajectory), without ROS or state.
+
+Called for the samples of a cycle and by TrajectoryPlanner.score for single ones. All arithmetic is double, in
+the order of the C++ code: results are equal to the last bit.
+"""
+
+import math
+from collections import namedtuple
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap.footprint import line_cost
+from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, map_to_world, walk_line, world_to_map
+from applr_ros1.planner.trajectory.map_grid import settle
+
+COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
+NO_PATH = -2.0  # no way to the path or to the goal from here
+WORSE = -3.0  # given up: cannot beat the best one so far
+ANY = 256  # above all costs
+UNSURE = 300  # an outline too close to a cell border to be told
+HUGE = float(np.finfo(np.float64).max)
+LONGEST_TABLE = 64  # [cells]; longer footprint edges are walked cell by cell
+
+# What the planner works with, one record; m, rad, s. The two biases are already per cell (meter_scoring).
+PARAMETERS = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            "acc_lim_x",
+            "acc_lim_y",
+            "acc_lim_theta",
+            "max_vel_x",
+            "min_vel_x",
+            "max_vel_theta",
+            "min_vel_theta",
+            "min_in_place_vel_theta",
+            "escape_vel",
+            "sim_time",
+            "sim_granularity",
+            "angular_sim_granularity",
+            "path_distance_bias",
+            "goal_distance_bias",
+            "occdist_scale",
+            "heading_lookahead",
+            "heading_scoring_timestep",
+            "oscillation_reset_dist",
+            "escape_reset_dist",
+            "escape_reset_theta",
+            "sim_period",
+        )
+    ]
+    + [(name, np.int64) for name in ("vx_samples", "vtheta_samples", "dwa", "heading_scoring", "simple_attractor")]
+)
+
+# What is around the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
+# resolution [m]; the padded footprint (n, 2) [m] and its line_offsets; the plan (k, 2) [m].
+Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan")
+
+
+def line_offsets(footprint, resolution, nx):
+    """The lines of cells that an edge of the footprint (n, 2) [m] can make on a map nx cells wide.
+
+    (2 r + 1, 2 r + 1, r + 1) int32: [dy + r, dx + r] holds the flat offsets of a line's cells from its first
+    cell, for the line to the cell dx, dy away. r is the longest edge in cells, at most LONGEST_TABLE.
+    """
+    edges = footprint - np.roll(footprint, -1, axis=0)
+    longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1]))) if len(footprint) else 0.0
+    r = int(min(longest / resolution + 2, LONGEST_TABLE))
+    table = np.zeros((2 * r + 1, 2 * r + 1, r + 1), np.int32)
+    _fill_offsets(table, r, nx)
+    return table
+
+
+@njit(cache=True)
+def _fill_offsets(table, r, nx):
+    xs = np.zeros(r + 1, np.int64)
+    ys = np.zeros(r + 1, np.int64)
+    for dy in range(-r, r + 1):
+        for dx in range(-r, r + 1):
+            for i in range(walk_line(0, 0, dx, dy, xs, ys, 0)):
+                table[dy + r, dx + r, i] = ys[i] * nx + xs[i]
+
+
+@njit(cache=True)
+def new_velocity(target, velocity, acceleration, dt):
+    """The velocity after dt on its way to `target`."""
+    if target - velocity >= 0:
+        return min(target, velocity + acceleration * dt)
+    return max(target, velocity - acceleration * dt)
+
+
+@njit(cache=True)
+def advance(x, y, theta, vx, vy, c, s, dt):
+    """The position (x, y) after dt; c and s are cosine and sine of theta."""
+    if vy == 0.0:
+        return x + vx * c * dt, y + vx * s * dt
+    return (
+        x + (vx * c + vy * math.cos(math.pi / 2 + theta)) * dt,
+        y + (vx * s + vy * math.sin(math.pi / 2 + theta)) * dt,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def step_count(p, vx, vy, w):
+    """Into how many steps the sample (vx, vy, w) is divided, at least 1. The turn's term knows no sim_time."""
+    if p.heading_scoring:
+        return max(int(p.sim_time / p.sim_granularity + 0.5), 1)
+    speed = abs(vx) if vy == 0.0 else math.hypot(vx, vy)
+    return max(int(max(speed * p.sim_time / p.sim_granularity, abs(w) / p.angular_sim_granularity) + 0.5), 1)
+
+
+@njit(cache=True)
+def terms(p, path_distance, goal_distance):
+    """The path and goal terms of a cost."""
+    return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
+
+
+@njit(cache=True)
+def score(params, scene, grids, start, vx, vy, w):
+    """(cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
+    return score_below(params[0], scene, grids, start, vx, vy, w, ANY, 0.0, np.inf)
+
+
+@njit(cache=True, error_model="numpy")
+def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
+    """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
+
+    Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, or COLLISION, NO_PATH, or
+    WORSE as soon as `base` (a lower bound of the path and goal terms) plus the obstacle term is above `bound`.
+    ceiling: no cost that the footprint can meet on the way is above it; ANY if that is not known.
+    """
+    cells, ox, oy, resolution, footprint, lines, plan = scene
+    path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids
+    ny, nx = cells.shape
+    flat = cells.reshape(nx * ny)
+    impossible = nx * ny
+    unseen = impossible + 1
+    steps = step_count(p, vx, vy, w)
+    dt = p.sim_time / steps
+    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+    end_x = end_y = end_theta = time = 0.0
+    occupied = 0
+    path_distance = goal_distance = heading_difference = 0.0
+    for i in range(steps):
+        cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
+        if cx < 0:
+            return COLLISION, i, end_x, end_y, end_theta
+        c = math.cos(theta)
+        s = math.sin(theta)
+        if occupied < ceiling:
+            cost = outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, 0.0)
+            if cost < 0:
+                return COLLISION, i, end_x, end_y, end_theta
+            occupied = max(occupied, cost, int(cells[cy, cx]))
+            if base + p.occdist_scale * occupied > bound:
+                return WORSE, i, end_x, end_y, end_theta
+        if p.simple_attractor:
+            if plan.shape[0] > 0:
+                dx = x - plan[plan.shape[0] - 1, 0]
+                dy = y - plan[plan.shape[0] - 1, 1]
+                goal_distance = dx * dx + dy * dy
+        elif not p.heading_scoring or p.heading_scoring_timestep <= time < p.heading_scoring_timestep + dt:
+            k = (cy + 1) * (nx + 2) + cx + 1
+            goal_steps = int(goal[k])
+            path_steps = int(path[k])
+            if goal_steps == unseen:
+                goal_steps = settle(goal, goal_queue, goal_ends, nx + 2, unseen, k, unseen)
+            if path_steps == unseen:
+                path_steps = settle(path, path_queue, path_ends, nx + 2, unseen, k, unseen)
+            if goal_steps >= impossible or path_steps >= impossible:
+                return NO_PATH, i, end_x, end_y, end_theta
+            path_distance = float(path_steps)
+            goal_distance = float(goal_steps)
+            if p.heading_scoring:
+                heading_difference = _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, c, s)
+        end_x, end_y, end_theta = x, y, theta
+        vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
+        vy_i = new_velocity(vy, vy_i, p.acc_lim_y, dt)
+        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
+        x, y = advance(x, y, theta, vx_i, vy_i, c, s, dt)
+        theta = theta + w_i * dt
+        time += dt
+    if p.heading_scoring:
+        cost = (
+            p.occdist_scale * occupied
+            + p.path_distance_bias * path_distance
+            + 0.3 * heading_difference
+            + goal_distance * p.goal_distance_bias
+        )
+    else:
+        cost = terms(p, path_distance, goal_distance) + p.occdist_scale * occupied
+    return cost, steps, end_x, end_y, end_theta
+
+
+@njit(cache=True)
+def roll_out(params, start, vx, w, points):
+    """Write the first poses x, y, theta of the sample (vx, w) into `points` (n, 3), as score_below visits them."""
+    p = params[0]
+    dt = p.sim_time / step_count(p, vx, 0.0, w)
+    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+    for i in range(points.shape[0]):
+        points[i, 0] = x
+        points[i, 1] = y
+        points[i, 2] = theta
+        vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
+        vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
+        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
+        x, y = advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
+        theta = theta + w_i * dt
+
+
+@njit(cache=True)
+def on_border(f, margin):
+    """Whether the cell coordinate f lies within `margin` cells of a border between two cells."""
+    return abs(f - math.floor(f + 0.5)) < margin
+
+
+@njit(cache=True)
+def outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, margin):
+    """Largest cost on the footprint's outline at x, y and heading (cosine c, sine s); negative if illegal.
+
+    flat: `cells` as (ny * nx,). cx, cy: the centre's cell, all that counts with fewer than three vertices.
+    UNSURE if a vertex is within `margin` cells of a cell border. Otherwise as footprint.footprint_cost, but for
+    its codes of illegal poses.
+    """
+    ny, nx = cells.shape
+    n = footprint.shape[0]
+    if n < 3:
+        return int(cells[cy, cx]) if cells[cy, cx] < INSCRIBED else -1
+    r = lines.shape[2] - 1
+    worst = np.uint8(0)
+    first_x = first_y = x0 = y0 = 0
+    for i in range(n + 1):
+        x1, y1 = first_x, first_y
+        if i < n:
+            wx = x + (footprint[i, 0] * c - footprint[i, 1] * s)
+            wy = y + (footprint[i, 0] * s + footprint[i, 1] * c)
+            if margin > 0.0 and (
+                on_border((wx - ox) / resolution, margin) or on_border((wy - oy) / resolution, margin)
+            ):
+                return UNSURE
+            x1, y1 = world_to_map(wx, wy, ox, oy, resolution, nx, ny)
+            if x1 < 0:
+                return -1
+        if i == 0:
+            first_x, first_y = x1, y1
+        else:
+            dx = x1 - x0
+            dy = y1 - y0
+            major = max(abs(dx), abs(dy))
+            if major <= r:
+                k = y0 * nx + x0
+                row = np.uintp(dy + r)
+                column = np.uintp(dx + r)
+                for j in range(major + 1):
+                    worst = max(worst, flat[np.uintp(k + lines[row, column, np.uintp(j)])])
+            else:
+                cost = line_cost(cells, x0, y0, x1, y1)
+                worst = max(worst, np.uint8(cost if cost >= 0 else LETHAL))
+            if worst >= LETHAL:
+                return -1
+        x0, y0 = x1, y1
+    return int(worst)
+
+
+@njit(cache=True)
+def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, c, s):
+    """Angle [rad] between the heading and the farthest point of the plan in free sight, HUGE if none is."""
+    ny, nx = cells.shape
+    for i in range(plan.shape[0] - 1, -1, -1):
+        mx, my = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, nx, ny)
+        if mx < 0 or not 0 <= line_cost(cells, cx, cy, mx, my) < INSCRIBED:
+            continue
+        gx, gy = map_to_world(mx, my, ox, oy, resolution)
+        return abs(math.atan2((gx - x) * s - (gy - y) * c, (gx - x) * c + (gy - y) * s))
+    return HUGE

@@ -1,0 +1,421 @@
+"""Rebuilds the transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from a Recording, goal by goal.
+
+bags_to_dataset.py calls it. Where the bag holds the applr node's decisions, each observation is rebuilt from the very
+messages that the node saw, and compared; otherwise decisions are taken to fall every two seconds from a goal's first
+plan on.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Dict, Iterator, List, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE
+from training.bags.reader import SECOND, Recording
+from training.experience.trajectory import Layout, Trajectory
+from training.mdp.episode import LIMIT, NEAREST, PERIOD, Outcome
+from training.mdp.reward import Reward, failed
+
+MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
+JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
+SUCCEEDED, ABORTED = 3, (4, 5)
+EARLIER = SECOND // 4  # a recorder's clock may lag so far behind the node's
+CLOSE = 1e-5  # difference at which a rebuilt observation still equals the node's (float32, pose rounding)
+
+
+class Skipped(ValueError):
+    """An episode, or a part of one, that cannot be used; the text is the reason, without numbers, to be counted."""
+
+
+@dataclass
+class Goal:
+    """One course as driven: when it began and ended, and how (actionlib status; None: the bag ended first)."""
+
+    id: str
+    start: int
+    end: int
+    status: Optional[int]
+    frame: str
+    xy: Tuple[float, float]
+
+    @property
+    def ended(self) -> bool:
+        """Reached or given up: a terminal state. A goal that was cancelled or replaced is merely cut off."""
+        return self.status == SUCCEEDED or self.status in ABORTED
+
+
+@dataclass
+class Report:
+    """What became of a bag."""
+
+    episodes: int = 0
+    transitions: int = 0
+    verified: int = 0  # observations equal to the node's own
+    skipped: Dict[str, int] = field(default_factory=dict)
+
+    def skip(self, reason: str) -> None:
+        self.skipped[reason] = self.skipped.get(reason, 0) + 1
+
+
+@dataclass
+class Moment:
+    """One observation to be rebuilt at a ROS time [ns]: the indices of the messages that it is made of, and what came
+    of it. trouble: why it cannot be rebuilt (outcome None), or why the transition that ends here cannot be used.
+    end: no decision fell. seen: the node's own observation (729,); said: its own decision (8,).
+    """
+
+    at: int
+    end: bool = False
+    seen: Optional[np.ndarray] = None
+    said: Optional[np.ndarray] = None
+    scan: int = -1
+    pose: int = -1
+    plan: int = -1
+    trouble: str = ""
+    outcome: Optional[Outcome] = None
+    observation: Optional[np.ndarray] = None
+
+
+def trajectories(
+    recording: Recording,
+    reward: Reward = Reward(),  # noqa: B008
+    layout: Layout = Layout(),  # noqa: B008
+    report: Optional[Report] = None,
+    finish: Optional[float] = None,
+) -> Iterator[Trajectory]:
+    """Yields a Trajectory per usable stretch of each goal; what is unusable is counted in `report`.
+
+    finish: metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
+    goal lies beyond the finish line); None: only move_base's own result counts.
+    """
+    report = report if report is not None else Report()
+    courses = []
+    for goal in goals(recording, report):
+        try:
+            _check_motion(recording, goal)
+            _finish(recording, goal, finish)
+            courses.append((goal, _moments(recording, goal)))
+        except Skipped as reason:
+            report.skip(str(reason))
+    usable = [m for _, moments in courses for m in moments if not m.trouble]
+    nearest, scans = recording.scans(m.scan for m in usable)
+    plans = recording.plans(m.plan for m in usable)
+    for number, (goal, moments) in enumerate(courses):
+        for i in range(len(moments)):
+            _see(recording, goal, moments, i, scans, plans, nearest, report)
+        yield from _cut(recording, goal, number, moments, reward, layout, report)
+
+
+def goals(recording: Recording, report: Report) -> List[Goal]:
+    """The goals that were pursued, from the action's status (or, where that was not recorded, goal and result)."""
+    spans: List[List] = []
+    if recording.status:
+        for at, running in recording.status:
+            if spans and spans[-1][3] and spans[-1][0] == running:
+                spans[-1][2] = at
+            else:
+                if spans and spans[-1][3]:
+                    spans[-1][2:] = [at, False]
+                if running:
+                    spans.append([running, at, at, True])
+    else:
+        for at, goal in recording.sent:
+            if spans and spans[-1][3]:
+                spans[-1][2:] = [at, False]
+            spans.append([goal, at, recording.results.get(goal, (recording.end, 0))[0], False])
+    found = []
+    for goal, start, end, _ in spans:
+        targets = [g for g in recording.goals if g[0] <= start + SECOND and g[0] >= start - 2 * SECOND] or [
+            g for g in recording.goals if g[0] <= end
+        ]
+        at, status = recording.results.get(goal, (end, None))
+        if not targets:
+            report.skip("the goal's position was not recorded")
+            continue
+        end = end if status is None else min(end, at)
+        found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:]))
+    if not found and not report.skipped:
+        report.skip("no goal was pursued")
+    return found
+
+
+def _finish(recording, goal, finish: Optional[float]) -> None:
+    """Ends the course where the robot has got `finish` metres towards the goal."""
+    if finish is None:
+        return
+    during = np.flatnonzero((recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end))
+    poses = np.array([_pose(recording, i, goal.frame, goal.end)[:2] for i in during])
+    towards = np.array(goal.xy) - poses[0]
+    past = (poses - poses[0]) @ towards >= finish * np.hypot(*towards)
+    if past.any():
+        goal.end, goal.status = int(recording.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
+
+
+def _moments(recording, goal) -> List[Moment]:
+    """When decisions fell. The last moment is the course's end: where the goal was reached or given up, and where it
+    was cut off a whole period after the last decision (a time limit).
+    """
+    made = [d for d in recording.decisions if d["goal"] == goal.id and d["stamp"] <= goal.end]
+    if made:
+        moments = [_moment(recording, goal, d["stamp"], d) for d in made]
+    else:
+        plans = recording.plan_at[(recording.plan_at >= goal.start) & (recording.plan_at <= goal.end)]
+        if not len(plans):
+            raise Skipped("no global plan was recorded for the goal")
+        moments = [_moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, int(PERIOD * SECOND))]
+    if goal.end - moments[-1].at > (0 if goal.ended else 0.9 * PERIOD * SECOND):
+        moments.append(_moment(recording, goal, goal.end))
+        moments[-1].end = True
+    if len(moments) < 2:
+        raise Skipped("shorter than one decision")
+    return moments
+
+
+def _moment(recording, goal, at, decision=None) -> Moment:
+    moment = Moment(at)
+    if decision:
+        published = recording.observations.get(decision["number"], ())  # numbers begin anew with each node
+        moment.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
+        moment.said = _vector(decision["theta"] or decision["theta_prev"])
+        moment.scan = _exactly(recording.scan_stamp, decision["scan"])
+        moment.pose = _exactly(recording.odometry.stamp, decision["odometry"])
+        moment.plan = _exactly(recording.plan_stamp, decision["plan"])
+    else:
+        moment.scan = _before(recording.scan_stamp, at)
+        moment.pose = _nearest(recording.odometry.stamp, recording.scan_stamp[moment.scan])
+        moment.plan = _before(recording.plan_at, at)
+    for what, index, stamps in (
+        ("scan", moment.scan, recording.scan_stamp),
+        ("odometry", moment.pose, recording.odometry.stamp),
+    ):
+        if index < 0 or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
+            moment.trouble = "no %s for a decision" % what
+    if moment.plan < 0 or recording.plan_at[moment.plan] < goal.start - SECOND // 2:
+        moment.trouble = "no global plan for a decision"
+    return moment
+
+
+def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
+    """Fills moment i with what was seen at it and what happened since moment i - 1, or says what is wrong."""
+    moment = moments[i]
+    if moment.trouble:
+        return
+    try:
+        scan, (frame, points) = scans[moment.scan], plans[moment.plan]
+        check_scan(len(scan.ranges), scan.angle_min, scan.angle_increment)
+        phi = goal_angle(local_goal(points, _pose(recording, moment.pose, frame, moment.at)))
+        theta = _chosen(recording, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
+        moment.observation = observe(scan.ranges, phi, theta)
+        near = max(NEAREST, float(nearest[moment.scan]))
+        moment.outcome = Outcome(
+            np.asarray(scan.ranges, np.float32),
+            phi,
+            theta,
+            min_range=near,
+            lowest_range=near,
+            decisions=i,
+            time_s=(moment.at - moments[0].at) / SECOND,
+        )
+        _compare(moment, report)
+        if i and moments[i - 1].outcome is not None:
+            _happened(recording, goal, moments[i - 1], moment, nearest)
+            moment.trouble = _unusable(recording, moments, i)
+    except ObservationError as error:
+        moment.outcome, moment.trouble = None, "a scan or plan is unusable (%s)" % str(error).split(":")[0]
+    except Skipped as reason:
+        moment.outcome, moment.trouble = None, str(reason)
+
+
+def _happened(recording, goal, before, moment, nearest) -> None:
+    """The parts of an Outcome that a transition has: progress, clearance, contact, jerk, the end."""
+    outcome = moment.outcome
+    here = _pose(recording, moment.pose, goal.frame, moment.at)
+    there = _pose(recording, before.pose, goal.frame, before.at)
+    gx, gy = goal.xy[0] - there[0], goal.xy[1] - there[1]
+    moved, distance = (here[0] - there[0], here[1] - there[1]), math.hypot(gx, gy)
+    outcome.progress = (moved[0] * gx + moved[1] * gy) / distance if distance else 0.0
+    outcome.progress_y = moved[1]
+    outcome.seconds = (moment.at - before.at) / SECOND
+    during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= moment.at)
+    if during.any():
+        outcome.lowest_range = max(NEAREST, float(np.fmin.reduce(nearest[during])))
+    outcome.contact = any(before.at < at <= moment.at for at in recording.collisions)
+    outcome.jerk = _jerk(recording, before.at, moment.at)
+    if goal.ended and moment.at == goal.end:
+        outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
+
+
+def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[Trajectory]:
+    """Trajectories of consecutive usable transitions."""
+    run: List[Moment] = []
+    for moment in moments + [None]:
+        if moment is not None and moment.trouble:
+            report.skip(moment.trouble)
+        if run and (moment is None or moment.trouble):
+            if len(run) > 1:
+                yield _trajectory(recording, goal, number, run, reward, layout, report)
+            run = []
+        if moment is not None and moment.outcome is not None:
+            run.append(moment)
+
+
+def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
+    actions, rewards = [], []
+    for before, after in zip(run, run[1:]):
+        action = SPACE.to_action(_chosen(recording, before, after))
+        change = float(np.abs(action - SPACE.to_action(before.outcome.theta)).mean())
+        rewards.append(reward(after.outcome, change, max(LIMIT, after.outcome.decisions))[0])
+        actions.append(action)
+    last = run[-1].outcome
+    report.episodes += 1
+    report.transitions += len(rewards)
+    return Trajectory.of(
+        layout,
+        [m.observation for m in run],
+        actions,
+        rewards,
+        last.success or failed(last),
+        {
+            "actor": "bag:" + recording.path.name[:180],
+            "episode": number,
+            "goal": goal.id[:180],
+            "from": run[0].outcome.decisions,
+            "success": bool(last.success),
+        },
+    )
+
+
+def _unusable(recording, moments, i) -> str:
+    """Why the transition that ends at moment i cannot be used; "" when it can."""
+    before, after = moments[i - 1], moments[i]
+    seconds, last = (after.at - before.at) / SECOND, i == len(moments) - 1
+    if seconds > 1.5 * PERIOD or (seconds < 0.5 * PERIOD and not last):
+        return "a decision's period is not 2 s"
+    stamps = recording.scan_stamp[
+        (recording.scan_stamp >= before.at - MAX_AGE * SECOND) & (recording.scan_stamp <= after.at)
+    ]
+    if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE * SECOND:
+        return "scans are missing"
+    if not np.array_equal(_chosen(recording, before, after), after.outcome.theta):
+        return "parameters were changed between decisions"
+    return ""
+
+
+def _had(recording, moment) -> np.ndarray:
+    """theta_{t-1} (8,): what the planner had when a decision fell. An update that was recorded within EARLIER of it is
+    the decision's answer rather than what it saw, unless the node's own observation says otherwise.
+    """
+    found = []
+    for lag in (EARLIER, EARLIER // 5, 0):
+        try:
+            found.append(_theta(recording, moment.at - lag))
+        except Skipped:
+            if not lag and not found:
+                raise
+    if moment.seen is not None and moment.seen.shape[-1:] == (SIZE,):
+        for theta in found:
+            if np.allclose(SPACE.to_action(theta), moment.seen[-len(SPACE) :], rtol=0.0, atol=CLOSE):
+                return theta
+    return found[0]
+
+
+def _chosen(recording, before, after) -> np.ndarray:
+    """theta_t (8,): what the planner had between two moments. It arrives within half a period or not at all."""
+    half = int(0.5 * PERIOD * SECOND)
+    if before.said is not None and after.at - before.at < half:
+        return before.said
+    return _theta(recording, min(before.at + half, after.at))
+
+
+def _theta(recording, at) -> np.ndarray:
+    """(8,) what the planner had at a time, as the servers announced it. Inflation: the local costmap's."""
+    theta = np.array(SPACE.theta0)
+    for i, name in enumerate(SPACE.names):
+        target = SPACE.targets[name][0]
+        updates = recording.parameters.get(target.server, ())
+        known = [values for time, values in updates if time <= at]
+        theta[i] = next(known[-1][n] for n in target.names if n in known[-1]) if known else _said(recording, name, at)
+    if not np.isfinite(theta).all():
+        raise Skipped("parameters are not finite")
+    return theta
+
+
+def _said(recording, name, at) -> float:
+    """A parameter that no server announced before `at` (a split bag lacks the latched messages): the node's word."""
+    said = next((d["theta_prev"] for d in recording.decisions if d["stamp"] >= at), None)
+    if isinstance(said, dict) and isinstance(said.get(name), (int, float)):
+        return float(said[name])
+    raise Skipped("the planner's parameters are not known")
+
+
+def _vector(values) -> Optional[np.ndarray]:
+    """{name: value} of a decision → theta (8,), None where it is not whole."""
+    try:
+        return np.array([float(values[name]) for name in SPACE.names])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def _compare(moment, report) -> None:
+    seen = moment.seen
+    if seen is None:
+        return
+    if seen.shape != moment.observation.shape or not np.allclose(seen, moment.observation, rtol=0.0, atol=CLOSE):
+        raise Skipped("a rebuilt observation differs from the node's")
+    report.verified += 1
+
+
+def _check_motion(recording, goal) -> None:
+    """Raises Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
+    during = (recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end)
+    stamps, pose = recording.odometry.stamp[during], recording.odometry.pose[during]
+    if len(stamps) < 2:
+        raise Skipped("no odometry while the goal was pursued")
+    if not np.isfinite(pose).all():
+        raise Skipped("odometry is not finite")
+    gaps = np.diff(stamps)
+    if (gaps < 0).any() or (gaps == 0).mean() > 0.1:
+        raise Skipped("the clock jumped")
+    if (np.hypot(*np.diff(pose[:, :2], axis=0).T) > JUMP + 5.0 * gaps / SECOND).any():
+        raise Skipped("the odometry jumped")
+    stamps = recording.scan_stamp[(recording.scan_at >= goal.start) & (recording.scan_at <= goal.end)]
+    if (np.diff(stamps) < 0).any():
+        raise Skipped("the clock jumped")
+
+
+def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
+    """Odometry number `index` as (x, y, yaw) in `frame`, through a recorded transform where frames differ."""
+    x, y, a = recording.odometry.pose[index].tolist()
+    if not frame or frame == recording.odometry.frame:
+        return x, y, a
+    known = [t for time, t in recording.transforms.get((frame, recording.odometry.frame), ()) if time <= at]
+    if not known:
+        raise Skipped("no transform between the plan's frame and the odometry's")
+    tx, ty, ta = known[-1]
+    c, s = math.cos(ta), math.sin(ta)
+    return tx + c * x - s * y, ty + s * x + c * y, a + ta
+
+
+def _jerk(recording, start, end) -> float:
+    """Mean |change of acceleration| of the odometry's speed [m/s^3], at 50 ms as in simulation."""
+    times = np.arange(start, end, SECOND // 20)
+    speed = np.interp(times, recording.odometry.stamp, recording.odometry.twist[:, 0])
+    return float(np.abs(np.diff(speed, 2)).mean() * 400.0) if len(times) > 2 else 0.0
+
+
+def _exactly(stamps, stamp) -> int:
+    found = np.flatnonzero(stamps == stamp)
+    return int(found[-1]) if len(found) else -1
+
+
+def _before(stamps, at) -> int:
+    found = np.flatnonzero(stamps <= at)
+    return int(found[-1]) if len(found) else -1
+
+
+def _nearest(stamps, stamp) -> int:
+    return int(np.argmin(np.abs(stamps - stamp)))

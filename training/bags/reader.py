@@ -1,0 +1,295 @@
+"""Reads what a bag recorded of a drive: ROS 1 bags and ROS 2 / mcap folders alike, through rosbags.
+
+bag_episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds
+(/applr/decision, /applr/observation) says exactly which messages a decision saw, and is compared where it is there.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Dict, Iterable, List, Optional, Tuple
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from applr_ros1.policy.parameter_space import SPACE
+
+SECOND = 1_000_000_000
+PATH_HEADER = 80  # a packed nav_msgs/Path of fewer bytes has no poses
+RUNNING = (1, 6)  # actionlib: active, preempting
+
+
+class BagError(ValueError):
+    """A bag that cannot be used as a whole; one line with which and why."""
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Where a drive was recorded. parameter_updates are found below move_base, whatever the layers are called."""
+
+    scan: str = "/front/scan"
+    odometry: str = "/odometry/filtered"
+    plan: str = "/move_base/NavfnROS/plan"
+    move_base: str = "/move_base"
+    collision: str = "/sim_bridge/collision"
+    applr: str = "/applr"
+    command: str = "/cmd_vel"
+    demonstration: str = "/demonstration"  # String: JSON of who demonstrated (teleop.py, demonstrate.py)
+
+
+@dataclass
+class Recording:
+    """A bag's content in order of recording. Times are int64 nanoseconds; `at` is when a message was recorded, `stamp`
+    what its header says.
+    """
+
+    path: Path
+    topics: Topics
+    odometry: "Poses" = None
+    scan_at: np.ndarray = None  # (n,)
+    scan_stamp: np.ndarray = None  # (n,)
+    plan_at: np.ndarray = None  # (m,) plans that are not empty
+    plan_stamp: np.ndarray = None
+    parameters: Dict[str, List[Tuple[int, Dict[str, float]]]] = field(default_factory=dict)  # role → updates
+    status: List[Tuple[int, str]] = field(default_factory=list)  # (at, id of the running goal or "")
+    results: Dict[str, Tuple[int, int]] = field(default_factory=dict)  # goal id → (at, actionlib status)
+    goals: List[Tuple[int, str, float, float]] = field(default_factory=list)  # (at, frame, x, y)
+    sent: List[Tuple[int, str]] = field(default_factory=list)  # goals by their own topic: (at, id)
+    collisions: List[int] = field(default_factory=list)  # when a contact was reported
+    transforms: Dict[Tuple[str, str], List[Tuple[int, tuple]]] = field(default_factory=dict)
+    decisions: List[dict] = field(default_factory=list)  # /applr/decision, with "at"
+    observations: Dict[int, List[tuple]] = field(default_factory=dict)  # decision number → [(at, (729,))]
+    end: int = 0
+
+    def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, object]]:
+        """Smallest range (n,) [m] of every scan, and {index: LaserScan} of those wanted. Reads the bag once more."""
+        wanted, kept = set(wanted), {}
+        nearest = np.full(len(self.scan_at), np.inf)
+        for i, message in enumerate(self._messages(self.topics.scan)):
+            if len(message.ranges) and i < len(nearest):
+                nearest[i] = np.fmin.reduce(message.ranges)
+            if i in wanted:
+                kept[i] = message
+        return nearest, kept
+
+    def plans(self, wanted: Iterable[int]) -> Dict[int, Tuple[str, np.ndarray]]:
+        """{index: (frame, (k, 2) points)} of the plans wanted. Reads the bag once more."""
+        wanted, kept = set(wanted), {}
+        for i, message in enumerate(self._messages(self.topics.plan, at_least=PATH_HEADER, wanted=wanted)):
+            if message is not None:
+                kept[i] = (
+                    message.header.frame_id.lstrip("/"),
+                    np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses]),
+                )
+        return kept
+
+    def _messages(self, topic, at_least=0, wanted=None):
+        with open_bag(self.path) as reader:
+            connections = [c for c in reader.connections if c.topic == topic]
+            packed = (p for p in (reader.messages(connections) if connections else ()) if len(p[2]) >= at_least)
+            for i, (connection, _, raw) in enumerate(packed):
+                yield reader.deserialize(raw, connection.msgtype) if wanted is None or i in wanted else None
+
+
+@dataclass
+class Poses:
+    """Odometry: stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
+
+    stamp: np.ndarray
+    pose: np.ndarray
+    twist: np.ndarray
+    frame: str
+
+
+def read(path, topics: Topics = Topics()) -> Recording:
+    """Everything but scans and plans, of which only the times. Raises BagError for a bag that is absent, damaged or
+    without what is needed.
+    """
+    path = Path(path)
+    recording = Recording(path, topics)
+    try:
+        with open_bag(path) as reader:
+            _fill(recording, reader)
+    except BagError:
+        raise
+    except Exception as error:  # rosbags raises many kinds for damaged files
+        raise BagError("%s: damaged or not a bag (%s)%s" % (path, _line(error), _remedy(path))) from None
+    if not len(recording.scan_at):
+        raise BagError("%s: no scans on %s" % (path, topics.scan))
+    if not len(recording.odometry.stamp):
+        raise BagError("%s: no odometry on %s" % (path, topics.odometry))
+    if abs(np.median(recording.scan_at - recording.scan_stamp)) > SECOND:
+        raise BagError("%s: recorded on another clock than its messages'; set use_sim_time where you record" % path)
+    for role in ("planner", "local_inflation"):
+        if role not in recording.parameters and not recording.decisions:
+            raise BagError("%s: no parameter_updates of the %s below %s" % (path, role, topics.move_base))
+    return recording
+
+
+def open_bag(path: Path) -> AnyReader:
+    """A reader of a .bag file, or of a ROS 2 folder (with metadata.yaml) or .mcap file in it."""
+    if not path.exists():
+        raise BagError("%s: not there" % path)
+    if path.is_file() and path.stat().st_size == 0:
+        raise BagError("%s: empty file" % path)
+    if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").exists():
+        path = path.parent
+    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+
+
+def _fill(recording: Recording, reader: AnyReader) -> None:
+    topics, base = recording.topics, recording.topics.move_base
+    light = {
+        topics.odometry: _odometry,
+        base + "/status": _status,
+        base + "/result": _result,
+        base + "/current_goal": _goal,
+        base + "/goal": _sent,
+        topics.collision: _collision,
+        "/tf": _tf,
+        "/tf_static": _tf,
+        topics.applr + "/decision": _decision,
+        topics.applr + "/observation": _observation,
+    }
+    updates = re.compile(re.escape(base) + r"/(?:[^/]+|(?:local|global)_costmap/[^/]+)/parameter_updates")
+    heavy = {topics.scan: [], topics.plan: []}
+    rows: List[tuple] = []
+    connections = [c for c in reader.connections if c.topic in light or c.topic in heavy or updates.fullmatch(c.topic)]
+    if not reader.message_count:
+        raise BagError("%s: holds no messages" % recording.path)
+    header = reader.typestore.fielddefs.get("std_msgs/msg/Header", ((), ()))[1]
+    stamp_offset = 4 * reader.is2 + 4 * (header[0][0] == "seq" if header else 0)
+    for connection, at, raw in reader.messages(connections) if connections else ():
+        recording.end = at
+        if connection.topic in heavy:
+            seconds, nanoseconds = np.frombuffer(raw, "<i4", 2, stamp_offset).tolist()
+            if connection.topic == topics.scan or len(raw) >= PATH_HEADER:
+                heavy[connection.topic].append((at, seconds * SECOND + nanoseconds))
+            continue
+        message = reader.deserialize(raw, connection.msgtype)
+        if connection.topic in light:
+            light[connection.topic](recording, at, message, rows)
+        else:
+            _parameters(recording, at, message, connection.topic)
+    for name, topic in (("scan", topics.scan), ("plan", topics.plan)):
+        times = np.array(heavy[topic], dtype=np.int64).reshape(-1, 2)
+        setattr(recording, name + "_at", times[:, 0])
+        setattr(recording, name + "_stamp", times[:, 1])
+    frame = rows[0][6] if rows else "odom"
+    table = np.array([row[1:6] for row in rows], dtype=np.float64).reshape(-1, 5)
+    recording.odometry = Poses(np.array([row[0] for row in rows], dtype=np.int64), table[:, :3], table[:, 3:], frame)
+
+
+def _odometry(recording, at, message, rows):
+    p, q, t = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
+    rows.append((stamp(message), p.x, p.y, yaw(q), t.linear.x, t.angular.z, message.header.frame_id.lstrip("/")))
+
+
+def _status(recording, at, message, rows):
+    running = [s.goal_id.id for s in message.status_list if s.status in RUNNING]
+    recording.status.append((at, running[-1] if running else ""))
+
+
+def _result(recording, at, message, rows):
+    recording.results[message.status.goal_id.id] = (at, int(message.status.status))
+
+
+def _goal(recording, at, message, rows):
+    p = message.pose.position
+    recording.goals.append((at, message.header.frame_id.lstrip("/"), p.x, p.y))
+
+
+def _sent(recording, at, message, rows):
+    target = message.goal.target_pose
+    recording.sent.append((at, message.goal_id.id))
+    recording.goals.append((at, target.header.frame_id.lstrip("/"), target.pose.position.x, target.pose.position.y))
+
+
+def _collision(recording, at, message, rows):
+    if getattr(message, "data", False):
+        recording.collisions.append(at)
+
+
+def _tf(recording, at, message, rows):
+    for t in message.transforms:
+        key = t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")
+        p = t.transform.translation
+        recording.transforms.setdefault(key, []).append((at, (p.x, p.y, yaw(t.transform.rotation))))
+
+
+def _decision(recording, at, message, rows):
+    try:
+        decision = json.loads(message.data)
+        decision = {
+            "at": at,
+            "number": int(decision["number"]),
+            "goal": str(decision["goal"]),
+            **{key: int(decision[key]) for key in ("stamp", "scan", "odometry", "plan")},
+            "theta_prev": decision["theta_prev"],
+            "theta": decision.get("theta"),
+        }
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return
+    recording.decisions.append(decision)
+
+
+def _observation(recording, at, message, rows):
+    label = message.layout.dim[0].label if message.layout.dim else ""
+    if re.fullmatch(r"observation \d{1,12}", label):
+        number = int(label.split()[1])
+        recording.observations.setdefault(number, []).append((at, np.array(message.data, dtype=np.float32)))
+
+
+def _parameters(recording, at, message, topic):
+    values = {p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(message, kind)}
+    base = recording.topics.move_base
+    if topic.startswith(base + "/local_costmap/") or topic.startswith(base + "/global_costmap/"):
+        role = "local_inflation" if topic.startswith(base + "/local_costmap/") else "global_inflation"
+        known = "inflation_radius" in values
+    else:
+        role = "planner"
+        known = all(any(n in values for n in t.names) for ts in SPACE.targets.values() for t in ts if t.server == role)
+    if known:
+        recording.parameters.setdefault(role, []).append((at, values))
+
+
+def stamp(message) -> int:
+    """A header's stamp in nanoseconds."""
+    t = message.header.stamp
+    return int(t.sec) * SECOND + int(t.nanosec)
+
+
+def yaw(q) -> float:
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+
+
+def find(paths) -> List[Path]:
+    """The bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted."""
+    found = []
+    for path in map(Path, paths):
+        if path.is_dir() and not (path / "metadata.yaml").exists():
+            inside = sorted(path.rglob("*"))
+            found += [
+                p
+                for p in inside
+                if p.suffix == ".bag"
+                or p.name.endswith(".bag.active")
+                or (p.is_dir() and (p / "metadata.yaml").exists())
+            ]
+        else:
+            found.append(path)
+    return found
+
+
+def _line(error: BaseException) -> str:
+    return (str(error).splitlines() or [""])[0] or type(error).__name__
+
+
+def _remedy(path: Path) -> Optional[str]:
+    active = path.suffix == ".active"
+    return "; it was not closed: try `rosbag reindex`" if active or path.suffix == ".bag" else ""

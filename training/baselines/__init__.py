@@ -1,0 +1,1 @@
+"""Baselines that the learned policy is compared with."""

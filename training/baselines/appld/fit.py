@@ -1,0 +1,144 @@
+"""APPLD's parameters of a context: CMA-ES looks for those under which the planner, put in the demonstrator's place
+instant by instant, commands what the demonstrator did. appld.py calls it.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import Any, Dict, List, Sequence
+
+import numpy as np
+
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import SPACE
+from sim_bridge import jackal
+from training.baselines.appld.demonstration import Demonstration
+from training.baselines.appld.segmentation import Segment
+from training.mdp.episode import CONTROL_PERIOD, SERVERS, laser_pose
+
+TURN_WEIGHT = 0.25  # of (rad/s)^2 beside (m/s)^2: H = diag(1, 1/4)
+PULL = 1e-3  # towards theta_0, in the action's unit squared: decides where nothing else does
+SETTLE = 5  # instants after a change of parameters that do not count
+
+
+@dataclass
+class Stretch:
+    """A part of a demonstration to be replayed, and the planner as it stood there."""
+
+    demonstration: Demonstration
+    first: int
+    last: int
+    planner: MoveBase
+
+
+@dataclass
+class Fit:
+    """A context's result. error: root mean square of the planner's (v, w) about the demonstrated [m/s, rad/s]."""
+
+    theta: np.ndarray
+    error: List[float]
+    error_theta0: List[float]
+    loss: float
+    loss_theta0: float
+    evaluations: int
+    instants: int
+    log: List[Dict[str, Any]] = field(default_factory=list)
+
+
+def apply(planner: MoveBase, theta) -> None:
+    """theta (8,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
+    requests: Dict[str, Dict[str, float]] = {}
+    for name, value in SPACE.as_dict(SPACE.clip(theta)).items():
+        for target in SPACE.targets[name]:
+            requests.setdefault(SERVERS[target.server], {})[target.names[0]] = target.sign * value
+    for server, values in requests.items():
+        planner.reconfigure(server, values)
+
+
+def step(planner: MoveBase, d: Demonstration, i: int):
+    """The planner's command (v, w) in instant i: it sees the demonstrator's pose, twist and scan, and its own clock.
+    (0, 0) for none.
+    """
+    now, pose = clock(i), tuple(d.pose[i].tolist())
+    scan = LaserScan(
+        now, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX, d.ranges[i], laser_pose(pose)
+    )
+    cycle = planner.step(now, pose, tuple(d.twist[i].tolist()), scan)
+    return cycle.command or (0.0, 0.0)
+
+
+def clock(i: int) -> float:
+    """The planner's time in instant i [s]: an instant is a cycle, whatever the laser's beat was."""
+    return 1.0 + i * CONTROL_PERIOD
+
+
+def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[Stretch]:
+    """The planner is taken along the whole demonstration on theta_0 and copied where each span begins. longest:
+    instants of a span that are used.
+    """
+    planner, found = MoveBase(), []
+    apply(planner, SPACE.theta0)
+    step(planner, d, 0)
+    planner.set_goal(d.goal, clock(0))
+    first = {s.first: s for s in spans}
+    for i in range(len(d.time)):
+        if i in first:
+            last = min(first[i].last, i + longest)
+            found.append(Stretch(d, i, last, copy.deepcopy(planner)))
+        step(planner, d, i)
+        if planner.goal is None:  # it gave up, or arrived: the demonstration goes on
+            planner.set_goal(d.goal, clock(i))
+    return found
+
+
+def replay(stretch: Stretch, theta) -> np.ndarray:
+    """(k, 2): the planner's (v, w) minus the demonstrator's, in the instants that count."""
+    planner, d = copy.deepcopy(stretch.planner), stretch.demonstration
+    apply(planner, theta)
+    given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])
+    counts = d.driving[stretch.first : stretch.last].copy()
+    counts[: min(SETTLE, len(counts) // 2)] = False
+    return (given - d.command[stretch.first : stretch.last])[counts]
+
+
+def loss(stretches_: Sequence[Stretch], theta):
+    """(mean weighted squared error, [rms v, rms w]) over all stretches of a context."""
+    errors = np.concatenate([replay(s, theta) for s in stretches_])
+    if not len(errors):
+        return 0.0, [0.0, 0.0]
+    squares = (errors**2).mean(axis=0)
+    return float(squares[0] + TURN_WEIGHT * squares[1]), np.sqrt(squares).round(4).tolist()
+
+
+def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int, say=None) -> Fit:
+    """CMA-ES from theta_0 over the eight parameters. evaluations: replays of the context, about."""
+    import cma
+
+    home = SPACE.to_action(SPACE.theta0)
+    base, base_error = loss(stretches_, SPACE.theta0)
+    best = Fit(SPACE.theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
+    strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
+    while best.evaluations < evaluations and not strategy.stop():
+        candidates = strategy.ask()
+        values = []
+        for candidate in candidates:
+            theta = SPACE.to_theta(candidate)
+            value, error = loss(stretches_, theta)
+            values.append(value + PULL * float(np.mean((np.asarray(candidate) - home) ** 2)))
+            if value < best.loss:
+                best.theta, best.loss, best.error = theta, value, error
+        strategy.tell(candidates, values)
+        best.evaluations += len(candidates)
+        best.log.append(
+            {
+                "evaluations": best.evaluations,
+                "best": round(min(values), 5),
+                "median": round(float(np.median(values)), 5),
+                "sigma": round(float(strategy.sigma), 4),
+            }
+        )
+        if say:
+            say(best)
+    return best

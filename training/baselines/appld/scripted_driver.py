@@ -1,0 +1,129 @@
+"""The scripted demonstrator: it stands in for the person of APPLD's demonstration, who cannot be shipped.
+
+demonstrate.py drives it in a simulator. Pure pursuit of the world's reference path, moved to the middle of its
+passages; fast where there is room, slow where there is none. It knows the true pose and the map, as no planner does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from worlds import World
+
+NAME = "scripted: pure pursuit along the reference path, speed by clearance"
+SPACING = 0.05  # m between points of the route
+WANTED = 0.9  # m; obstacles nearer than this push the route away
+BEAM_YAW = np.linspace(-2.35619, 2.35619, 720)
+
+
+@dataclass
+class Style:
+    """How it drives. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
+
+    slow: float = 0.30  # speed where the robot just fits
+    fast: float = 1.2  # where nothing is near
+    narrow: float = 0.70  # smallest room in the way at which it drives slowly
+    wide: float = 2.0  # and freely
+    turn: float = 1.5  # fastest turn
+    sideways: float = 0.8  # acceleration that curves may take
+    gain: float = 0.8  # acceleration
+    brake: float = 1.6
+    turn_gain: float = 6.0
+    lookahead: float = 0.45  # and .35 s of speed more
+
+
+class Demonstrator:
+    """command((x, y, yaw), ranges) every 50 ms. One course: make another for the next."""
+
+    def __init__(self, world: World, style: Style = Style(), period: float = 0.05):  # noqa: B008
+        self.style, self.period = style, period
+        self.route = route(world)
+        self._at = 0
+        self._v = self._w = 0.0
+
+    def command(self, pose, ranges):
+        """(v, w) from the true pose (x, y, yaw) in the world's frame and the scan (720,) [m]."""
+        x, y, yaw = pose
+        s = self.style
+        near = np.hypot(*(self.route[self._at : self._at + 40] - (x, y)).T)
+        self._at += int(np.argmin(near))
+        ahead = s.lookahead + 0.35 * self._v
+        target = self.route[min(len(self.route) - 1, self._at + int(ahead / SPACING))]
+        bearing = math.remainder(math.atan2(target[1] - y, target[0] - x) - yaw, 2.0 * math.pi)
+        if abs(bearing) > 1.0:
+            return self._smooth(0.0, math.copysign(s.turn, bearing))
+        distance = max(0.2, math.hypot(target[0] - x, target[1] - y))
+        curvature = 2.0 * math.sin(bearing) / distance
+        room = min(1.0, max(0.0, (in_the_way(ranges, bearing) - s.narrow) / (s.wide - s.narrow)))
+        v = s.slow + (s.fast - s.slow) * room
+        if abs(curvature) > 1e-6:
+            v = min(v, math.sqrt(s.sideways / abs(curvature)), s.turn / abs(curvature))
+        return self._smooth(v, max(-s.turn, min(s.turn, v * curvature)))
+
+    def _smooth(self, v, w):
+        s, dt = self.style, self.period
+        self._v += min(s.gain * dt, max(-s.brake * dt, v - self._v))
+        self._w += min(s.turn_gain * dt, max(-s.turn_gain * dt, w - self._w))
+        return self._v, self._w
+
+
+def in_the_way(ranges, bearing: float) -> float:
+    """Free distance [m] of a scan (720,): ahead in a band of the robot's width and a little, or half of it to the
+    sides, whichever is less.
+    """
+    ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
+    along, across = ranges * np.cos(BEAM_YAW - bearing), np.abs(ranges * np.sin(BEAM_YAW - bearing))
+    front = along[(across < 0.35) & (along > 0.0)]
+    beside = across[(np.abs(along) < 0.4)]
+    return float(min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0))
+
+
+def route(world: World) -> np.ndarray:
+    """(k, 2) points every SPACING metres from start to goal: the course's reference path, pushed off the obstacles and
+    drawn straight in turns (an elastic band).
+    """
+    course = world.course
+    finish = [] if course.finish_y is None else [(course.path[-1][0], course.finish_y + 1.0)]
+    ends = [course.goal[:2]] if math.dist(course.path[-1], course.goal[:2]) < 3.0 else finish
+    points = _resampled(np.vstack([course.start[:2], course.path] + ends))
+    for _ in range(300):
+        points[1:-1] += 0.25 * (points[:-2] + points[2:] - 2.0 * points[1:-1])
+        away = _away(world, points)
+        points[1:-1] += 0.04 * away[1:-1]
+    return _resampled(points)
+
+
+def _resampled(points) -> np.ndarray:
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    at = np.linspace(0.0, length[-1], max(2, int(length[-1] / SPACING)))
+    return np.column_stack([np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])])
+
+
+def _away(world: World, points) -> np.ndarray:
+    """(k, 2): the direction from the nearest obstacle times how much of WANTED is missing."""
+    distance, direction = np.full(len(points), np.inf), np.zeros((len(points), 2))
+    for offset, gap in _offsets(world, points):
+        closer = gap < distance
+        distance = np.where(closer, gap, distance)
+        norm = np.maximum(np.hypot(*offset.T), 1e-9)[:, None]
+        direction = np.where(closer[:, None], offset / norm, direction)
+    return direction * np.clip(WANTED - distance, 0.0, WANTED)[:, None]
+
+
+def _offsets(world: World, points):
+    """Yields ((k, 2) from the obstacle's nearest point, (k,) gap [m]) for the cylinders together and each box."""
+    if len(world.cylinders):
+        offset = points[:, None, :] - world.cylinders[None, :, :2]
+        gap = np.hypot(offset[..., 0], offset[..., 1]) - world.cylinders[:, 2]
+        nearest = np.argmin(gap, axis=1)
+        rows = np.arange(len(points))
+        yield offset[rows, nearest], gap[rows, nearest]
+    for x, y, yaw, size_x, size_y in world.boxes:
+        c, s = math.cos(yaw), math.sin(yaw)
+        turn = np.array([[c, s], [-s, c]])
+        local = (points - (x, y)) @ turn.T
+        outside = local - np.clip(local, (-size_x / 2, -size_y / 2), (size_x / 2, size_y / 2))
+        yield outside @ turn, np.hypot(*outside.T)

@@ -1,0 +1,107 @@
+"""Cuts demonstrations into contexts for APPLD (appld.py): stretches in which the demonstrator drives alike in alike
+surroundings, found as changepoints, and those that are alike put together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import List, NamedTuple
+
+import numpy as np
+import ruptures
+from scipy.cluster.hierarchy import fcluster, linkage
+
+from training.baselines.appld.demonstration import Demonstration
+from training.mdp.episode import CONTROL_PERIOD
+
+CAP = 2.0  # m; what is farther away is open
+FEATURES = ("speed", "turning", "ahead", "near side", "far side")
+SMOOTHED = 15  # instants that a feature is averaged over
+SHORTEST = 1.5  # s of a segment
+
+
+class Segment(NamedTuple):
+    """Instants [first, last) of a demonstration, and the context they belong to."""
+
+    demonstration: int
+    first: int
+    last: int
+    context: int
+
+
+@dataclass
+class Contexts:
+    """segments in the order driven; names (k,); means (k, 5) of FEATURES in each context [m/s, rad/s, m, m, m]."""
+
+    segments: List[Segment]
+    names: List[str]
+    means: np.ndarray
+
+
+def features(demonstration: Demonstration) -> np.ndarray:
+    """(n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot (FEATURES)."""
+    ranges = np.nan_to_num(np.asarray(demonstration.ranges, np.float64), nan=CAP, posinf=CAP, neginf=0.0)
+    ranges = np.minimum(ranges, CAP)
+    beside = np.sort(np.column_stack([ranges[:, 60:260].min(axis=1), ranges[:, 460:660].min(axis=1)]), axis=1)
+    raw = np.column_stack([np.abs(demonstration.command), ranges[:, 300:420].min(axis=1), beside])
+    kernel = np.ones(min(SMOOTHED, len(raw)))
+    weight = np.convolve(np.ones(len(raw)), kernel, mode="same")
+    return np.column_stack([np.convolve(column, kernel, mode="same") / weight for column in raw.T])
+
+
+def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.0) -> Contexts:
+    """Contexts of one or more demonstrations.
+
+    Changepoints: the cut that is best in squared error about each segment's mean feature, at a penalty per changepoint
+    (the likelihood of normal features with BIC's price: a maximum-likelihood stand-in for the Bayesian CHAMP of the
+    APPLD paper). Then Ward's clustering of the segments, to at most `most` contexts; 0 leaves every segment a context
+    of its own, as in the APPLD paper.
+    """
+    seen = [features(d) for d in demonstrations]
+    every = np.concatenate(seen)
+    mean, spread = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-3)
+    scaled = [(f - mean) / spread for f in seen]
+    cuts = [_cut(f, penalty) for f in scaled]
+    spans = [(number, a, b) for number, ends in enumerate(cuts) for a, b in zip([0] + ends[:-1], ends)]
+    means = np.array([scaled[number][a:b].mean(axis=0) for number, a, b in spans])
+    labels = np.arange(len(spans))
+    if most and len(spans) > most:
+        labels = fcluster(linkage(means, "ward"), most, "maxclust") - 1
+    labels = _in_order(labels)
+    segments = [Segment(*span, int(label)) for span, label in zip(spans, labels)]
+    own = np.array(
+        [
+            np.concatenate([seen[s.demonstration][s.first : s.last] for s in segments if s.context == k]).mean(axis=0)
+            for k in range(labels.max() + 1)
+        ]
+    )
+    return Contexts(segments, _names(own), own)
+
+
+def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
+    """Ends of the segments; the last is len(scaled)."""
+    shortest = int(SHORTEST / CONTROL_PERIOD)
+    if len(scaled) < 2 * shortest:
+        return [len(scaled)]
+    price = penalty * scaled.shape[1] * np.log(len(scaled))
+    return [int(end) for end in ruptures.KernelCPD("linear", min_size=shortest).fit(scaled).predict(pen=price)]
+
+
+def _in_order(labels) -> np.ndarray:
+    """Numbered as they come up first."""
+    order = list(dict.fromkeys(labels.tolist()))
+    return np.array([order.index(label) for label in labels.tolist()])
+
+
+def _names(means) -> List[str]:
+    """A number and the words that tell the context from the others: "1 open fast"."""
+    middle = np.median(means, axis=0)
+    names = []
+    for number, (speed, turning, ahead, near, _) in enumerate(means):
+        words = [
+            "open" if ahead > middle[2] else "close ahead",
+            "narrow" if near < middle[3] else "wide",
+            "fast" if speed > middle[0] else "slow",
+        ] + (["turning"] if turning > middle[1] else [])
+        names.append("%d %s" % (number + 1, ", ".join(words)))
+    return names

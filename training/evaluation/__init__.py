@@ -1,0 +1,1 @@
+"""Evaluation trials: methods, protocols, the workers that drive them, their store, and periodic evaluation during training."""  # noqa: E501

@@ -1,0 +1,173 @@
+"""The replay on disk: every trajectory that the learner took, in order, appended the moment it is taken.
+
+A checkpoint is the networks plus a place in this journal, so that it costs little however large the replay is; and what
+came after the checkpoint is not lost when the process is killed, because the learner goes through it again. learner.py
+writes and reads it. A segment file is a row of records: "APTR", length, CRC-32, payload; the first is a JSON header.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from pathlib import Path
+from typing import Dict, Iterator, List, Optional, Tuple
+
+from training.storage import StorageError, make_folder, reason
+
+MAGIC, FORMAT = b"APTR", "applr-journal-1"
+_FRAME = struct.Struct("<4sII")
+LARGEST = 1 << 28
+
+
+class Journal:
+    """A folder of segments. A torn last record, in flight when the process died, is dropped."""
+
+    def __init__(self, folder, segment_bytes: int = 1 << 26):
+        self.folder, self.segment_bytes = make_folder(folder), segment_bytes
+        self.segments: List[int] = sorted(int(p.stem) for p in self.folder.glob("*.segment") if p.stem.isdigit())
+        self._file = None
+        self.offset = 0
+        while self.segments:
+            last = self.segments[-1]
+            good = self._good_length(last)
+            if good:
+                self.offset = good  # what is behind it goes when the next record is written
+                break
+            self._path(last).unlink()  # not even its first record was written
+            self.segments.pop()
+
+    # -- writing -----------------------------------------------------------------------------------
+    def append(self, blob: bytes, header: Dict) -> None:
+        """Add a record. `header` goes first into a new segment, should one be begun."""
+        if self._file is None and self.segments:
+            self._open(self.segments[-1])
+            os.ftruncate(self._file, self.offset)
+        if self._file is None or self.offset > self.segment_bytes:
+            self._begin(header)
+        self._write(blob)
+
+    def sync(self) -> None:
+        if self._file is not None:
+            os.fsync(self._file)
+
+    @property
+    def place(self) -> List[int]:
+        """[segment, offset] behind the last record."""
+        return [self.segments[-1] if self.segments else 0, self.offset]
+
+    def cut(self, place) -> None:
+        """Forget what lies behind a place."""
+        segment, offset = place
+        self.close()
+        while self.segments and self.segments[-1] > segment:
+            self._path(self.segments.pop()).unlink()
+        if self.segments:
+            self.offset = min(offset, self._path(self.segments[-1]).stat().st_size)
+            self._open(self.segments[-1])
+            os.ftruncate(self._file, self.offset)
+
+    def forget_before(self, rows: int) -> None:
+        """Delete segments all of whose rows come before `rows` (the ring has overwritten them)."""
+        while len(self.segments) > 1 and self.header(self.segments[1])["rows"] <= rows:
+            self._path(self.segments.pop(0)).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    # -- reading -----------------------------------------------------------------------------------
+    def header(self, segment: Optional[int] = None) -> Optional[Dict]:
+        """The header of a segment (the first one's by default); None for an empty journal."""
+        if not self.segments:
+            return None
+        segment = self.segments[0] if segment is None else segment
+        for _, blob in self._records(segment):
+            try:
+                header = json.loads(blob)
+            except ValueError:
+                header = {}
+            if header.get("format") == FORMAT:
+                return header
+            break
+        raise StorageError("%s: not a journal segment; the file is damaged" % self._path(segment))
+
+    def read(self, since=None, until=None) -> Iterator[bytes]:
+        """Records from place `since` (all) up to place `until` (the end)."""
+        if until is not None and tuple(until) > tuple(self.place):
+            raise StorageError(
+                "%s: ends at %s, the checkpoint needs it up to %s; files are missing or damaged"
+                % (self.folder, self.place, list(until))
+            )
+        for segment in list(self.segments):
+            if since is not None and segment < since[0]:
+                continue
+            begin = since[1] if since is not None and segment == since[0] else 0
+            for i, (end, blob) in enumerate(self._records(segment, begin)):
+                if until is not None and (segment, end) > tuple(until):
+                    return
+                if begin or i:  # the first record of a segment is its header
+                    yield blob
+
+    # -- segments ----------------------------------------------------------------------------------
+    def _path(self, segment: int) -> Path:
+        return self.folder / ("%06d.segment" % segment)
+
+    def _open(self, segment: int) -> None:
+        try:
+            self._file = os.open(self._path(segment), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise StorageError("%s: cannot be written (%s)" % (self._path(segment), reason(error))) from None
+
+    def _begin(self, header: Dict) -> None:
+        self.sync()
+        self.close()
+        segment = self.segments[-1] + 1 if self.segments else 0
+        self._open(segment)
+        self.segments.append(segment)
+        self.offset = 0
+        self._write(json.dumps(dict(header, format=FORMAT)).encode())
+
+    def _write(self, blob: bytes) -> None:
+        data = _FRAME.pack(MAGIC, len(blob), zlib.crc32(blob)) + blob
+        try:
+            view = memoryview(data)
+            while view:
+                view = view[os.write(self._file, view) :]
+        except OSError as error:
+            os.ftruncate(self._file, self.offset)  # take the part back: the journal stays whole
+            raise StorageError(
+                "%s: cannot be written (%s); free some space and --resume; the last checkpoint is intact"
+                % (self._path(self.segments[-1]), reason(error))
+            ) from None
+        self.offset += len(data)
+
+    def _records(self, segment: int, begin: int = 0) -> Iterator[Tuple[int, bytes]]:
+        """(offset behind it, payload) of each whole record; stops at the first that is not."""
+        path = self._path(segment)
+        try:
+            with open(path, "rb") as file:
+                file.seek(begin)
+                offset = begin
+                while True:
+                    frame = file.read(_FRAME.size)
+                    if len(frame) < _FRAME.size:
+                        return
+                    magic, length, crc = _FRAME.unpack(frame)
+                    if magic != MAGIC or length > LARGEST:
+                        return
+                    blob = file.read(length)
+                    if len(blob) < length or zlib.crc32(blob) != crc:
+                        return
+                    offset += _FRAME.size + length
+                    yield offset, blob
+        except OSError as error:
+            raise StorageError("%s: cannot be read (%s)" % (path, reason(error))) from None
+
+    def _good_length(self, segment: int) -> int:
+        good = 0
+        for good, _ in self._records(segment):  # noqa: B007
+            pass
+        return good

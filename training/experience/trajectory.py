@@ -1,0 +1,142 @@
+"""One episode as it travels from an actor to the replay, and as it lies on disk: arrays in safetensors, no pickle.
+
+Actors pack, the learner unpacks and checks, the journal keeps. The scan is stored in whole steps of its resolution.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any, Dict
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
+MAX_NAME = 200
+
+
+class TrajectoryError(ValueError):
+    """A trajectory that must not enter the replay; one line with the reason."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What one observation and one action consist of.
+
+    scan    beams, each in [-1, 1], stored as whole numbers of 2/levels (uint8: 255 steps. With the paper's cap of
+            2 m that is 7.8 mm, a sixth of a costmap cell)
+    rest    further numbers (phi, theta), stored as float32
+    action  numbers in [-1, 1], float32
+    """
+
+    scan: int = 720
+    rest: int = 9
+    action: int = 8
+
+    LEVELS = 255
+
+    @property
+    def size(self) -> int:
+        return self.scan + self.rest
+
+    @property
+    def step(self) -> float:
+        return 2.0 / self.LEVELS
+
+    def quantise(self, observations: np.ndarray) -> np.ndarray:
+        """(n, size) → (n, scan) uint8."""
+        return np.rint((np.clip(observations[:, : self.scan], -1.0, 1.0) + 1.0) / self.step).astype(np.uint8)
+
+    def restore(self, scan: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """The inverse of quantise, with the rest: (n, size) float32."""
+        return np.concatenate((scan.astype(np.float32) * np.float32(self.step) - np.float32(1.0), rest), axis=1)
+
+
+@dataclass
+class Trajectory:
+    """T transitions with T + 1 observations: s' of one is s of the next, stored once.
+
+    scan (T+1, beams) uint8, rest (T+1, k) float32, action (T, m), reward (T,) float32
+    terminated: the last observation is a terminal state; otherwise the episode was cut there (truncated) and is
+    bootstrapped. info: JSON values; "actor" (text) and "episode" (int) identify it, "version" is the policy's.
+    """
+
+    scan: np.ndarray
+    rest: np.ndarray
+    action: np.ndarray
+    reward: np.ndarray
+    terminated: bool
+    info: Dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.reward)
+
+    @classmethod
+    def of(cls, layout: Layout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
+        """From float observations (T+1, size), actions (T, m), rewards (T,)."""
+        observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
+        if not np.isfinite(observations).all():
+            raise TrajectoryError("observation holds NaN or inf")
+        return cls(
+            layout.quantise(observations),
+            np.ascontiguousarray(observations[:, layout.scan :]),
+            np.asarray(actions, dtype=np.float32).reshape(-1, layout.action),
+            np.asarray(rewards, dtype=np.float32),
+            bool(terminated),
+            dict(info or {}),
+        )
+
+    def check(self, layout: Layout) -> None:
+        """Raises TrajectoryError unless shapes, types and values are what the replay stores."""
+        t = len(self.reward) if getattr(self.reward, "ndim", 0) == 1 else -1
+        if not 1 <= t <= MAX_TRANSITIONS:
+            raise TrajectoryError("a trajectory of %d transitions; 1 to %d are taken" % (t, MAX_TRANSITIONS))
+        wanted = {
+            "scan": (np.uint8, (t + 1, layout.scan)),
+            "rest": (np.float32, (t + 1, layout.rest)),
+            "action": (np.float32, (t, layout.action)),
+            "reward": (np.float32, (t,)),
+        }
+        for name, (dtype, shape) in wanted.items():
+            array = getattr(self, name)
+            if array.dtype != dtype or array.shape != shape:
+                raise TrajectoryError(
+                    "%s is %s %s, %s %s is needed" % (name, array.dtype, array.shape, np.dtype(dtype), shape)
+                )
+            if dtype == np.float32 and not np.isfinite(array).all():
+                raise TrajectoryError("%s holds NaN or inf" % name)
+        if t and (np.abs(self.action) > 1.0 + 1e-6).any():
+            raise TrajectoryError("an action lies outside [-1, 1]")
+        actor, episode = self.info.get("actor"), self.info.get("episode")
+        if not (isinstance(actor, str) and len(actor) <= MAX_NAME and type(episode) is int and episode >= 0):
+            raise TrajectoryError("no valid actor and episode number (%.40r, %.40r)" % (actor, episode))
+
+    def pack(self) -> bytes:
+        arrays = {"scan": self.scan, "rest": self.rest, "action": self.action, "reward": self.reward}
+        header = {"info": json.dumps(self.info), "terminated": json.dumps(bool(self.terminated))}
+        return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata=header)
+
+    @classmethod
+    def unpack(cls, blob: bytes) -> "Trajectory":
+        """The inverse of pack. Raises TrajectoryError for bytes that are none."""
+        arrays, header = unpack(blob, TrajectoryError)
+        try:
+            info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
+            if not isinstance(info, dict) or not isinstance(terminated, bool):
+                raise ValueError
+            return cls(*(arrays[name] for name in ("scan", "rest", "action", "reward")), terminated, info)
+        except (KeyError, ValueError, RecursionError):
+            raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
+
+
+def unpack(blob: bytes, error=ValueError):
+    """(arrays, header) of safetensors bytes; raises `error` with one line where they are damaged."""
+    try:
+        arrays = safetensors.numpy.load(blob)
+        length = int.from_bytes(blob[:8], "little")
+        header = json.loads(blob[8 : 8 + length]).get("__metadata__") or {}
+    except (safetensors.SafetensorError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as e:
+        raise error("damaged safetensors data (%s)" % (str(e).splitlines() or [""])[0]) from None
+    return arrays, header

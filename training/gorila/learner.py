@@ -1,0 +1,212 @@
+"""The one learner: takes trajectories, keeps them (replay and journal), and makes the gradient steps that they owe.
+
+train.py runs it. What it becomes depends only on its seed and on the trajectories in the order of their taking: a run
+that was killed goes on from its last checkpoint, through the journal, to the very same numbers.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Dict, Optional
+
+import numpy as np
+import safetensors.numpy
+
+from training.experience.journal import Journal
+from training.experience.replay import Replay
+from training.experience.trajectory import Layout, Trajectory, TrajectoryError, unpack
+from training.storage import StorageError, make_folder, read_bytes, read_json, sha256, write_bytes, write_json
+from training.td3.td3 import TD3, LearnerError, TD3Config
+
+FORMAT = "applr-checkpoint-1"
+
+
+@dataclass(frozen=True)
+class LearnerConfig:
+    td3: TD3Config = TD3Config()
+    capacity: int = 5_500_000  # rows of the replay: the paper's five million transitions, with last states
+    updates_per_transition: float = 0.1  # one gradient step per ten transitions, as the authors' code
+    warmup: int = 0  # transitions before the first gradient step
+    mirror: bool = False  # half of each batch mirrored: APPLR's observations only (Replay.sample)
+    max_staleness: int = 0  # refuse trajectories of policies older than so many updates; 0: never
+    seed: int = 0
+    device: str = "cpu"
+
+
+class Learner:
+    """folder: the run's; checkpoint.json, learner-*.safetensors and journal/ lie in it. None: nothing is kept."""
+
+    def __init__(self, layout: Layout, config: LearnerConfig, folder=None):
+        self.layout, self.config = layout, config
+        self.folder = Path(folder) if folder is not None else None
+        self.td3 = TD3(layout.size, layout.action, config.td3, config.seed, config.device)
+        self.replay = Replay(layout, config.capacity)
+        self.rng = np.random.default_rng([config.seed, 1])
+        self.journal = Journal(make_folder(self.folder) / "journal") if folder is not None else None
+        self.episodes = 0
+        self.refused: Dict[str, int] = {}  # reason → count
+        self.staleness = Staleness()
+        self.checkpoints = 0
+
+    # -- taking ------------------------------------------------------------------------------------
+    def take(self, blob: bytes) -> Optional[Trajectory]:
+        """One packed trajectory from an actor. Malformed, repeated or too old ones are counted and dropped: None."""
+        try:
+            trajectory = Trajectory.unpack(blob)
+            self.replay.check(trajectory)
+            self._check_age(trajectory)
+        except TrajectoryError as error:
+            self.refused[str(error)] = self.refused.get(str(error), 0) + 1
+            return None
+        if self.journal is not None:
+            self.journal.append(
+                blob, {"rows": self.replay.written, "transitions": self.replay.transitions, "episodes": self.episodes}
+            )
+        self._add(trajectory)
+        return trajectory
+
+    def _add(self, trajectory):
+        self.replay.add(trajectory)
+        self.episodes += 1
+        self.staleness.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
+
+    def _check_age(self, trajectory):
+        version = trajectory.info.get("version", 0)
+        if type(version) is not int:
+            raise TrajectoryError("policy version %.40r is no number" % (version,))
+        age = self.td3.updates - version
+        if 0 < self.config.max_staleness < age:
+            raise TrajectoryError("its policy was more than %d updates old" % self.config.max_staleness)
+
+    # -- learning ----------------------------------------------------------------------------------
+    @property
+    def transitions(self) -> int:
+        return self.replay.transitions
+
+    @property
+    def owed(self) -> int:
+        """Gradient steps not yet made for the transitions taken."""
+        due = int((self.transitions - self.config.warmup) * self.config.updates_per_transition + 1e-9)
+        return max(0, due - self.td3.updates)
+
+    def work(self, most: Optional[int] = None) -> int:
+        """Make the owed gradient steps, at most so many; returns how many were made."""
+        n = self.owed if most is None else min(self.owed, most)
+        for _ in range(n):
+            self.update()
+        return n
+
+    def update(self) -> None:
+        c = self.config.td3
+        self.td3.update(
+            self.replay.sample(self.rng, c.batch_size, c.n_step, c.gamma, self.td3.device, self.config.mirror)
+        )
+
+    # -- checkpoints -------------------------------------------------------------------------------
+    def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
+        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest."""
+        arrays, header = self.td3.state()
+        self.journal.sync()
+        data = safetensors.numpy.save(arrays, metadata=header)
+        number = self.checkpoints + 1
+        name = "learner-%06d.safetensors" % number
+        write_bytes(self.folder / name, data)
+        write_json(
+            self.folder / "checkpoint.json",
+            {
+                "format": FORMAT,
+                "number": number,
+                "learner": {"file": name, "sha256": sha256(data)},
+                "journal": self.journal.place,
+                "layout": asdict(self.layout),
+                "config": _plain(self.config),
+                "rng": self.rng.bit_generator.state,
+                "transitions": self.transitions,
+                "rows": self.replay.written,
+                "episodes": self.episodes,
+                "updates": self.td3.updates,
+                "seen": self.replay.seen(),
+                "extra": extra or {},
+            },
+        )
+        self.checkpoints = number
+        self.journal.forget_before(self.replay.written - self.replay.capacity)
+        for old in self.folder.glob("learner-*.safetensors"):
+            if old.name != name:
+                old.unlink(missing_ok=True)
+
+    @staticmethod
+    def saved(folder) -> Optional[Dict[str, Any]]:
+        """The checkpoint.json of a run folder, or None."""
+        path = Path(folder) / "checkpoint.json"
+        if not path.exists():
+            return None
+        checkpoint = read_json(path)
+        if not isinstance(checkpoint, dict) or checkpoint.get("format") != FORMAT:
+            raise StorageError("%s: not a checkpoint of this program" % path)
+        return checkpoint
+
+    def resume(self, on_trajectory=lambda learner, trajectory: None) -> Dict[str, Any]:
+        """Back to the last checkpoint, and on through what the journal holds behind it. Returns the checkpoint's extra.
+
+        A folder without a checkpoint but with a journal is gone through from its beginning. on_trajectory is called
+        for every episode behind the checkpoint: on_trajectory(learner, trajectory).
+        """
+        checkpoint = self.saved(self.folder)
+        place, extra = None, {}
+        if checkpoint is not None:
+            place, extra = checkpoint["journal"], checkpoint["extra"]
+            self._restore(checkpoint)
+            self.work()
+        for blob in self.journal.read(since=place):
+            trajectory = Trajectory.unpack(blob)
+            self._add(trajectory)
+            on_trajectory(self, trajectory)
+            self.work()
+        return extra
+
+    def _restore(self, checkpoint):
+        path = self.folder / checkpoint["learner"]["file"]
+        if checkpoint["layout"] != asdict(self.layout):
+            raise LearnerError(
+                "%s was made with the layout %s, this run has %s"
+                % (self.folder, checkpoint["layout"], asdict(self.layout))
+            )
+        data = read_bytes(path)
+        if sha256(data) != checkpoint["learner"]["sha256"]:
+            raise StorageError("%s: its checksum is wrong; the file is damaged" % path)
+        self.td3.load(*unpack(data, LearnerError), what=str(self.folder))
+        header = self.journal.header()
+        if header is not None:
+            self.replay.begin_at(header["rows"], header["transitions"])
+            self.episodes = header["episodes"]
+        for blob in self.journal.read(until=checkpoint["journal"]):
+            self.replay.add(Trajectory.unpack(blob))
+        self.replay.see(checkpoint["seen"])
+        if (self.replay.written, self.replay.transitions) != (checkpoint["rows"], checkpoint["transitions"]):
+            raise StorageError(
+                "%s: the journal holds %d transitions, the checkpoint counts %d; files are missing"
+                % (self.folder, self.replay.transitions, checkpoint["transitions"])
+            )
+        self.rng.bit_generator.state = checkpoint["rng"]
+        self.episodes, self.checkpoints = checkpoint["episodes"], checkpoint["number"]
+
+
+class Staleness:
+    """How old, in updates, the policies were whose trajectories came in."""
+
+    def __init__(self):
+        self.count, self.total, self.most = 0, 0, 0
+
+    def add(self, updates: int) -> None:
+        self.count, self.total, self.most = self.count + 1, self.total + updates, max(self.most, updates)
+
+    @property
+    def mean(self) -> float:
+        return self.total / self.count if self.count else 0.0
+
+
+def _plain(config) -> Dict[str, Any]:
+    return json.loads(json.dumps(asdict(config)))

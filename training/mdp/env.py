@@ -1,0 +1,124 @@
+"""The paper's meta-environment for Gymnasium: id "applr_ros1/Navigation-v0". Actors train in it; any RL library can.
+
+State (729,): scan capped at 2 m, phi, theta_{t-1}. Action (8,): the planner's parameters. One step is one decision:
+2 s of simulated time, 40 cycles of the very MoveBase that the ROS node runs. Course, limit and ends as in episode.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Optional
+
+import gymnasium
+import numpy as np
+
+import sim_bridge
+import worlds as worlds_package
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.policy import observation
+from applr_ros1.policy.parameter_space import SPACE
+from training.experience.trajectory import Layout
+from training.mdp.episode import LIMIT, Episode
+from training.mdp.reward import Reward, failed
+
+ID = "applr_ros1/Navigation-v0"
+
+
+class ApplrEnv(gymnasium.Env):
+    """worlds      what to drive: a list of World, or a specification ("generated:train", a file, a folder; several
+                   with commas between them)
+    simulator      "kinematic", "pybullet", or a Simulator
+    reward         a Reward, or a dict of its fields
+    randomisation  what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise, latency,
+                   friction, slip (sim_bridge.Randomisation)
+    limit          decisions until the episode is truncated (50: 100 s)
+    params         the planner's parameter tree
+    """
+
+    metadata = {"render_modes": []}
+    layout = Layout(observation.BEAMS, observation.SIZE - observation.BEAMS, len(SPACE))
+
+    def __init__(
+        self,
+        worlds="generated:train",
+        simulator="kinematic",
+        reward=None,
+        randomisation=None,
+        limit: int = LIMIT,
+        end_on_contact: bool = False,
+        params=JACKAL,
+        record: bool = False,
+        render_mode: Optional[str] = None,
+    ):
+        self.worlds = load_worlds(worlds)
+        self.render_mode = render_mode
+        if isinstance(simulator, str):
+            simulator = sim_bridge.make(simulator, **(randomisation or {}))
+        self.reward = reward if isinstance(reward, Reward) else Reward(**(reward or {}))
+        self.episode = Episode(simulator, MoveBase(params), limit=limit, end_on_contact=end_on_contact, record=record)
+        self.space = self.episode.space
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (observation.SIZE,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(SPACE),), np.float32)
+
+    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
+        """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
+        super().reset(seed=seed)
+        options = options or {}
+        world = self._world(options.get("world"))
+        draw = int(self.np_random.integers(2**31))
+        outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
+        return self.episode.observation(), self._info(outcome)
+
+    def step(self, action):
+        """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
+        before = self.space.to_action(self.episode.outcome.theta)
+        outcome = self.episode.decide(self.space.to_theta(action))
+        change = float(np.abs(self.space.to_action(outcome.theta) - before).mean())
+        reward, terms = self.reward(outcome, change, self.episode.limit)
+        terminated = outcome.success or failed(outcome)
+        truncated = outcome.over and not terminated
+        info = self._info(outcome)
+        info["reward"] = terms
+        return self.episode.observation(), float(reward), terminated, truncated, info
+
+    def close(self):
+        self.episode.simulator.close()
+
+    def _world(self, which):
+        if which is None:
+            return self.worlds[int(self.np_random.integers(len(self.worlds)))]
+        if isinstance(which, (int, np.integer)):
+            if not 0 <= which < len(self.worlds):
+                raise ValueError("world %d does not exist: there are %d" % (which, len(self.worlds)))
+            return self.worlds[which]
+        for world in self.worlds:
+            if world.name == which:
+                return world
+        raise ValueError("world %r is not among this environment's %d" % (which, len(self.worlds)))
+
+    def _info(self, outcome):
+        return {
+            "world": self.episode.world.name,
+            "theta": outcome.theta,
+            "success": outcome.success,
+            "collided": outcome.collided,
+            "timeout": outcome.timeout,
+            "flipped": outcome.flipped,
+            "aborted": outcome.aborted,
+            "time_s": outcome.time_s,
+            "decisions": outcome.decisions,
+            "path_length_m": outcome.path_length_m,
+            "min_clearance_m": outcome.min_clearance_m,
+            "reason": outcome.reason,
+        }
+
+
+def load_worlds(spec):
+    """[World, ...] of a specification, several with commas between them; a list stays as it is."""
+    if not isinstance(spec, str):
+        return list(spec)
+    return [world for part in spec.split(",") for world in worlds_package.load_all(part.strip())]
+
+
+if ID not in gymnasium.registry:
+    gymnasium.register(ID, entry_point="training.mdp.env:ApplrEnv")

@@ -1,0 +1,270 @@
+"""One trial: a robot drives one course while parameters change every two seconds. The loop that joins MoveBase and a
+Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and searches all drive through it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import List, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE
+from sim_bridge import jackal
+
+PERIOD = 2.0  # of one decision [s], as in the paper
+CONTROL_PERIOD = 0.05  # of one planner and controller cycle [s]: the Jackal's 20 Hz
+CYCLES = 40  # control cycles of one decision
+LIMIT = 50  # decisions: 100 s
+SERVERS = {
+    "planner": "TrajectoryPlannerROS",
+    "local_inflation": "local_costmap/inflater_layer",
+    "global_inflation": "global_costmap/inflater_layer",
+}  # the space's targets, by MoveBase's names
+NEAREST = 0.1  # smallest distance that the laser can tell [m]: what lies nearer counts as this
+
+
+@dataclass
+class Outcome:
+    """What a trial is after a decision (or after reset, when most fields are zero).
+
+    The inputs of the next observation:
+      ranges (720,) float32 [m], phi [rad], theta (8,) what the planner really has
+    Of this decision:
+      progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
+      min_range             smallest range of the scan at its end [m], never under NEAREST
+      lowest_range          smallest range of all its scans [m]
+      contact               whether the robot touched anything
+      jerk                  mean |change of acceleration| of the true speed [m/s^3]
+      seconds               simulated time it took: 2 s, less where the course ended
+    Of the trial so far:
+      success, flipped, collided (touched anything), aborted (the planner gave up, or stopped off the goal),
+      timeout (the limit; also set for an abort, which stands until the limit), over
+      time_s                seconds since the goal was sent; the full limit where it timed out
+      decisions, path_length_m, min_clearance_m (lowest range), mean_jerk, mean_turn (mean |yaw acceleration|)
+    """
+
+    ranges: np.ndarray
+    phi: float
+    theta: np.ndarray
+    progress: float = 0.0
+    progress_y: float = 0.0
+    min_range: float = math.inf
+    lowest_range: float = math.inf
+    contact: bool = False
+    jerk: float = 0.0
+    seconds: float = 0.0
+    success: bool = False
+    flipped: bool = False
+    collided: bool = False
+    aborted: bool = False
+    timeout: bool = False
+    time_s: float = 0.0
+    decisions: int = 0
+    path_length_m: float = 0.0
+    min_clearance_m: float = math.inf
+    mean_jerk: float = 0.0
+    mean_turn: float = 0.0
+    reason: str = ""  # in words, why the trial is over
+
+    @property
+    def over(self) -> bool:
+        return self.success or self.flipped or self.aborted or self.timeout or bool(self.reason)
+
+
+@dataclass
+class Trace:
+    """What was driven, a row per control cycle; kept when Episode(record=True). For pictures and profiles."""
+
+    time: List[float] = field(default_factory=list)
+    pose: List[Tuple[float, float, float]] = field(default_factory=list)  # true, world frame
+    twist: List[Tuple[float, float]] = field(default_factory=list)
+    command: List[Tuple[float, float]] = field(default_factory=list)
+    theta: List[np.ndarray] = field(default_factory=list)  # a row per decision
+
+
+class Episode:
+    """Drives courses, one after the other, with one planner in one simulator.
+
+    simulator       sim_bridge.Simulator
+    move_base       applr_ros1.planner.move_base.MoveBase
+    limit           decisions until a time-out (50: 100 s)
+    end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
+    record          keep .trace
+
+    The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
+    until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
+    """
+
+    def __init__(
+        self, simulator, move_base, space=SPACE, limit: int = LIMIT, end_on_contact: bool = False, record: bool = False
+    ):
+        self.simulator, self.move_base = simulator, move_base
+        self.space = space
+        self.limit, self.end_on_contact, self.record = limit, end_on_contact, record
+        self.outcome: Optional[Outcome] = None
+        self.trace = Trace()
+
+    # -- the trial ---------------------------------------------------------------------------------
+    def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
+        """Put robot, maps and planner back, restore theta_0 (or `theta`), look once and send the goal.
+
+        As the authors' reset: model and odometry to the start, costmaps cleared, theta_0, goal. One idle cycle
+        passes so that the first observation has a map and a plan; the clock starts when the goal is sent.
+        """
+        self.world = world
+        state = self.simulator.reset(world, seed, start)
+        self.move_base.reset(state.time)
+        self.trace = Trace()
+        self._acceleration = None
+        self._jerks = self._turns = 0.0
+        self._cycles = 0
+        theta = self.apply(self.space.theta0 if theta is None else theta)
+        self._cycle()
+        self.goal = self.simulator.to_odom(world.course.goal)
+        state = self.simulator.state
+        self.began = state.time
+        self.move_base.set_goal(self.goal, state.time)
+        plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)
+        ranges = self.simulator.scan()
+        near = nearest(ranges)
+        self.outcome = Outcome(ranges, self._phi(plan), theta, min_range=near, lowest_range=near, min_clearance_m=near)
+        return self.outcome
+
+    def decide(self, theta) -> Outcome:
+        """Drive two seconds (fewer where the course ends) with parameters theta (8,), and say how it went."""
+        if self.outcome is None or self.outcome.over:
+            raise RuntimeError("the trial is over: call reset() before decide()")
+        theta = self.apply(theta)
+        if self.record:
+            self.trace.theta.append(theta)
+        since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
+        was = self.outcome
+        now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, lowest_range=math.inf, jerk=0.0)
+        jerks, cycles = self._jerks, self._cycles
+        for _ in range(CYCLES):
+            self._drive_one(now)
+            if now.over:
+                break
+        state = self.simulator.state
+        now.seconds = state.time - since
+        now.time_s = state.time - self.began
+        if not now.over and now.decisions >= self.limit:
+            now.timeout, now.reason = True, "time limit"
+        if now.aborted:
+            now.timeout = True
+        if now.timeout:
+            now.time_s = self.limit * PERIOD
+        now.ranges = self.simulator.scan()
+        now.min_range = nearest(now.ranges)
+        now.lowest_range = min(now.lowest_range, now.min_range)
+        now.min_clearance_m = min(was.min_clearance_m, now.lowest_range)
+        now.phi = self._phi(self.move_base.global_plan)
+        now.progress, now.progress_y = self._progress(came_from, state.pose)
+        now.jerk = (self._jerks - jerks) / max(1, self._cycles - cycles)
+        now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
+        self.outcome = now
+        return now
+
+    def observation(self, outcome: Optional[Outcome] = None) -> np.ndarray:
+        """(729,) float32 in [-1, 1]: what the policy sees."""
+        o = outcome or self.outcome
+        return observe(o.ranges, o.phi, o.theta, self.space)
+
+    # -- parameters --------------------------------------------------------------------------------
+    def apply(self, theta) -> np.ndarray:
+        """Set parameters theta (8,) through the same reconfigure servers as over ROS; returns what is in force."""
+        requests = {}
+        for name, value in self.space.as_dict(self.space.clip(theta)).items():
+            for target in self.space.targets[name]:
+                requests.setdefault(SERVERS[target.server], {})[target.names[0]] = target.sign * value
+        has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
+        first = [self.space.targets[name][0] for name in self.space.names]
+        return np.array([has[SERVERS[t.server]][t.names[0]] * t.sign for t in first], dtype=np.float64)
+
+    # -- one control cycle of 50 ms ----------------------------------------------------------------
+    def _cycle(self):
+        """Scan, plan, command, drive; returns (planner's cycle, new state)."""
+        simulator, state = self.simulator, self.simulator.state
+        ranges = simulator.scan()
+        self._ranges = ranges
+        scan = LaserScan(
+            state.time,
+            jackal.ANGLE_MIN,
+            jackal.ANGLE_INCREMENT,
+            jackal.RANGE_MIN,
+            jackal.RANGE_MAX,
+            ranges,
+            laser_pose(state.odom_pose),
+        )
+        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
+        if cycle.command is not None:
+            simulator.command(*cycle.command)
+        return cycle, simulator.advance(CONTROL_PERIOD)
+
+    def _drive_one(self, now: Outcome) -> None:
+        before = self.simulator.state
+        x, y, _ = before.pose
+        v, w = before.twist
+        cycle, state = self._cycle()
+        now.lowest_range = min(now.lowest_range, nearest(self._ranges))
+        now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
+        now.contact |= bool(state.contact)
+        now.collided |= now.contact
+        acceleration = (state.twist[0] - v) / CONTROL_PERIOD
+        if self._acceleration is not None:
+            self._jerks += abs(acceleration - self._acceleration) / CONTROL_PERIOD
+        self._acceleration = acceleration
+        self._turns += abs(state.twist[1] - w) / CONTROL_PERIOD
+        self._cycles += 1
+        if self.record:
+            self.trace.time.append(state.time - self.began)
+            self.trace.pose.append(tuple(state.pose))
+            self.trace.twist.append(tuple(state.twist))
+            self.trace.command.append(cycle.command or (0.0, 0.0))
+        self._judge(now, cycle, state)
+
+    def _judge(self, now: Outcome, cycle, state) -> None:
+        """Whether the course has ended. The true pose counts, not the odometry's."""
+        if self.world.course.done(state.pose[0], state.pose[1]):
+            now.success, now.reason = True, "finished"
+        elif state.flipped:
+            now.flipped, now.reason = True, "flipped"
+        elif self.end_on_contact and state.contact:
+            now.reason = "contact"
+        elif cycle.result is not None:
+            status, text = cycle.result
+            now.aborted, now.reason = True, "planner %s: %s" % (status, text)
+
+    # -- what is seen ------------------------------------------------------------------------------
+    def _phi(self, plan) -> float:
+        """Angle to the local goal 1 m along the plan [rad]; to the goal itself where there is no plan."""
+        pose = self.simulator.state.odom_pose
+        if plan is not None and len(plan):
+            return goal_angle(local_goal(plan, pose))
+        dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
+        return math.remainder(math.atan2(dy, dx) - yaw, 2.0 * math.pi)
+
+    def _progress(self, p, q) -> Tuple[float, float]:
+        """The paper's R_p, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
+        goal = self.world.course.goal
+        gx, gy = goal[0] - p[0], goal[1] - p[1]
+        distance = math.hypot(gx, gy)
+        along = ((q[0] - p[0]) * gx + (q[1] - p[1]) * gy) / distance if distance > 0.0 else 0.0
+        return along, q[1] - p[1]
+
+
+def laser_pose(pose) -> Tuple[float, float, float]:
+    """The laser's pose for a robot at pose (x, y, yaw)."""
+    ox, oy = jackal.LASER_OFFSET
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    return pose[0] + c * ox - s * oy, pose[1] + s * ox + c * oy, pose[2]
+
+
+def nearest(ranges: np.ndarray) -> float:
+    """d(o): the smallest range [m], at least NEAREST (-inf: too near to tell) and inf where nothing returns."""
+    low = float(np.fmin.reduce(ranges))
+    return math.inf if math.isnan(low) else max(NEAREST, low)

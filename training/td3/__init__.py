@@ -1,0 +1,1 @@
+"""The learning algorithm TD3 and its networks. Knows neither replay nor robot."""

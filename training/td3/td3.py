@@ -1,0 +1,319 @@
+"""TD3 (Fujimoto et al. 2018), the paper's learner: a policy and two separate critics, each of 3 x 512 units.
+
+learner.py feeds it batches from the replay; nothing here knows of robots, files or processes.
+Defaults are the paper's; where it is silent, the authors' code's. Deviations, named:
+  batch_size 256 (authors' 128): as fast on our machines, less noise.
+  n_step 4 (the paper says nothing; the authors' code began with 1 and ended at 4): see Replay.sample.
+Time limits are bootstrapped, target noise is in action units; the authors' code did neither (mdp_and_data.md).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Dict, Optional, Tuple
+
+import numpy as np
+import torch
+
+from training.td3.networks import MLP
+
+
+class LearnerError(ValueError):
+    """Weights, sizes or a device that cannot be used; one line with what, why and the remedy."""
+
+
+@dataclass(frozen=True)
+class TD3Config:
+    hidden: Tuple[int, ...] = (512, 512, 512)
+    actor_lr: float = 3e-4
+    critic_lr: float = 1e-3
+    gamma: float = 0.95
+    n_step: int = 4
+    batch_size: int = 256
+    tau: float = 0.005
+    target_noise: float = 0.2  # standard deviation of the smoothing noise on target actions, of [-1, 1]
+    noise_clip: float = 0.5
+    policy_delay: int = 2
+    average: float = 0.0  # decay, per policy step, of the running average that is handed out; 0: none
+    saturation: float = 0.0  # cost of the mean square of the policy's outputs before tanh: keeps it off the
+    #                                 ends of the ranges, where tanh lets no gradient through
+    bc_alpha: float = 0.0  # > 0: TD3+BC (Fujimoto & Gu 2021), their alpha is 2.5
+
+
+@dataclass
+class Batch:
+    """Tensors on the learner's device: observation and following (B, n), action and noise (B, m), reward and
+    discount (B,). discount is gamma^k after k steps, 0 past a terminal state; noise is standard normal.
+    """
+
+    observation: torch.Tensor
+    action: torch.Tensor
+    reward: torch.Tensor
+    discount: torch.Tensor
+    following: torch.Tensor
+    noise: torch.Tensor
+
+
+class TD3:
+    """The networks, their targets and optimisers, and one method: update."""
+
+    def __init__(self, observations: int, actions: int, config: TD3Config = TD3Config(), seed: int = 0, device="cpu"):
+        self.config, self.actions, self.observations = config, actions, observations
+        self.device = _device(device)
+        rng = np.random.default_rng(seed)
+        hidden = list(config.hidden)
+        self.actor = MLP([observations, *hidden, actions], rng, self.device)
+        self.critics = [MLP([observations + actions, *hidden, 1], rng, self.device) for _ in range(2)]
+        self.actor_target = self.actor.copy()
+        self.critic_targets = [critic.copy() for critic in self.critics]
+        self.actor_average = self.actor.copy() if config.average else None
+        on_gpu = self.device.type == "cuda"
+        self._critic_parameters = [p for critic in self.critics for p in critic.parameters]
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters, config.actor_lr, fused=True, capturable=on_gpu)
+        self.critic_optimizer = torch.optim.Adam(
+            self._critic_parameters, config.critic_lr, fused=True, capturable=on_gpu
+        )
+        self.updates = 0
+        self.losses: Dict[str, torch.Tensor] = {}
+        self._graphs = Graphs(self) if on_gpu else None
+
+    # -- learning ----------------------------------------------------------------------------------
+    @torch.no_grad()
+    def update(self, batch: Batch) -> None:
+        """One gradient step of the critics; every policy_delay-th also of the policy and the targets."""
+        self.updates += 1
+        delayed = self.updates % self.config.policy_delay == 0
+        if self._graphs is not None:
+            self._graphs.run(batch, delayed)
+        else:
+            self.step(batch, delayed)
+
+    def step(self, batch: Batch, delayed: bool) -> None:
+        """The arithmetic of update (its own method so that a GPU can record it once and repeat it)."""
+        self._update_critics(batch)
+        if delayed:
+            self._update_actor(batch)
+            self._update_targets()
+
+    def _update_critics(self, batch: Batch) -> None:
+        c = self.config
+        # Target policy smoothing: noise in action units, clipped, and the action clipped to its range.
+        noise = (batch.noise * c.target_noise).clamp_(-c.noise_clip, c.noise_clip)
+        action = torch.tanh(self.actor_target.forward(batch.following)).add_(noise).clamp_(-1.0, 1.0)
+        # Clipped double Q: y = r + gamma^k min_i Q'_i(s', a'), bootstrapping through time limits.
+        there = torch.cat((batch.following, action), 1)
+        q1, q2 = (target.forward(there) for target in self.critic_targets)
+        y = torch.minimum(q1, q2).mul_(batch.discount[:, None]).add_(batch.reward[:, None])
+        here = torch.cat((batch.observation, batch.action), 1)
+        loss = 0.0
+        gradients = []
+        for critic in self.critics:
+            kept = []
+            error = critic.forward(here, kept).sub_(y)
+            loss = loss + error.square().mean()
+            gradients += critic.backward(kept, error.mul_(2.0 / len(y)))
+        _apply(self.critic_optimizer, self._critic_parameters, gradients)
+        self.losses["critic_loss"], self.losses["target_q"] = loss, y.mean()
+
+    def _update_actor(self, batch: Batch) -> None:
+        kept, kept_q = [], []
+        z = self.actor.forward(batch.observation, kept)
+        action = torch.tanh(z)
+        q = self.critics[0].forward(torch.cat((batch.observation, action), 1), kept_q)
+        # Deterministic policy gradient (the paper's eq. 2): climb Q_1, leaving its own weights alone.
+        weight = 1.0
+        if self.config.bc_alpha > 0.0:
+            weight = self.config.bc_alpha / q.abs().mean().clamp_(min=1e-6)
+        dq = torch.full_like(q, -1.0 / len(q)) * weight
+        da = self.critics[0].input_gradient(kept_q, dq, slice(self.observations, None))
+        if self.config.bc_alpha > 0.0:
+            da += (action - batch.action) * (2.0 / action.numel())
+        dz = da * (1.0 - action * action)
+        if self.config.saturation > 0.0:
+            dz += z * (2.0 * self.config.saturation / z.numel())
+        gradients = self.actor.backward(kept, dz)
+        _apply(self.actor_optimizer, self.actor.parameters, gradients)
+        self.losses["actor_q"] = q.mean()
+
+    def _update_targets(self) -> None:
+        pairs = [(self.actor, self.actor_target), *zip(self.critics, self.critic_targets)]
+        online = [p for network, _ in pairs for p in network.parameters]
+        target = [p for _, network in pairs for p in network.parameters]
+        torch._foreach_lerp_(target, online, self.config.tau)
+        if self.actor_average is not None:
+            torch._foreach_lerp_(self.actor_average.parameters, self.actor.parameters, 1.0 - self.config.average)
+
+    def report(self) -> Dict[str, float]:
+        """Losses of the newest update as numbers (waits for the device)."""
+        return {name: float(value) for name, value in self.losses.items()}
+
+    # -- acting ------------------------------------------------------------------------------------
+    @property
+    def policy(self) -> MLP:
+        """The policy that drives: the running average of the learnt one where there is one (it sways less)."""
+        return self.actor_average or self.actor
+
+    @torch.no_grad()
+    def action(self, observation: np.ndarray) -> np.ndarray:
+        """(n, observations) → (n, actions), without noise."""
+        x = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
+        return torch.tanh(self.policy.forward(x)).cpu().numpy()
+
+    def actor_weights(self) -> Dict[str, np.ndarray]:
+        """The policy as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies."""
+        return {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state().items()}
+
+    # -- checkpoints -------------------------------------------------------------------------------
+    def tensors(self) -> Dict[str, torch.Tensor]:
+        """Everything that learning goes on from, by name; the tensors themselves."""
+        result = {}
+        for name, network in self._networks().items():
+            result.update(network.state(name + "/"))
+        for name, optimizer, parameters in self._optimizers():
+            for i, p in enumerate(parameters):
+                state = optimizer.state.get(p) or {}
+                for key in ("exp_avg", "exp_avg_sq"):
+                    result["%s/%d.%s" % (name, i, key)] = state.get(key, torch.zeros_like(p))
+        return result
+
+    def state(self) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
+        """(arrays, JSON-able header) for a checkpoint; load() is the inverse."""
+        steps = {
+            name: [float(o.state[p]["step"]) if p in o.state else 0.0 for p in parameters]
+            for name, o, parameters in self._optimizers()
+        }
+        return (
+            {name: t.detach().cpu().numpy().copy() for name, t in self.tensors().items()},
+            {"updates": json.dumps(self.updates), "steps": json.dumps(steps), "shape": json.dumps(self.shape)},
+        )
+
+    @property
+    def shape(self):
+        return [self.observations, *self.config.hidden, self.actions]
+
+    def load(self, arrays: Dict[str, np.ndarray], header: Dict[str, str], what: str = "checkpoint") -> None:
+        """Takes over a state. Raises LearnerError, and changes nothing, where it belongs to another network."""
+        shape = json.loads(header["shape"])
+        if shape != self.shape:
+            raise LearnerError(
+                "%s holds a network of layers %s, this run's has %s; give the same --hidden" % (what, shape, self.shape)
+            )
+        mine = self.tensors()
+        if self.actor_average is not None and "actor_average/0.weight" not in arrays:  # an average begins here
+            arrays = dict(
+                arrays,
+                **{
+                    name.replace("actor/", "actor_average/"): value
+                    for name, value in arrays.items()
+                    if name.startswith("actor/")
+                },
+            )
+        for name, tensor in mine.items():
+            if name not in arrays or arrays[name].shape != tuple(tensor.shape):
+                raise LearnerError("%s: tensor %s is missing or has another shape" % (what, name))
+            if not np.isfinite(arrays[name]).all():
+                raise LearnerError("%s: tensor %s holds NaN or inf" % (what, name))
+        steps = json.loads(header["steps"])
+        for name, optimizer, parameters in self._optimizers():
+            for i, p in enumerate(parameters):
+                if p not in optimizer.state:
+                    optimizer.state[p] = {
+                        "step": torch.zeros((), dtype=torch.float32, device=self._step_device()),
+                        "exp_avg": torch.zeros_like(p),
+                        "exp_avg_sq": torch.zeros_like(p),
+                    }
+                optimizer.state[p]["step"].fill_(steps[name][i])
+        for name, tensor in self.tensors().items():
+            tensor.copy_(torch.from_numpy(arrays[name]))
+        self.updates = json.loads(header["updates"])
+
+    def _step_device(self):
+        return self.device  # fused Adam keeps its step count beside the parameters
+
+    def _networks(self):
+        networks = {
+            "actor": self.actor,
+            "critic1": self.critics[0],
+            "critic2": self.critics[1],
+            "actor_target": self.actor_target,
+            "critic1_target": self.critic_targets[0],
+            "critic2_target": self.critic_targets[1],
+        }
+        return networks if self.actor_average is None else dict(networks, actor_average=self.actor_average)
+
+    def _optimizers(self):
+        return (
+            ("actor_adam", self.actor_optimizer, self.actor.parameters),
+            ("critic_adam", self.critic_optimizer, self._critic_parameters),
+        )
+
+
+class Graphs:
+    """Records the two kinds of update once as CUDA graphs and repeats them: no launch cost for 150 small kernels."""
+
+    WARM_UP = 3
+
+    def __init__(self, td3: TD3):
+        self.td3, self.count, self.batch, self.graphs = td3, 0, None, {}
+
+    def run(self, batch: Batch, delayed: bool) -> None:  # noqa: RET503
+        fields = vars(batch)
+        if self.batch is not None and len(batch.reward) != len(self.batch.reward):
+            return self.td3.step(batch, delayed)  # another batch size than the recorded one
+        if self.batch is None:
+            self.batch = Batch(**{name: tensor.clone() for name, tensor in fields.items()})
+        for name, tensor in fields.items():
+            getattr(self.batch, name).copy_(tensor, non_blocking=True)
+        self.count += 1
+        if self.count <= self.WARM_UP * self.td3.config.policy_delay:
+            self._warm(delayed)
+        elif delayed not in self.graphs:
+            self._record(delayed)
+        if delayed in self.graphs:
+            self.graphs[delayed].replay()
+
+    def _warm(self, delayed):
+        """The first updates run as usual, on a side stream, as recording asks for."""
+        stream = torch.cuda.Stream()
+        stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(stream):
+            self.td3.step(self.batch, delayed)
+        torch.cuda.current_stream().wait_stream(stream)
+
+    def _record(self, delayed):
+        graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            self.td3.step(self.batch, delayed)
+        self.graphs[delayed] = graph
+
+
+def _apply(optimizer, parameters, gradients) -> None:
+    for parameter, gradient in zip(parameters, gradients):
+        parameter.grad = gradient
+    optimizer.step()
+
+
+def _device(name) -> torch.device:
+    try:
+        device = torch.device(
+            "cuda" if name == "auto" and torch.cuda.is_available() else "cpu" if name == "auto" else name
+        )
+    except RuntimeError:
+        raise LearnerError("device %r is unknown; give cpu, cuda or auto" % (name,)) from None
+    if device.type == "cuda" and not torch.cuda.is_available():
+        raise LearnerError("device cuda: torch finds no GPU here; give --device cpu")
+    return device
+
+
+def decode(array: np.ndarray, device) -> torch.Tensor:
+    """A numpy array as a float32 tensor on the device (bytes travel as bytes and become floats there)."""
+    tensor = torch.from_numpy(array)
+    if device.type == "cuda":
+        tensor = tensor.pin_memory().to(device, non_blocking=True)
+    return tensor.to(torch.float32)
+
+
+def join(scan: torch.Tensor, rest: torch.Tensor, step: float) -> Optional[torch.Tensor]:
+    """Observation (B, n) of stored scans (B, beams) in units of `step` above -1, and the rest (B, k) as it is."""
+    return torch.cat((scan.mul_(step).sub_(1.0), rest), 1) if scan.shape[1] else rest
