@@ -1,4 +1,4 @@
-"""The costmap and navfn again, plainly: slow, straight from planner_details.md sections 1 to 4, for comparison only.
+"""Slow, direct costmap layers after docs/planner.md, sections 2 to 4: what the fast ones are compared with.
 
 test_costmap.py, test_inflation.py, test_obstacle_layer.py and test_navfn.py hold the fast versions against these.
 """

@@ -1,4 +1,4 @@
-"""navfn again, plainly: slow, straight from planner_details.md section 4 in numpy's float32, for comparison only."""
+"""A slow, direct navfn in numpy's float32 after docs/planner.md, section 5: what the fast one is compared with."""
 
 import math
 

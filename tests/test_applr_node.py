@@ -1,4 +1,4 @@
-"""The applr node beside a stand-in move_base: what it sends, and every fault of reliability.md that is its own."""
+"""The applr node beside a stand-in move_base: what it sends, and what it does when its inputs fail."""
 
 import time
 

@@ -217,6 +217,41 @@ def test_readme_holds_the_launch_arguments_and_the_parameters():
             assert row in readme, "README.md lacks the row " + row
 
 
+def headings(page):
+    """Headings of a Markdown file and the anchors that they have."""
+    found = re.findall(r"^#+ (.+)$", text_of(page), re.MULTILINE)
+    return found, {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in found}
+
+
+def test_citations_of_the_documents_hold():
+    """Each page of docs that a file cites exists, with the section or heading cited; nothing outside is cited."""
+    section = r"\d+(?:\.\d+)*"
+    citation = re.compile(r"\b(docs/[\w./]+\.md)(?:#([\w-]+)|,? sections? (%s)(?: to (%s))?)?" % (section, section))
+    known = {os.path.basename(page) for page in tracked(".md")}
+    for name in tracked(".py", ".cfg", ".md", ".launch", ".yaml", ".toml", ".cff", "applr"):
+        text = re.sub(r"\s*\n\s*(?:# )?", " ", text_of(name))
+        for page, anchor, *sections in citation.findall(text):
+            assert os.path.isfile(os.path.join(ROOT, page)), "%s cites %s, which is not here" % (name, page)
+            titles, anchors = headings(page)
+            assert not anchor or anchor in anchors, "%s cites %s#%s: no such heading" % (name, page, anchor)
+            for number in filter(None, sections):
+                there = any(title.startswith((number + " ", number + ". ")) for title in titles)
+                assert there, "%s cites %s, section %s: no such section" % (name, page, number)
+        if name.endswith(".py"):
+            for line in re.findall(r"(?:#|\"\"\").*", text_of(name)):
+                for page in re.findall(r"\b\w+\.md\b", line):
+                    assert page in known, "%s cites %s, which is not here" % (name, page)
+
+
+@pytest.mark.parametrize("name", tracked(".md"))
+def test_links_of_the_documents_hold(name):
+    """Each relative link leads to a file of the repository, and to a heading that is there."""
+    for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", text_of(name)):
+        path = os.path.normpath(os.path.join(os.path.dirname(name), target)) if target else name
+        assert os.path.exists(os.path.join(ROOT, path)), "%s links to %s" % (name, target)
+        assert not anchor or anchor in headings(path)[1], "%s links to %s#%s" % (name, target, anchor)
+
+
 def test_ruff():
     ruff = [sys.executable, "-m", "ruff"]
     if subprocess.run(ruff + ["--version"], capture_output=True, check=False).returncode:

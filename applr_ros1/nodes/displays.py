@@ -28,7 +28,7 @@ class _NewSubscriber(rospy.SubscribeListener):
 
 
 class CostmapDisplay:
-    """One costmap: `costmap`, `costmap_updates` and `footprint` under ~<name> (planner_details 3, Publishing).
+    """One costmap: `costmap`, `costmap_updates` and `footprint` under ~<name> (docs/planner.md, section 3.7).
 
     costmap() returns the planner.costmap.Costmap, settings() the values of its server.
     """

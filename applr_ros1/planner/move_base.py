@@ -231,7 +231,7 @@ class MoveBase:
         cycle.state = self.state if self.goal is not None else IDLE
 
     def _plan(self, now, pose, own, cycle) -> None:
-        """Planner thread, one round (planner_details 6)."""
+        """Make one plan, as a round of the C++ planner thread does (docs/planner.md, section 8.3)."""
         self._woken, cycle.planned = False, True
         plan = NO_PLAN if pose is None else self.plan(pose, self.goal)
         if len(plan):
@@ -249,7 +249,7 @@ class MoveBase:
                 cycle.command = STOP
 
     def _control(self, now, pose, twist, own, cycle) -> None:
-        """executeCycle, in its order (planner_details 6)."""
+        """Take one control cycle in executeCycle's order (docs/planner.md, section 8.2)."""
         if pose is not None and _distance(pose, self._oscillation_pose) >= own["oscillation_distance"]:
             self._last_oscillation, self._oscillation_pose = now, (pose[0], pose[1])
             if self._trigger == "oscillation":

@@ -4,7 +4,8 @@ learner.py feeds it batches from the replay; nothing here knows of robots, files
 Defaults are the paper's; where it is silent, the authors' code's. Deviations, named:
   batch_size 256 (authors' 128): as fast on our machines, less noise.
   n_step 4 (the paper says nothing; the authors' code began with 1 and ended at 4): see Replay.sample.
-Time limits are bootstrapped, target noise is in action units; the authors' code did neither (mdp_and_data.md).
+Time limits are bootstrapped, target noise is in action units; the authors' code did neither
+(docs/training.md#where-this-differs-from-the-paper).
 """
 
 from __future__ import annotations

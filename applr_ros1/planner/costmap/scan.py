@@ -53,7 +53,7 @@ def _beam_directions(angle_min, angle_increment, count):
 
 
 def project(scan, inf_is_valid=False):
-    """PointCloud of a LaserScan: planner_details 3, "Scan to points".
+    """PointCloud of a LaserScan: docs/planner.md, section 3.1.
 
     Kept are beams with range_min <= range < range_max. With `inf_is_valid` a +inf counts as a hit just short of
     range_max, so that it clears; NaN and -inf never count.

@@ -1,6 +1,6 @@
 """navfn's path: traced down the gradient of the potential in half-cell steps.
 
-Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (planner_details.md section 4) in float32 where C++ is. C++ reads
+Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (docs/planner.md, section 5.3) in float32 where C++ is. C++ reads
 a cell outside its arrays at the map's ends; here such cells count as unreached.
 """
 
