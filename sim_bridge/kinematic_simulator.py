@@ -1,7 +1,7 @@
 """KinematicSimulator: the pybullet Jackal without a physics engine, for training volume.
 
 Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry
-(kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit`.
+(kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit_kinematic`.
 """
 
 from dataclasses import astuple, dataclass
@@ -19,7 +19,7 @@ STEP = kernel.STEP
 
 @dataclass(frozen=True)
 class KinematicParameters:
-    """In the kernel's order; sim_bridge/fit.py prints the fitted values that stand here."""
+    """In the kernel's order; sim_bridge/fit_kinematic.py prints the fitted values that stand here."""
 
     wheel_rub: float = 0.66  # friction of a wheel along an obstacle
     chassis_rub: float = 0.94  # and of the chassis

@@ -169,8 +169,7 @@ class Bridge:
             self.simulator.set_odometry((p.x, p.y, yaw))
 
     def on_reset(self, _):
-        self.seed += 1
-        self._restart(self.simulator.world)
+        self._restart()
         return EmptyResponse()
 
     def on_world(self, message):
@@ -191,8 +190,11 @@ class Bridge:
         rospy.loginfo("sim_bridge: world %s", world.name)
         return ""
 
-    def _restart(self, world):
+    def _restart(self, world=None):
+        """Begin anew in `world`; without one in the present world, under the next seed."""
         with self.lock:
+            if world is None:
+                world, self.seed = self.simulator.world, self.seed + 1
             self.base_time += self.simulator.state.time + TICK
             with self.arrived:
                 self.heard, self.driven, self.commanded_at = None, False, 0.0

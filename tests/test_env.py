@@ -187,8 +187,8 @@ STEP = Outcome(
     np.zeros(8),
     progress=0.9,
     progress_y=0.8,
-    min_range=0.4,
-    lowest_range=0.2,
+    last_scan_min=0.4,
+    decision_min=0.2,
     contact=True,
     jerk=5.0,
     seconds=2.0,
@@ -214,8 +214,8 @@ def test_reward_terms():
 
 def test_distance_is_bounded_both_ways():
     clear = Reward(c_c=1.0)
-    assert clear(replace(STEP, min_range=math.inf), 0)[1]["clearance"] == -0.5
-    assert clear(replace(STEP, min_range=0.1), 0)[1]["clearance"] == pytest.approx(-10.0)
+    assert clear(replace(STEP, last_scan_min=math.inf), 0)[1]["clearance"] == -0.5
+    assert clear(replace(STEP, last_scan_min=0.1), 0)[1]["clearance"] == pytest.approx(-10.0)
 
 
 def test_a_failure_pays_for_the_time_it_stands_still():

@@ -164,9 +164,9 @@ def test_older_names_always_show_the_same(idle):
 
 def test_watch_over_the_policy():
     """The watch by itself; with a node it is seen in test_move_base_faults.py."""
-    from applr_ros1.nodes import guard
+    from applr_ros1.nodes import heartbeat_watchdog
 
-    watch = guard.Guard(2.0)
+    watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
     assert not watch.is_lost(100.0)  # never heard: left alone
     watch.heartbeat(100.0)
     assert not watch.is_lost(105.0)
@@ -179,7 +179,7 @@ def test_watch_over_the_policy():
     from applr_ros1.planner.parameters.configuration import Configuration
     from applr_ros1.planner.parameters.declarations import JACKAL
 
-    requests = guard.start_up_requests(Configuration(complete(JACKAL)).start_up)
+    requests = heartbeat_watchdog.start_up_requests(Configuration(complete(JACKAL)).start_up)
     assert requests == {
         "TrajectoryPlannerROS": {
             "max_vel_x": 0.5,

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("rospy")
 from ros_harness import session, wait_for  # noqa: E402
 
-from applr_ros1.nodes.applier import Applier  # noqa: E402
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient  # noqa: E402
+from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker  # noqa: E402
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, SpaceError  # noqa: E402
 
 pytestmark = pytest.mark.ros
@@ -89,18 +89,18 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
 
 def test_fault_3_an_abandoned_call_that_comes_through_late_does_not_last(client):
     reports = []
-    applier = Applier(client, reports.append, reports.append)
-    applier.start()
-    applier.want(SPACE.low)
-    assert applier.idle(3.0)
+    worker = ReconfigureWorker(client, reports.append, reports.append)
+    worker.start()
+    worker.request(SPACE.low)
+    assert worker.wait_until_idle(3.0)
     # As if a call for SPACE.high had been sent to a server that froze, and came through after the next one.
-    applier._abandoned = SPACE.high
-    applier.want(SPACE.low)
-    wait_for(lambda: applier._check_at is not None, 2.0, "success")
+    worker._abandoned = SPACE.high
+    worker.request(SPACE.low)
+    wait_for(lambda: worker._check_at is not None, 2.0, "success")
     client.apply(SPACE.high)
-    assert applier.idle(4.0)
+    assert worker.wait_until_idle(4.0)
     wait_for(lambda: np.array_equal(client.theta(), SPACE.low), 3.0, "the newer set")
-    applier.stop()
+    worker.stop()
 
 
 @pytest.mark.parametrize("server", [PLANNER, LAYERS[1]])

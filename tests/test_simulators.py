@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import sim_bridge
-from sim_bridge import SimulatorError, calibration, fit, jackal
+from sim_bridge import SimulatorError, fit_kinematic, jackal, tracking_table
 from sim_bridge.kinematic_simulator import KinematicParameters
 
 NAMES = ["kinematic", "pybullet"]
@@ -47,24 +47,24 @@ def turned(a, b):
 @pytest.mark.parametrize("name", NAMES)
 def test_driven_speeds_are_the_commanded_ones_within_five_percent(name):
     even = sim_bridge.make(name, slip=0.0)
-    for v, w in calibration.CASES:
-        m = calibration.measure(even, v, w, seconds=3.0)
+    for v, w in tracking_table.CASES:
+        m = tracking_table.measure(even, v, w, seconds=3.0)
         assert m.error < 0.05, m
 
 
 def test_on_uneven_ground_too_on_average(simulator):
     for v, w in ((0.5, 0.0), (0.0, 1.57), (0.5, 0.6), (1.0, -1.0)):
-        m = calibration.measure(simulator, v, w, seconds=6.0, seeds=range(4))
+        m = tracking_table.measure(simulator, v, w, seconds=6.0, seeds=range(4))
         assert m.error < 0.05, m
 
 
 def test_a_turn_in_place_drifts_by_centimetres(simulator):
     for w in (0.6, 1.57, -1.57):
-        assert 0.02 < calibration.measure(simulator, 0.0, w, seconds=8.0).drift < 0.2
+        assert 0.02 < tracking_table.measure(simulator, 0.0, w, seconds=8.0).drift < 0.2
 
 
 def test_curves_beyond_grip_slide_outwards(simulator):
-    m = calibration.measure(simulator, 2.0, 3.14)
+    m = tracking_table.measure(simulator, 2.0, 3.14)
     assert m.driven_v * m.driven_w < 5.5
     assert m.driven_v < 1.9
 
@@ -310,9 +310,9 @@ def test_kinematic_drives_like_pybullet():
 
 def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
-    scenes = [fit.Scene(seed) for seed in range(1000, 1030)]
+    scenes = [fit_kinematic.Scene(seed) for seed in range(1000, 1030)]
     recorded = [scene.drive(pybullet, i) for i, scene in enumerate(scenes)]
-    rows = fit.compare(scenes, recorded, KinematicParameters())
+    rows = fit_kinematic.compare(scenes, recorded, KinematicParameters())
     pybullet.close()
     hit = rows[:, 4] > 0
     assert hit.sum() > 8

@@ -6,26 +6,26 @@ import struct
 import pytest
 
 pytest.importorskip("termios")
-from applr_ros1.nodes.teleop_input import Joystick, Keyboard, Pilot  # noqa: E402
+from applr_ros1.nodes.teleop_input import Joystick, Keyboard, VelocitySmoother  # noqa: E402
 
 
-def drive(pilot, seconds, now=0.0, dt=0.05, key=""):
+def drive(smoother, seconds, now=0.0, dt=0.05, key=""):
     """Commands for some seconds, with a key held."""
     command = 0.0, 0.0
     for i in range(int(round(seconds / dt))):
         if key:
-            pilot.key(key, now + i * dt)
-        command = pilot.command(now + i * dt, dt)
+            smoother.key(key, now + i * dt)
+        command = smoother.command(now + i * dt, dt)
     return command
 
 
 def test_held_key_drives_smoothly_and_a_key_let_go_stops():
-    pilot = Pilot(speed=0.5, turn=1.0)
-    pilot.key("i", 0.0)
-    assert pilot.command(0.0, 0.05) == pytest.approx((0.05, 0.0))  # 1 m/s^2
-    assert drive(pilot, 2.0, 0.05, key="i") == pytest.approx((0.5, 0.0))
-    assert drive(pilot, 0.5, 2.05) == pytest.approx((0.5, 0.0))  # a terminal repeats late
-    assert drive(pilot, 1.0, 2.55) == (0.0, 0.0)
+    smoother = VelocitySmoother(speed=0.5, turn=1.0)
+    smoother.key("i", 0.0)
+    assert smoother.command(0.0, 0.05) == pytest.approx((0.05, 0.0))  # 1 m/s^2
+    assert drive(smoother, 2.0, 0.05, key="i") == pytest.approx((0.5, 0.0))
+    assert drive(smoother, 0.5, 2.05) == pytest.approx((0.5, 0.0))  # a terminal repeats late
+    assert drive(smoother, 1.0, 2.55) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -42,33 +42,33 @@ def test_held_key_drives_smoothly_and_a_key_let_go_stops():
     ],
 )
 def test_keys(key, signs):
-    assert drive(Pilot(0.4, 0.8), 2.0, key=key) == pytest.approx((0.4 * signs[0], 0.8 * signs[1]))
+    assert drive(VelocitySmoother(0.4, 0.8), 2.0, key=key) == pytest.approx((0.4 * signs[0], 0.8 * signs[1]))
 
 
 def test_speed_keys_stay_within_limits_and_end_keys_end():
-    pilot = Pilot()
+    smoother = VelocitySmoother()
     for _ in range(60):
-        assert pilot.key("q", 0.0)
-    assert (pilot.speed, pilot.turn) == (2.0, 4.0)
+        assert smoother.key("q", 0.0)
+    assert (smoother.speed, smoother.turn) == (2.0, 4.0)
     for _ in range(90):
-        pilot.key("z", 0.0)
-    assert (pilot.speed, pilot.turn) == (0.05, 0.1)
-    assert not pilot.key("\x1b", 0.0)
-    assert pilot.command(0.0, 1.0) == (0.0, 0.0)
+        smoother.key("z", 0.0)
+    assert (smoother.speed, smoother.turn) == (0.05, 0.1)
+    assert not smoother.key("\x1b", 0.0)
+    assert smoother.command(0.0, 1.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("stick", [(1.0, 0.0, False), (float("nan"), 0.0, True), (0.05, 0.05, True), (3.0, 0.0, True)])
 def test_stick_that_does_not_count(stick):
-    pilot = Pilot()
-    pilot.stick(*stick, 0.0)
-    assert pilot.command(0.0, 1.0) == (0.0, 0.0)
+    smoother = VelocitySmoother()
+    smoother.stick(*stick, 0.0)
+    assert smoother.command(0.0, 1.0) == (0.0, 0.0)
 
 
 def test_silent_stick_stops():
-    pilot = Pilot(1.0, 1.0)
-    pilot.stick(0.5, -0.5, True, 0.0)
-    assert drive(pilot, 0.55) == pytest.approx((0.5, -0.5))
-    assert drive(pilot, 1.0, 0.6) == (0.0, 0.0)
+    smoother = VelocitySmoother(1.0, 1.0)
+    smoother.stick(0.5, -0.5, True, 0.0)
+    assert drive(smoother, 0.55) == pytest.approx((0.5, -0.5))
+    assert drive(smoother, 1.0, 0.6) == (0.0, 0.0)
 
 
 def test_joystick_device(tmp_path):
@@ -91,8 +91,8 @@ def test_keyboard_of_a_terminal():
     with os.fdopen(slave, "rb") as terminal, Keyboard(terminal) as keyboard:
         for typed, heard in ((b"ik", "ik"), (b"\x1b[A", ""), (b"\x1b", "\x1b")):
             os.write(master, typed)
-            assert keyboard.keys() == heard
-        assert keyboard.keys() == ""
+            assert keyboard.read() == heard
+        assert keyboard.read() == ""
     os.close(master)
 
 

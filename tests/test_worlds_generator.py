@@ -121,15 +121,15 @@ def test_metrics_by_hand():
     assert metrics.grid_difficulty(filled, path)["closest_obstacle"] < 12.0
 
 
-def test_barn_path_keeps_its_rule_on_turns_and_its_shyness():
+def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
     free = np.ones((30, 30), dtype=bool)
     free[[0, 1, 2, 27, 28, 29]] = False
     path = search.barn_path(free, (3, 0), (3, 29))
     assert tuple(path[0]) == (3, 0)
     assert tuple(path[-1]) == (3, 29)
-    assert search.shyness(free)[3, 5] == 5.0
-    assert search.shyness(free)[4, 5] == 2.5
-    assert search.shyness(free)[5, 5] == 0.0
+    assert search.obstacle_penalty(free)[3, 5] == 5.0
+    assert search.obstacle_penalty(free)[4, 5] == 2.5
+    assert search.obstacle_penalty(free)[5, 5] == 0.0
     free[:, 12] = False
     assert search.barn_path(free, (3, 0), (3, 29)) is None
     assert search.shortest_path(free, [(3, 0)], [(3, 29)]) is None
@@ -148,13 +148,13 @@ def test_shortest_path_is_cheapest_by_brute_force():
 
 
 def _cost(free, path):
-    extra = search.shyness(free)
+    extra = search.obstacle_penalty(free)
     return sum(np.hypot(*(b - a)) + extra[tuple(b)] for a, b in zip(path[:-1], path[1:]))
 
 
 def _cheapest(free, start, goal):
     """Bellman-Ford over (cell, heading), by relaxation until nothing changes."""
-    extra, cost = search.shyness(free), {(start, -1): 0.0}
+    extra, cost = search.obstacle_penalty(free), {(start, -1): 0.0}
     while True:
         changed = False
         for (cell, heading), spent in list(cost.items()):

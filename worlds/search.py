@@ -23,7 +23,7 @@ def free_space(filled: np.ndarray, clearance: int) -> np.ndarray:
     return ~ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
 
 
-def shyness(free: np.ndarray) -> np.ndarray:
+def obstacle_penalty(free: np.ndarray) -> np.ndarray:
     """Penalty of each cell: 5 / (distance to the nearest blocked cell) within 2 cells of one, else 0."""
     if free.all():
         return np.zeros(free.shape)
@@ -45,7 +45,7 @@ def barn_path(free: np.ndarray, start: Cell, goal: Cell) -> Optional[np.ndarray]
     order of expansion but is not passed on to later cells; a cell first met has no estimate of what is left, only one
     met again and cheaper has; and a cell is closed for all headings, so that the rule on turns can hide a path.
     """
-    penalty = shyness(free)
+    penalty = obstacle_penalty(free)
     rows, columns = free.shape
     spent: Dict[Cell, float] = {start: 0.0}
     parent: Dict[Cell, Tuple[Optional[Cell], int]] = {start: (None, -1)}
@@ -87,7 +87,7 @@ def shortest_path(free: np.ndarray, starts: Iterable[Cell], goals: Iterable[Cell
     A state is a cell and the move that led into it, so the rule on turns costs no exactness. Every state is opened at
     most once: time and memory are bounded by 8 x the number of cells.
     """
-    extra = shyness(free)
+    extra = obstacle_penalty(free)
     rows, columns = free.shape
     goals = {tuple(int(v) for v in g) for g in goals if free[tuple(g)]}
     best = np.full((8, rows, columns), np.inf)

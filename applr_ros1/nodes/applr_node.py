@@ -13,10 +13,10 @@ from collections import Counter
 import numpy as np
 import rospy
 
-from applr_ros1.nodes.applier import Applier
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_topics import Topics
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import ActorError
 from applr_ros1.policy.appld import AppldError
@@ -30,7 +30,7 @@ LOST_AFTER = 3  # periods without a usable decision after which the policy count
 
 
 class ApplrNode:
-    """Joins inputs, method and applier. period: s of ROS time between decisions."""
+    """Joins inputs, method and worker. period: s of ROS time between decisions."""
 
     def __init__(self, method, inputs, topics, period=2.0, namespace="/move_base"):
         self.method, self.inputs, self.topics, self.period = method, inputs, topics, period
@@ -42,11 +42,11 @@ class ApplrNode:
         self._base_set = False  # whether what a goal-less planner should have has been sent
         self._lock = threading.Lock()
         self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
-        self.applier = Applier(self.client, self._on_report, self._on_trouble)
+        self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
 
     def spin(self):
         """Until shutdown. A clock that jumps back starts afresh."""
-        self.applier.start()
+        self.worker.start()
         rospy.on_shutdown(self.shutdown)
         beat = report = rospy.Time(0)
         while not rospy.is_shutdown():
@@ -117,7 +117,7 @@ class ApplrNode:
             return
         self._failures = 0
         if not self.method.static:
-            self.applier.want(theta)
+            self.worker.request(theta)
 
     def _ask(self, obs):
         """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
@@ -135,25 +135,25 @@ class ApplrNode:
         self._warn(line)
         if self._failures == LOST_AFTER and not self.method.static:
             self._warn(f"no decision for {LOST_AFTER} periods: back to theta_0")
-            self.applier.want(SPACE.theta0)
+            self.worker.request(SPACE.theta0)
 
     def _base(self):
         """What the planner has between goals: theta_0, or the one set of a static method."""
         theta = SPACE.clip(self.method.theta(None)) if self.method.static else SPACE.theta0
         has = self.client.theta()
-        if has is None or not np.array_equal(has, theta) or self.applier.busy:
-            self.applier.want(theta)
+        if has is None or not np.array_equal(has, theta) or self.worker.busy:
+            self.worker.request(theta)
 
     def shutdown(self):
         """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
-        self.applier.stop()
-        if self.applier.applied is not None and not np.array_equal(self.applier.applied, SPACE.theta0):
+        self.worker.stop()
+        if self.worker.applied is not None and not np.array_equal(self.worker.applied, SPACE.theta0):
             self.client.apply(SPACE.theta0)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
-        self.applier.again()
+        self.worker.reapply()
 
     def _on_report(self, report):
         if report.ok:

@@ -105,7 +105,7 @@ def laser_scan(message, ranges: np.ndarray, sensor_pose: Pose, height: float) ->
 
 
 # -- out -------------------------------------------------------------------------------------------------------
-class Prepared:
+class PackedMessage:
     """A message whose last field, an array left empty in `message`, goes out as `count` elements of `payload`."""
 
     _has_header = True
@@ -126,7 +126,7 @@ def header(frame: str, stamp) -> Header:
     return Header(frame_id=frame, stamp=stamp)
 
 
-def grid(costmap, frame: str, stamp) -> Prepared:
+def grid(costmap, frame: str, stamp) -> PackedMessage:
     """The whole costmap as nav_msgs/OccupancyGrid."""
     message = OccupancyGrid(header=header(frame, stamp))
     message.info.map_load_time = stamp
@@ -134,19 +134,19 @@ def grid(costmap, frame: str, stamp) -> Prepared:
     message.info.width, message.info.height = costmap.size
     message.info.origin.position.x, message.info.origin.position.y = (float(v) for v in costmap.origin)
     message.info.origin.orientation.w = 1.0
-    return Prepared(message, costmap.cells.size, OCCUPANCY[costmap.cells].tobytes())
+    return PackedMessage(message, costmap.cells.size, OCCUPANCY[costmap.cells].tobytes())
 
 
-def grid_update(costmap, window, frame: str, stamp) -> Prepared:
+def grid_update(costmap, window, frame: str, stamp) -> PackedMessage:
     """The cells of a window (x0, y0, xn, yn) as map_msgs/OccupancyGridUpdate."""
     x0, y0, xn, yn = window
     message = OccupancyGridUpdate(header=header(frame, stamp))
     message.x, message.y, message.width, message.height = x0, y0, xn - x0, yn - y0
     cells = costmap.cells[y0:yn, x0:xn]
-    return Prepared(message, cells.size, OCCUPANCY[cells].tobytes())
+    return PackedMessage(message, cells.size, OCCUPANCY[cells].tobytes())
 
 
-def path(poses: np.ndarray, frame: str, stamp) -> Prepared:
+def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
     """(n, 3) x, y, yaw, or (n, 2) with identity orientation, as nav_msgs/Path."""
     name = frame.encode()
     kind = np.dtype(
@@ -164,7 +164,7 @@ def path(poses: np.ndarray, frame: str, stamp) -> Prepared:
     rows["pose"][:, :2] = poses[:, :2]
     half = 0.5 * poses[:, 2] if poses.shape[1] > 2 else np.zeros(len(poses))
     rows["pose"][:, 5], rows["pose"][:, 6] = np.sin(half), np.cos(half)
-    return Prepared(Path(header=header(frame, stamp)), len(poses), rows.tobytes())
+    return PackedMessage(Path(header=header(frame, stamp)), len(poses), rows.tobytes())
 
 
 def polygon(vertices: np.ndarray, frame: str, stamp) -> PolygonStamped:

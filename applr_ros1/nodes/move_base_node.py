@@ -1,6 +1,7 @@
 """The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
 
-Started by scripts/move_base.py. Messages come in as data, one thread (turns.py) steps the planner and publishes.
+Started by scripts/move_base.py. Subscribers and services hand their messages to one thread (planner_thread.py), which
+steps the planner and publishes.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBa
 from applr_ros1.planner.parameters.declarations import SERVERS, check
 from applr_ros1.planner.warm_up import warm_up
 
-from . import conversions, guard
+from . import conversions, heartbeat_watchdog
 from .conversions import MessageError
 from .displays import CostmapDisplay, PlanDisplay
 from .goal_server import GoalServer
-from .reconfigure import ParameterMirror, ReconfigureServer
+from .planner_thread import PlannerThread, RequestTimeout
+from .reconfigure_server import ParameterMirror, ReconfigureServer
 from .sensors import Sensors
-from .turns import Busy, Turns
 
 PLANNING_COST = 0.015  # s, the room that a plan on request wants before the next cycle
 WENT_BACK = "Aborting because the clock jumped back."
@@ -44,7 +45,7 @@ class MoveBaseNode:
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
         self.frame = static["global_costmap"]["global_frame"]
-        self.turns = Turns(
+        self.thread = PlannerThread(
             self._cycle,
             lambda: self.move_base.frequency,
             self._clock_went_back,
@@ -56,7 +57,7 @@ class MoveBaseNode:
             static["global_costmap"]["robot_base_frame"],
             static["global_costmap"]["obstacles_layer"]["scan"]["topic"],
         )
-        self.guard = guard.Guard(static["applr"]["period"])
+        self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
@@ -75,7 +76,7 @@ class MoveBaseNode:
                 lambda name=name: self.move_base.configuration(name),
                 self.frame,
                 static[name]["always_send_full_costmap"],
-                self.turns.post,
+                self.thread.post,
             )
             for name in COSTMAPS
         }
@@ -83,9 +84,10 @@ class MoveBaseNode:
         self.servers = {
             name: ReconfigureServer(
                 name,
-                lambda values, name=name: self.turns.ask(lambda: self.move_base.reconfigure(name, values)),
+                lambda values, name=name: self.move_base.reconfigure(name, values),
                 self.move_base.configuration(name),
                 mirror,
+                self.thread,
             )
             for name in SERVERS
         }
@@ -96,11 +98,11 @@ class MoveBaseNode:
 
     def serve(self) -> None:
         """Take goals and requests until the node is shut down."""
-        post = self.turns.post
+        post = self.thread.post
         subscribe = [
             ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
             ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
-            ("/applr/heartbeat", TimeMessage, lambda m: self.guard.heartbeat(rospy.get_time())),
+            ("/applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
         subscribe += [
             ("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m)) for name in COSTMAPS
@@ -115,7 +117,7 @@ class MoveBaseNode:
         rospy.loginfo(
             "move_base is ready: goals on %s, scans from %s", rospy.resolve_name("move_base/goal"), self.sensors.topic
         )
-        self.turns.run()
+        self.thread.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
     def _cycle(self, stamp) -> None:
@@ -134,7 +136,7 @@ class MoveBaseNode:
             self.goals.feedback(conversions.pose_stamped(pose or (0.0, 0.0, 0.0), self.frame, stamp), stamp)
         self.goals.publish_status(stamp)
         self._show(cycle, pose, stamp)
-        if self.guard.is_lost(now):
+        if self.watchdog.is_lost(now):
             self._back_to_start_up()
         self._report_missed()
 
@@ -191,21 +193,21 @@ class MoveBaseNode:
 
     def _back_to_start_up(self) -> None:
         """The policy is lost: the eight parameters get their start-up values."""
-        for server, values in guard.start_up_requests(self.move_base.start_up_configuration).items():
-            self.servers[server].show(self.move_base.reconfigure(server, values))
+        for server, values in heartbeat_watchdog.start_up_requests(self.move_base.start_up_configuration).items():
+            self.servers[server].change(values)
         rospy.logwarn(
             "no sign of the applr node for %g s: planner parameters are back at their start-up values",
-            self.guard.patience,
+            self.watchdog.patience,
         )
 
     def _report_missed(self) -> None:
-        if self.turns.missed:
+        if self.thread.missed:
             rospy.logwarn_throttle(
                 5.0,
                 "control loop missed its rate of %g Hz: %d cycles left out"
-                % (self.move_base.frequency, self.turns.missed),
+                % (self.move_base.frequency, self.thread.missed),
             )
-            self.turns.missed = 0
+            self.thread.missed = 0
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work, cost=0.0):
@@ -213,8 +215,8 @@ class MoveBaseNode:
 
         def call(request):
             try:
-                return self.turns.ask(lambda: work(request), cost)
-            except (Busy, MessageError) as problem:
+                return self.thread.ask(lambda: work(request), cost)
+            except (RequestTimeout, MessageError) as problem:
                 raise rospy.ServiceException(str(problem)) from None
 
         return call

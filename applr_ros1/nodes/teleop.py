@@ -20,7 +20,7 @@ from geometry_msgs.msg import Twist
 from sensor_msgs.msg import Joy
 from std_msgs.msg import String
 
-from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, Pilot
+from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
 
 PERIOD = 0.05  # s of wall time between commands
 TOPICS = (
@@ -38,7 +38,7 @@ TOPICS = (
 
 
 class TeleopError(ValueError):
-    """A wrong parameter, or hands that cannot be heard; one line."""
+    """A parameter or an input device that cannot be used; one line."""
 
 
 class Recorder:
@@ -79,8 +79,16 @@ class Recorder:
         os.rename(self.path + ".active", self.path)
 
 
-class Hands:
-    """Keyboard, joystick device or topic joy, as one thing: hear(pilot, now) → False to end."""
+class InputDevice:
+    """The keyboard, a joystick device or the topic joy.
+
+    Args:
+        kind: "keyboard" or "joystick".
+        device: A joystick device such as /dev/input/js0; "" takes the topic joy.
+        button: Number of the button that has to be held to drive.
+        forward: Number of the axis for the speed.
+        turn: Number of the axis for the turn rate.
+    """
 
     def __init__(self, kind, device, button, forward, turn):
         self.kind, self.keyboard, self.joystick, self._joy = kind, None, None, None
@@ -95,13 +103,14 @@ class Hands:
     def _on_joy(self, message):
         self._joy = message
 
-    def hear(self, pilot, now):
+    def poll(self, smoother, now):
+        """Hand what was pressed since the last call to the smoother. Returns False when the person ends the drive."""
         if self.keyboard:
-            return all([pilot.key(key, now) for key in self.keyboard.keys()])  # noqa: SIM118
+            return all([smoother.key(key, now) for key in self.keyboard.read()])
         if self.joystick:
             self.joystick.read()
             stick = self.joystick
-            pilot.stick(
+            smoother.stick(
                 stick.axes.get(self.forward, 0.0),
                 stick.axes.get(self.turn, 0.0),
                 stick.buttons.get(self.button, 0),
@@ -110,7 +119,7 @@ class Hands:
             return True
         message, self._joy = self._joy, None
         if message is not None:
-            pilot.stick(
+            smoother.stick(
                 _at(message.axes, self.forward), _at(message.axes, self.turn), _at(message.buttons, self.button), now
             )
         return True
@@ -131,21 +140,21 @@ def _at(values, number):
     return values[number] if 0 <= number < len(values) else 0.0
 
 
-def drive(pilot, hands, publisher, recorder, clock=time.monotonic):
+def drive(smoother, device, publisher, recorder, clock=time.monotonic):
     """Until the person ends it. Whatever happens, the last command is to stand. Raises TeleopError."""
     last = clock()
     try:
         while not rospy.is_shutdown():
             now = clock()
-            if not hands.hear(pilot, now):
+            if not device.poll(smoother, now):
                 return
             if recorder and recorder.error:
                 raise TeleopError(recorder.error)
-            publisher.publish(_twist(*pilot.command(now, min(now - last, 0.2))))
+            publisher.publish(_twist(*smoother.command(now, min(now - last, 0.2))))
             last = now
             time.sleep(PERIOD)
     except OSError as error:
-        raise TeleopError("%s is gone (%s)" % (hands.kind, error.strerror or error)) from None
+        raise TeleopError("%s is gone (%s)" % (device.kind, error.strerror or error)) from None
     finally:
         publisher.publish(_twist(0.0, 0.0))
         time.sleep(0.1)  # so that it goes out, and into the bag
@@ -169,7 +178,7 @@ def _number(name, default, low, high):
     return value
 
 
-def _hands():
+def _input_device():
     kind, device = rospy.get_param("~input", "keyboard"), str(rospy.get_param("~joystick", ""))
     if kind not in ("keyboard", "joystick"):
         raise TeleopError("input is %s: give keyboard or joystick" % kind)
@@ -177,7 +186,7 @@ def _hands():
         int(_number(name, default, 0, 63)) for name, default in (("button", 4), ("axis_forward", 1), ("axis_turn", 0))
     ]
     try:
-        return Hands(kind, device, *numbers)
+        return InputDevice(kind, device, *numbers)
     except OSError as error:
         what = "joystick %s cannot be opened (%s)" % (device, error.strerror) if device else str(error)
         raise TeleopError(what) from None
@@ -189,19 +198,19 @@ def main():
     signal.signal(signal.SIGTERM, _interrupt)
     recorder = None
     try:
-        pilot = Pilot(_number("speed", 0.5, 0.05, 2.0), _number("turn", 1.0, 0.1, 4.0))
+        smoother = VelocitySmoother(_number("speed", 0.5, 0.05, 2.0), _number("turn", 1.0, 0.1, 4.0))
         path = str(rospy.get_param("~record", ""))
         if path and not path.endswith(".bag"):
             raise TeleopError("record is %s: give the path of a file that ends in .bag" % path)
-        with _hands() as hands:
+        with _input_device() as device:
             who = rospy.Publisher("/demonstration", String, queue_size=1, latch=True)
-            who.publish(json.dumps({"demonstrator": "a person, by %s" % hands.kind}))
+            who.publish(json.dumps({"demonstrator": "a person, by %s" % device.kind}))
             publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
             recorder = Recorder(os.path.abspath(path)) if path else None
-            if hands.keyboard:
+            if device.keyboard:
                 print(HELP, flush=True)
-            rospy.loginfo("teleop: ready, %s%s", hands.kind, ", recording %s" % path if path else "")
-            drive(pilot, hands, publisher, recorder)
+            rospy.loginfo("teleop: ready, %s%s", device.kind, ", recording %s" % path if path else "")
+            drive(smoother, device, publisher, recorder)
     except KeyboardInterrupt:
         pass
     except TeleopError as error:

@@ -1,4 +1,5 @@
-"""What a person's hands say, for the teleoperation node (teleop.py): keys or a joystick as wanted velocities, smoothed.
+"""Keyboard and joystick for the teleoperation node (teleop.py), and the smoothing of the velocities that they ask for.
+
 Nothing here knows ROS; time is an argument.
 """
 
@@ -34,43 +35,48 @@ HELP = """  u i o     forward, with turns      w / x  speed more / less
   j k l     turn, stop               e / c  turn rate more / less
   m , .     back, with turns         Esc    end (and close the bag)
 hold a key to drive; the robot stops when it is let go"""
-HELD = 0.6  # s for which a key or a stick counts after it was last heard: a terminal repeats late
-SPEED, TURN = (0.05, 2.0), (0.1, 4.0)  # what may be set [m/s, rad/s]
+HELD = 0.6  # s for which the last key or stick position counts: a terminal repeats a held key late
+SPEED, TURN = (0.05, 2.0), (0.1, 4.0)  # bounds of what keys may set [m/s, rad/s]
 GAIN, BRAKE, TURN_GAIN = 1.0, 2.0, 6.0  # of the smoothed command [m/s^2, m/s^2, rad/s^2]
-DEAD = 0.08  # of a stick's way that counts as none
+DEAD = 0.08  # share of a stick's range about its middle that counts as 0
 
 
-class Pilot:
-    """Wanted and smoothed velocities. speed [m/s] and turn [rad/s]: what a key, or the whole way of a stick, gives."""
+class VelocitySmoother:
+    """Turns keys or stick positions into velocity commands within acceleration limits.
+
+    Args:
+        speed: What a key, or a fully deflected stick, asks for [m/s].
+        turn: The same for the turn rate [rad/s].
+    """
 
     def __init__(self, speed=0.5, turn=1.0):
         self.speed, self.turn = _within(speed, SPEED), _within(turn, TURN)
         self.v = self.w = 0.0
-        self._wanted, self._heard = (0.0, 0.0), float("-inf")
+        self._target, self._received = (0.0, 0.0), float("-inf")
 
     def key(self, key, now):
-        """A key was heard at time `now` [s]. Returns False for one that ends."""
+        """A key was pressed at time `now` [s]. Returns False for a key that ends the drive."""
         if key in QUIT:
-            self._wanted = (0.0, 0.0)
+            self._target = (0.0, 0.0)
             return False
         if key in FASTER:
             faster, quicker = FASTER[key]
             self.speed, self.turn = _within(self.speed * faster, SPEED), _within(self.turn * quicker, TURN)
         elif key in KEYS:
-            self._wanted, self._heard = KEYS[key], now
+            self._target, self._received = KEYS[key], now
         return True
 
     def stick(self, forward, left, held, now):
-        """A joystick at time `now`: forward and left in [-1, 1]; it counts while the dead man's button is held."""
+        """A joystick's position at time `now` [s]: forward and left in [-1, 1]; 0 while no button is held."""
         live = held and abs(forward) <= 1.001 and abs(left) <= 1.001  # NaN is neither
-        self._wanted = (_dead(forward), _dead(left)) if live else (0.0, 0.0)
-        self._heard = now
+        self._target = (_dead(forward), _dead(left)) if live else (0.0, 0.0)
+        self._received = now
 
     def command(self, now, dt):
-        """(v, w) [m/s, rad/s] for the time now, `dt` [s] after the last one."""
-        forward, left = self._wanted if now - self._heard < HELD else (0.0, 0.0)
+        """The command (v, w) [m/s, rad/s] at time `now` [s], `dt` [s] after the previous one."""
+        forward, left = self._target if now - self._received < HELD else (0.0, 0.0)
         if not (forward or left):
-            self._wanted = (0.0, 0.0)
+            self._target = (0.0, 0.0)
         v, w = forward * self.speed, left * self.turn
         gain = GAIN if abs(v) > abs(self.v) and v * self.v >= 0.0 else BRAKE
         self.v += max(-gain * dt, min(gain * dt, v - self.v))
@@ -94,8 +100,8 @@ class Keyboard:
     def __exit__(self, *exc):
         termios.tcsetattr(self.file, termios.TCSADRAIN, self._before)
 
-    def keys(self):
-        """What was typed since the last call."""
+    def read(self):
+        """The characters typed since the last call; "" for none."""
         typed = b""
         while select.select([self.file], [], [], 0.0)[0]:
             more = os.read(self.file, 64)
@@ -119,7 +125,7 @@ class Joystick:
         self.axes, self.buttons = {}, {}
 
     def read(self):
-        """Takes in what happened since the last call. Raises OSError when the device is gone."""
+        """Update axes and buttons with the events since the last call. Raises OSError when the device is gone."""
         while True:
             try:
                 data = os.read(self.file, 64 * self.EVENT.size)

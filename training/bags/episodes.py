@@ -215,8 +215,8 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
             np.asarray(scan.ranges, np.float32),
             phi,
             theta,
-            min_range=near,
-            lowest_range=near,
+            last_scan_min=near,
+            decision_min=near,
             decisions=i,
             time_s=(moment.at - moments[0].at) / SECOND,
         )
@@ -242,7 +242,7 @@ def _happened(recording, goal, before, moment, nearest) -> None:
     outcome.seconds = (moment.at - before.at) / SECOND
     during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= moment.at)
     if during.any():
-        outcome.lowest_range = max(NEAREST, float(np.fmin.reduce(nearest[during])))
+        outcome.decision_min = max(NEAREST, float(np.fmin.reduce(nearest[during])))
     outcome.contact = any(before.at < at <= moment.at for at in recording.collisions)
     outcome.jerk = _jerk(recording, before.at, moment.at)
     if goal.ended and moment.at == goal.end:

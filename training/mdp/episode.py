@@ -35,8 +35,8 @@ class Outcome:
       ranges (720,) float32 [m], phi [rad], theta (8,) what the planner really has
     Of this decision:
       progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
-      min_range             smallest range of the scan at its end [m], never under NEAREST
-      lowest_range          smallest range of all its scans [m]
+      last_scan_min         smallest range of the scan at its end [m], never under NEAREST
+      decision_min          smallest range of all its scans [m]
       contact               whether the robot touched anything
       jerk                  mean |change of acceleration| of the true speed [m/s^3]
       seconds               simulated time it took: 2 s, less where the course ended
@@ -52,8 +52,8 @@ class Outcome:
     theta: np.ndarray
     progress: float = 0.0
     progress_y: float = 0.0
-    min_range: float = math.inf
-    lowest_range: float = math.inf
+    last_scan_min: float = math.inf
+    decision_min: float = math.inf
     contact: bool = False
     jerk: float = 0.0
     seconds: float = 0.0
@@ -131,7 +131,9 @@ class Episode:
         plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)
         ranges = self.simulator.scan()
         near = nearest(ranges)
-        self.outcome = Outcome(ranges, self._phi(plan), theta, min_range=near, lowest_range=near, min_clearance_m=near)
+        self.outcome = Outcome(
+            ranges, self._phi(plan), theta, last_scan_min=near, decision_min=near, min_clearance_m=near
+        )
         return self.outcome
 
     def decide(self, theta) -> Outcome:
@@ -143,7 +145,7 @@ class Episode:
             self.trace.theta.append(theta)
         since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
         was = self.outcome
-        now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, lowest_range=math.inf, jerk=0.0)
+        now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf, jerk=0.0)
         jerks, cycles = self._jerks, self._cycles
         for _ in range(CYCLES):
             self._drive_one(now)
@@ -159,9 +161,9 @@ class Episode:
         if now.timeout:
             now.time_s = self.limit * PERIOD
         now.ranges = self.simulator.scan()
-        now.min_range = nearest(now.ranges)
-        now.lowest_range = min(now.lowest_range, now.min_range)
-        now.min_clearance_m = min(was.min_clearance_m, now.lowest_range)
+        now.last_scan_min = nearest(now.ranges)
+        now.decision_min = min(now.decision_min, now.last_scan_min)
+        now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
         now.phi = self._phi(self.move_base.global_plan)
         now.progress, now.progress_y = self._progress(came_from, state.pose)
         now.jerk = (self._jerks - jerks) / max(1, self._cycles - cycles)
@@ -210,7 +212,7 @@ class Episode:
         x, y, _ = before.pose
         v, w = before.twist
         cycle, state = self._cycle()
-        now.lowest_range = min(now.lowest_range, nearest(self._ranges))
+        now.decision_min = min(now.decision_min, nearest(self._ranges))
         now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
         now.contact |= bool(state.contact)
         now.collided |= now.contact

@@ -53,7 +53,7 @@ class Reward:
         time = -outcome.seconds / PERIOD if self.exact_time else float(outcome.success) - 1.0
         if failed(outcome):
             time -= min(STANDING, limit - outcome.decisions)
-        near = min(outcome.lowest_range if self.lowest else outcome.min_range, self.FARTHEST)
+        near = min(outcome.decision_min if self.lowest else outcome.last_scan_min, self.FARTHEST)
         terms = {
             "time": self.c_f * time,
             "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress),

@@ -10,7 +10,7 @@ from numba import njit
 
 from applr_ros1.planner.trajectory.bounds import end_cell, probe
 from applr_ros1.planner.trajectory.map_grid import settle
-from applr_ros1.planner.trajectory.scoring import ANY, HUGE, score_below, terms
+from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, score_below, terms
 
 
 @njit(cache=True, error_model="numpy")
@@ -37,7 +37,7 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
         hopeless = False
         if not probed[sample]:
             probed[sample] = 1
-            allowed = ANY if best == HUGE else (best - bases[sample]) / p.occdist_scale + 1.0
+            allowed = NO_CEILING if best == HUGE else (best - bases[sample]) / p.occdist_scale + 1.0
             met = probe(p, scene, start, c, s, vx, w, occupied, allowed)
             hopeless = met < 0
             if met > occupied:
@@ -45,7 +45,7 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
                 _sift_down(heap, keys, count, 0)
                 continue
         if not hopeless:
-            cost, n, _, _, _ = score_below(p, scene, grids, start, vx, 0.0, w, ANY, bases[sample], best)
+            cost, n, _, _, _ = score_below(p, scene, grids, start, vx, 0.0, w, NO_CEILING, bases[sample], best)
             if cost >= 0 and (cost < best or (cost == best and sample < best_sample)):
                 best, best_sample, best_points, best_vx, best_w = cost, sample, n, vx, w
         count -= 1

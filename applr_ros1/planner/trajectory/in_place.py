@@ -11,7 +11,15 @@ from numba import njit
 
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
 from applr_ros1.planner.trajectory.map_grid import final_value, settle
-from applr_ros1.planner.trajectory.scoring import ANY, HUGE, advance, new_velocity, score_below, step_count, terms
+from applr_ros1.planner.trajectory.scoring import (
+    HUGE,
+    NO_CEILING,
+    advance,
+    new_velocity,
+    score_below,
+    step_count,
+    terms,
+)
 
 WIDEST = 40  # [cells] about the robot that are looked through at most
 
@@ -109,7 +117,7 @@ def _distance_ahead(p, scene, grids, x, y, theta, limit):
 
 @njit(cache=True, error_model="numpy")
 def _surroundings(p, scene, start):
-    """Largest cost that any turn in place from `start` can meet; ANY if not known or illegal."""
+    """Largest cost that any turn in place from `start` can meet; NO_CEILING if not known or illegal."""
     ny, nx = scene.cells.shape
     reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # until it stands
     farthest = 0.0
@@ -117,13 +125,13 @@ def _surroundings(p, scene, start):
         farthest = max(farthest, math.hypot(scene.footprint[i, 0], scene.footprint[i, 1]))
     reach = (reach + farthest) / scene.resolution
     if not reach < WIDEST:
-        return ANY
+        return NO_CEILING
     side = int(reach) + 2
     cx, cy = world_to_map(start[0], start[1], scene.ox, scene.oy, scene.resolution, nx, ny)
     if not (side <= cx < nx - side and side <= cy < ny - side):
-        return ANY
+        return NO_CEILING
     worst = np.uint8(0)
     for row in range(cy - side, cy + side + 1):
         for column in range(cx - side, cx + side + 1):
             worst = max(worst, scene.cells[row, column])
-    return int(worst) if worst < LETHAL else ANY
+    return int(worst) if worst < LETHAL else NO_CEILING

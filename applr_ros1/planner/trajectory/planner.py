@@ -9,7 +9,7 @@ import numpy as np
 
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.trajectory import map_grid
-from applr_ros1.planner.trajectory.sampling import STATE, allocate, find_best_path, spread, velocity_window
+from applr_ros1.planner.trajectory.sampling import STATE, allocate, fill_evenly, find_best_path, velocity_window
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, line_offsets, roll_out, score
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
@@ -122,10 +122,10 @@ class TrajectoryPlanner:
         return {
             "min_vel_x": least_vx,
             "max_vel_x": most_vx,
-            "dvx": spread(least_vx, most_vx, vs),
+            "dvx": fill_evenly(least_vx, most_vx, vs),
             "min_vel_theta": least_w,
             "max_vel_theta": most_w,
-            "dvtheta": spread(least_w, most_w, ws),
+            "dvtheta": fill_evenly(least_w, most_w, ws),
         }
 
     @property

@@ -13,7 +13,7 @@ from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.trajectory.forward import best_forward
 from applr_ros1.planner.trajectory.in_place import best_in_place
 from applr_ros1.planner.trajectory.map_grid import prepare, settle
-from applr_ros1.planner.trajectory.scoring import ANY, COLLISION, HUGE, NO_PATH, outline_cost, score_below
+from applr_ros1.planner.trajectory.scoring import COLLISION, HUGE, NO_CEILING, NO_PATH, outline_cost, score_below
 
 # What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
 STATE = np.dtype(
@@ -95,8 +95,8 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     least_vx, most_vx, least_w, most_w = velocity_window(p, scene.plan, start)
     vs = scratch.vs[: p.vx_samples]
     ws = scratch.ws[: p.vtheta_samples]
-    spread(least_vx, most_vx, vs)
-    dw = spread(least_w, most_w, ws)
+    fill_evenly(least_vx, most_vx, vs)
+    dw = fill_evenly(least_w, most_w, ws)
     if ws.shape[0] == 1:  # C++ divides by zero: a single turn passes its test only for a negative width
         dw = -np.inf if most_w < least_w else np.inf
 
@@ -111,7 +111,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     legal = points > 0
     if not legal:
         best_vx = p.escape_vel
-        cost, points, _, _, _ = score_below(p, scene, grids, start, best_vx, 0.0, 0.0, ANY, 0.0, np.inf)
+        cost, points, _, _, _ = score_below(p, scene, grids, start, best_vx, 0.0, 0.0, NO_CEILING, 0.0, np.inf)
     remember(p, state[0], start, cost, best_vx, best_w, legal)
     if cost == COLLISION:
         cost = 1.0  # backs up even into an obstacle
@@ -137,7 +137,7 @@ def velocity_window(p, plan, start):
 
 
 @njit(cache=True)
-def spread(least, most, values):
+def fill_evenly(least, most, values):
     """Fill `values` (n,) from `least` on in equal steps by repeated addition; returns the step, 0 for one value."""
     n = values.shape[0]
     step = (most - least) / (n - 1) if n > 1 else 0.0

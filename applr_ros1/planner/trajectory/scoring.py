@@ -16,8 +16,8 @@ from applr_ros1.planner.trajectory.map_grid import settle
 
 COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # no way to the path or to the goal from here
-WORSE = -3.0  # given up: cannot beat the best one so far
-ANY = 256  # above all costs
+PRUNED = -3.0  # scoring was broken off: the sample cannot beat the best one so far
+NO_CEILING = 256  # as a bound of the cell costs: none, since it is above all of them
 UNSURE = 300  # an outline too close to a cell border to be told
 HUGE = float(np.finfo(np.float64).max)
 LONGEST_TABLE = 64  # [cells]; longer footprint edges are walked cell by cell
@@ -119,7 +119,7 @@ def terms(p, path_distance, goal_distance):
 @njit(cache=True)
 def score(params, scene, grids, start, vx, vy, w):
     """(cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
-    return score_below(params[0], scene, grids, start, vx, vy, w, ANY, 0.0, np.inf)
+    return score_below(params[0], scene, grids, start, vx, vy, w, NO_CEILING, 0.0, np.inf)
 
 
 @njit(cache=True, error_model="numpy")
@@ -127,8 +127,8 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
     """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
 
     Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, or COLLISION, NO_PATH, or
-    WORSE as soon as `base` (a lower bound of the path and goal terms) plus the obstacle term is above `bound`.
-    ceiling: no cost that the footprint can meet on the way is above it; ANY if that is not known.
+    PRUNED as soon as `base` (a lower bound of the path and goal terms) plus the obstacle term is above `bound`.
+    ceiling: no cost that the footprint can meet on the way is above it; NO_CEILING if that is not known.
     """
     cells, ox, oy, resolution, footprint, lines, plan = scene
     path, goal, path_queue, goal_queue, path_ends, goal_ends, _ = grids
@@ -154,7 +154,7 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
                 return COLLISION, i, end_x, end_y, end_theta
             occupied = max(occupied, cost, int(cells[cy, cx]))
             if base + p.occdist_scale * occupied > bound:
-                return WORSE, i, end_x, end_y, end_theta
+                return PRUNED, i, end_x, end_y, end_theta
         if p.simple_attractor:
             if plan.shape[0] > 0:
                 dx = x - plan[plan.shape[0] - 1, 0]

@@ -1,5 +1,5 @@
 """How far KinematicSimulator drives like PybulletSimulator, and the numbers that bring it nearest: `python -m
-sim_bridge.fit [--scenes 60]`. Prints step responses side by side, then contacts before and after the fit.
+sim_bridge.fit_kinematic [--scenes 60]`. Prints step responses side by side, then contacts before and after the fit.
 
 Contacts are compared on scenes: obstacles strewn about the robot, two commands of 1.5 s each, most of which
 run into something. Both robots get the same seed, so ground and wheels are equally uneven. Takes about a
@@ -13,10 +13,10 @@ from math import pi
 
 import numpy as np
 
-from .calibration import OpenPlane, run
 from .kinematic_simulator import KinematicParameters, KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
 from .simulator import SimulatorError
+from .tracking_table import OpenPlane, run
 
 RESPONSES = [
     ("start and stop, straight", (1.0, 0.0)),
@@ -165,7 +165,7 @@ def main(argv=None):
     try:
         bullet, kinematic = PybulletSimulator(), KinematicSimulator()
     except SimulatorError as error:
-        sys.exit("fit: %s" % error)
+        sys.exit("fit_kinematic: %s" % error)
     pair = (("pybullet", bullet), ("kinematic", kinematic))
     responses(pair)
     drifts(pair)

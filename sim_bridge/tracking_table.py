@@ -1,4 +1,4 @@
-"""The table of commanded against driven speeds: `python -m sim_bridge.calibration [--simulator kinematic]
+"""The table of commanded against driven speeds: `python -m sim_bridge.tracking_table [--simulator kinematic]
 [--even]`.
 
 The tests read `measure` and `CASES`. Driven means: true motion of base_link, averaged over some seconds once
@@ -101,7 +101,7 @@ def main(argv=None):
     try:
         simulator = make(arguments.simulator, slip=0.0 if arguments.even else 1.0)
     except SimulatorError as error:
-        sys.exit("calibration: %s" % error)
+        sys.exit("tracking_table: %s" % error)
     print("commanded        driven           error   drift of a turn in place")
     worst = 0.0
     for v, w in CASES:

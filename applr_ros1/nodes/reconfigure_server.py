@@ -9,12 +9,14 @@ from __future__ import annotations
 import importlib
 import queue
 import threading
-from typing import Any, Callable, Dict
+from typing import Any, Callable, Dict, Tuple
 
 import rospy
 from dynamic_reconfigure.encoding import decode_config, encode_config, encode_description, get_tree
 from dynamic_reconfigure.msg import Config, ConfigDescription
 from dynamic_reconfigure.srv import Reconfigure
+
+from .planner_thread import PlannerThread, RequestTimeout
 
 CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner"}
 CONFIGS.update(
@@ -34,10 +36,11 @@ class ParameterMirror:
     """Writes values to the parameter server from a thread of its own: a slow or dead master holds nothing up."""
 
     def __init__(self):
-        self._queue: "queue.Queue" = queue.Queue()
+        self._queue: "queue.Queue[Tuple[str, Dict[str, Any]]]" = queue.Queue()
         threading.Thread(target=self._run, name="parameters", daemon=True).start()
 
     def write(self, namespace: str, values: Dict[str, Any]) -> None:
+        """Have {name: value} written below `namespace`, which ends in a slash; returns at once."""
         self._queue.put((namespace, values))
 
     def _run(self):
@@ -46,30 +49,42 @@ class ParameterMirror:
             for name, value in values.items():
                 try:
                     rospy.set_param(namespace + name, value)
-                except Exception as error:  # the master is away; what counts is in force all the same
+                except Exception as error:  # the master is away; the values are in force all the same
                     rospy.logwarn_throttle(10.0, "cannot write parameter %s%s: %s" % (namespace, name, error))
 
 
 class ReconfigureServer:
-    """One server, under ~<name>/ (the node itself for "").
+    """One dynamic_reconfigure server, under ~<name>/ (the node itself for "").
 
-    apply(values) -> dict is called for each request, from the service's thread; it returns everything in force or
-    raises ValueError. now() -> dict returns what is in force.
+    Args:
+        name: Of the server, a key of CONFIGS.
+        apply: Called with {name: value} in the planner's thread. Returns everything that is then in force, or raises
+            ValueError and changes nothing.
+        now: {name: value} in force at the start.
+        mirror: Writes the values as ROS parameters.
+        thread: The planner's thread. Values are published there too, so that they go out in the order in which they
+            came into force, whoever changes them.
     """
 
-    def __init__(self, name: str, apply: Callable[[Dict], Dict], now: Dict[str, Any], mirror: ParameterMirror):
+    def __init__(
+        self,
+        name: str,
+        apply: Callable[[Dict[str, Any]], Dict[str, Any]],
+        now: Dict[str, Any],
+        mirror: ParameterMirror,
+        thread: PlannerThread,
+    ):
         kind = importlib.import_module("applr_ros1.cfg.%sConfig" % CONFIGS[name])
-        self.name, self._apply, self._mirror = name, apply, mirror
+        self.name, self._apply, self._mirror, self._thread = name, apply, mirror, thread
         self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
         self._names = set(kind.defaults)
         description = encode_description(kind)
         self._groups = get_tree(description)
-        self._shown: Dict[str, Any] = {}
-        self._lock, self._one_request = threading.Lock(), threading.Lock()
+        self._published: Dict[str, Any] = {}
         self._descriptions = self._publisher("parameter_descriptions", ConfigDescription)
         self._descriptions.publish(description)
         self._updates = self._publisher("parameter_updates", Config)
-        self.show(now)
+        self._publish(now)
         self._service = rospy.Service(self._ns + "set_parameters", Reconfigure, self._set)
 
     def _publisher(self, topic, kind):
@@ -78,24 +93,30 @@ class ReconfigureServer:
     def _encode(self, values: Dict[str, Any]) -> Config:
         return encode_config(dict(values, groups=self._groups))
 
-    def show(self, values: Dict[str, Any]) -> None:
-        """Publish what is in force and mirror what changed."""
-        with self._lock:
-            changed = {name: value for name, value in values.items() if self._shown.get(name) != value}
-            self._shown = dict(values)
-            self._mirror.write(self._ns, changed)
-            self._updates.publish(self._encode(values))
+    def change(self, values: Dict[str, Any]) -> Dict[str, Any]:
+        """Apply {name: value} and publish what is in force then, which is returned. Only in the planner's thread.
+
+        Raises:
+            ValueError: The values cannot be used; nothing has changed.
+        """
+        in_force = self._apply(values)
+        self._publish(in_force)
+        return in_force
+
+    def _publish(self, values: Dict[str, Any]) -> None:
+        changed = {name: value for name, value in values.items() if self._published.get(name) != value}
+        self._published = dict(values)
+        self._mirror.write(self._ns, changed)
+        self._updates.publish(self._encode(values))
 
     def _set(self, request):
         values = dict(decode_config(request.config))
         unknown = sorted(set(values) - self._names)
         if unknown:
             rospy.logwarn("%s: no parameter %s; ignored", self._ns, ", ".join(unknown))
-        with self._one_request:
-            try:
-                inforce = self._apply({name: value for name, value in values.items() if name in self._names})
-            except ValueError as problem:
-                rospy.logerr("%s refused a change: %s", self._ns, problem)
-                raise rospy.ServiceException(str(problem)) from None
-            self.show(inforce)
-        return self._encode(inforce)
+        values = {name: value for name, value in values.items() if name in self._names}
+        try:
+            return self._encode(self._thread.ask(lambda: self.change(values)))
+        except (ValueError, RequestTimeout) as problem:
+            rospy.logerr("%s refused a change: %s", self._ns, problem)
+            raise rospy.ServiceException(str(problem)) from None

@@ -1,0 +1,187 @@
+"""The one thread in which the move_base node uses its planner: control cycles when ROS time says so, requests between.
+
+The node's subscribers and services hand their work to this thread, so nothing of the planner needs a lock, and a flood
+of requests delays a control cycle by one request at most.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from typing import Any, Callable, Deque, Optional
+
+import rospy
+from rospy.rostime import get_rostime_cond, is_wallclock
+
+STALLED = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
+ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
+LONGEST_DELAY = 0.2  # s for which a long request gives way to control cycles
+
+
+class RequestTimeout(RuntimeError):
+    """A request was not begun in time, or the node is shutting down. The request will not run later."""
+
+
+class _Request:
+    """Work for the planner's thread. `answered`: whether a caller waits for its value or error."""
+
+    WAITING, RUNNING, WITHDRAWN = range(3)
+    __slots__ = ("work", "cost", "answered", "since", "state", "done", "value", "error")
+
+    def __init__(self, work: Callable[[], Any], cost: float, answered: bool):
+        self.work, self.cost, self.answered, self.since = work, cost, answered, time.monotonic()
+        self.state = self.WAITING
+        self.done = threading.Event()
+        self.value: Any = None
+        self.error: Optional[BaseException] = None
+
+
+class PlannerThread:
+    """Calls cycle(now: rospy.Time) `frequency()` times a second of ROS time, from the thread that calls run().
+
+    Args:
+        cycle: One control cycle.
+        frequency: Returns the control frequency [Hz]; asked before every cycle.
+        went_back: Called before the first cycle after the clock jumped back.
+        stalled: Called once each time that a simulated clock stands still for STALLED seconds of wall time.
+        failed: Called with the exception that a cycle raised; the next cycle comes all the same.
+    """
+
+    def __init__(
+        self,
+        cycle: Callable[[rospy.Time], None],
+        frequency: Callable[[], float],
+        went_back: Callable[[], None],
+        stalled: Callable[[], None],
+        failed: Callable[[Exception], None],
+    ):
+        self._cycle, self._frequency = cycle, frequency
+        self._went_back, self._stalled, self._failed = went_back, stalled, failed
+        self._requests: Deque[_Request] = deque()
+        self._states = threading.Lock()  # of the requests' states
+        self._ended = False
+        self._wake = get_rostime_cond()  # every /clock message notifies it too
+        self.missed = 0  # cycles left out because an earlier one took too long
+
+    def post(self, work: Callable[[], None]) -> None:
+        """Have something short done in the planner's thread, soon and in order. An error that it raises is logged."""
+        self._append(_Request(work, 0.0, answered=False))
+
+    def ask(self, work: Callable[[], Any], cost: float = 0.0, patience: float = 5.0) -> Any:
+        """Have work() done in the planner's thread, and return its value or raise its error.
+
+        Args:
+            work: What to do.
+            cost: How long it takes [s]; work that would delay the next cycle waits until after it.
+            patience: Wall time [s] within which the work has to begin.
+
+        Raises:
+            RequestTimeout: The work did not begin within `patience`. It is withdrawn: it will not run later.
+        """
+        request = _Request(work, cost, answered=True)
+        self._append(request)
+        if not request.done.wait(patience) and self._withdraw(request):
+            raise RequestTimeout("move_base did not answer within %g s" % patience)
+        request.done.wait()  # work that has begun is waited for: what it changes must not go unreported
+        if request.error is not None:
+            raise request.error
+        return request.value
+
+    def run(self) -> None:
+        """Until the node is shut down. Requests that wait at that moment raise RequestTimeout."""
+        try:
+            self._run()
+        finally:
+            self._ended = True
+            while self._requests:
+                self._refuse(self._requests.popleft())
+
+    def _run(self) -> None:
+        due: Optional[rospy.Time] = None
+        last = rospy.Time(0)
+        last_change, reported = time.monotonic(), False
+        while not rospy.is_shutdown():
+            now = rospy.get_rostime()
+            if now < last:
+                due = None
+                if not is_wallclock() or (last - now).to_sec() > ADJUSTMENT:
+                    self._went_back()
+            if now != last:
+                last_change, reported = time.monotonic(), False
+            elif not is_wallclock() and not reported and time.monotonic() - last_change > STALLED:
+                reported = True
+                self._stalled()
+            last = now
+            if now.is_zero():  # simulated time that has not begun
+                self._serve(1.0) or self._sleep(0.1)
+                continue
+            left = 0.0 if due is None else (due - now).to_sec()
+            if left > 0.0:
+                self._serve(left) or self._sleep(min(left, 0.1) if is_wallclock() else 0.1, now)
+                continue
+            period = rospy.Duration.from_sec(1.0 / self._frequency())
+            if due is not None and -left > period.to_sec():
+                self.missed += 1
+                due = None
+            due = now + period if due is None else due + period
+            try:
+                self._cycle(now)
+            except Exception as error:
+                self._failed(error)
+
+    def _append(self, request: _Request) -> None:
+        self._requests.append(request)
+        if self._ended:
+            self._refuse(request)
+        with self._wake:
+            self._wake.notify_all()
+
+    def _begin(self, request: _Request) -> bool:
+        """Mark a waiting request as running; False where its caller has withdrawn it."""
+        with self._states:
+            if request.state != _Request.WAITING:
+                return False
+            request.state = _Request.RUNNING
+            return True
+
+    def _withdraw(self, request: _Request) -> bool:
+        """Mark a waiting request so that it never runs; False where it has begun."""
+        with self._states:
+            if request.state == _Request.WAITING:
+                request.state = _Request.WITHDRAWN
+            return request.state == _Request.WITHDRAWN
+
+    def _refuse(self, request: _Request) -> None:
+        if self._withdraw(request):
+            request.error = RequestTimeout("move_base is shutting down")
+            request.done.set()
+
+    def _serve(self, left: float) -> bool:
+        """Do one request, unless it is long and would push the next cycle, `left` seconds away, too far."""
+        if not self._requests:
+            return False
+        request = self._requests[0]
+        if request.cost > left and time.monotonic() - request.since < LONGEST_DELAY:
+            return False
+        self._requests.popleft()
+        if not self._begin(request):
+            return True
+        try:
+            request.value = request.work()
+        except Exception as error:
+            request.error = error
+            expected = request.answered and isinstance(error, (ValueError, OSError, rospy.ServiceException))
+            if not expected:
+                rospy.logerr("move_base: %s: %s", type(error).__name__, error)
+        finally:
+            request.done.set()
+        return True
+
+    def _sleep(self, seconds: float, since: Optional[rospy.Time] = None) -> None:
+        with self._wake:
+            # what came between the look at the clock and here must not be slept through
+            if (since is None or rospy.get_rostime() == since or is_wallclock()) and (
+                not self._requests or self._requests[0].cost > 0.0
+            ):
+                self._wake.wait(seconds)

@@ -1,0 +1,152 @@
+"""The applr node's worker thread: brings requested parameters to the planner, and tries again until they are in force.
+
+The node calls `request` from its own thread and never waits. A newer request replaces an older one.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Callable, Optional
+
+import numpy as np
+
+from applr_ros1.nodes.reconfigure_client import ReconfigureClient, Report
+
+RETRY = 0.25  # s between attempts
+REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
+PATIENCE = 5  # failed searches for the servers, a second apart, before they are reported: both nodes start together
+SETTLE = 1.0  # s after which an abandoned call has either been carried out or never will be
+
+
+class ReconfigureWorker:
+    """Applies theta with a client in a thread of its own. Deadlines are wall time, whatever the clock of ROS does.
+
+    Args:
+        client: Reaches the planner's reconfigure servers.
+        on_report: Called with the Report of every attempt, from the worker's thread.
+        on_trouble: Called with one line while the servers cannot be found, from the worker's thread.
+    """
+
+    def __init__(
+        self,
+        client: ReconfigureClient,
+        on_report: Callable[[Report], None],
+        on_trouble: Callable[[str], None],
+    ):
+        self.client, self._on_report, self._on_trouble = client, on_report, on_trouble
+        self.applied: Optional[np.ndarray] = None  # theta (8,) of the last success
+        self._requested: Optional[np.ndarray] = None  # theta (8,) that is not in force yet
+        self._serial = 0  # counts the requests
+        self._refusals = 0
+        self._abandoned: Optional[np.ndarray] = None  # theta of a call that was given up and may still be carried out
+        self._check_at: Optional[float] = None
+        self._stopped = False
+        self._condition = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="reconfigure_worker", daemon=True)
+
+    def start(self) -> None:
+        """Begin to work; requests made before are kept."""
+        self._thread.start()
+
+    def request(self, theta: np.ndarray) -> None:
+        """Have theta (8,), finite, applied as soon as possible, instead of what was requested before."""
+        with self._condition:
+            self._requested = np.array(theta, dtype=np.float64)
+            self._serial += 1
+            self._refusals = 0
+            self._condition.notify_all()
+
+    def reapply(self) -> None:
+        """Apply the present parameters anew: a server came back and has its start-up values."""
+        with self._condition:
+            if self._requested is None and self.applied is not None:
+                self._requested = self.applied
+                self._refusals = 0
+                self._condition.notify_all()
+
+    def stop(self) -> None:
+        """End the thread; what is still requested is dropped."""
+        with self._condition:
+            self._stopped = True
+            self._condition.notify_all()
+        self._thread.join(3.0)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request is not in force yet."""
+        return self._requested is not None
+
+    def wait_until_idle(self, seconds: float) -> bool:
+        """Wait until nothing is left to do; False when `seconds` of wall time pass before."""
+        with self._condition:
+            return self._condition.wait_for(lambda: self._requested is None and self._check_at is None, seconds)
+
+    def _run(self):
+        failures = 0
+        while not self._stopped:
+            try:
+                if self.client.connected:
+                    self._work()
+                else:
+                    trouble = self.client.connect()
+                    failures += bool(trouble)
+                    if trouble:
+                        if failures >= PATIENCE:
+                            self._on_trouble(trouble)
+                        self._pause(4 * RETRY)
+            except Exception as e:  # whatever it is, the thread that talks to the planner goes on
+                self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
+                self._pause(4 * RETRY)
+
+    def _work(self):
+        with self._condition:
+            self._condition.wait_for(
+                lambda: self._stopped or self._requested is not None or self._check_due(),
+                None if self._check_at is None else SETTLE,
+            )
+            theta, serial, stopped = self._requested, self._serial, self._stopped
+        if stopped:
+            return
+        if theta is not None:
+            self._attempt(theta, serial)
+        elif self._check_due():
+            self._settle()
+
+    def _attempt(self, theta, serial):
+        report = self.client.apply(theta)
+        with self._condition:
+            newer = serial != self._serial
+            if report.ok:
+                self.applied = theta
+                if self._abandoned is not None:
+                    self._check_at = time.monotonic() + SETTLE
+            elif report.uncertain:
+                self._abandoned = theta
+            elif report.put_back:
+                self._refusals += 1
+            if not newer and (report.ok or self._refusals >= REFUSALS):
+                self._requested = None
+                self._condition.notify_all()
+            waiting = self._requested is not None and not newer
+        self._on_report(report)
+        if waiting:
+            self._pause(RETRY)
+
+    def _check_due(self):
+        return self._check_at is not None and time.monotonic() >= self._check_at
+
+    def _settle(self):
+        """An abandoned call may have been carried out after the newer one: then the newer one is applied again."""
+        with self._condition:
+            late = self._abandoned
+            self._abandoned = self._check_at = None
+            self._condition.notify_all()
+        if late is not None and not np.array_equal(late, self.applied) and np.array_equal(late, self.client.theta()):
+            self.reapply()
+
+    def _pause(self, seconds):
+        """Wait for `seconds`, or until the worker is stopped or gets a newer request."""
+        with self._condition:
+            serial = self._serial
+            self._condition.wait_for(lambda: self._stopped or self._serial != serial, seconds)
