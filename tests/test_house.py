@@ -206,11 +206,11 @@ def test_no_large_files():
         assert size <= limit, "%s has %d bytes" % (name, size)
 
 
-def test_readme_holds_the_launch_arguments_and_the_parameters():
-    readme = text_of("README.md")
+def test_documents_hold_the_launch_arguments_and_the_parameters():
     from applr_ros1.planner.parameters.table import tables
 
-    assert tables() in readme, "run: python -m applr_ros1.planner.parameters.table README.md"
+    assert tables() in text_of("docs/parameters.md"), "run: python -m applr_ros1.planner.parameters.table"
+    readme = text_of("README.md")
     for argument in xml.parse(os.path.join(ROOT, "applr_ros1/launch/jackal_applr.launch")).getroot().findall("arg"):
         if argument.get("value") is None:
             row = "| `%s` | `%s` | %s |" % (argument.get("name"), argument.get("default"), argument.get("doc"))

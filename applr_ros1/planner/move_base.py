@@ -56,7 +56,7 @@ class Cycle:
 
 
 class MoveBase:
-    """`params`: a nested ROS parameter tree; what it leaves out has its default (parameters.py).
+    """`params`: a nested ROS parameter tree; what it leaves out has its default (planner/parameters).
 
     Raises ParameterError (one line) for parameters that cannot be run.
     """

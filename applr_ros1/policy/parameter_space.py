@@ -117,7 +117,7 @@ class Space:
             raise SpaceError(f"{what} {self.names[bad[-1]]} is {vector[tuple(bad)]}: refused, not finite")
 
 
-# ranges in the authors' final code; what else is to say of each parameter stands in planner/parameters.py
+# ranges in the authors' final code; what else is to say of each parameter stands in planner/parameters
 _RANGES = {
     "max_vel_x": (0.2, 2.0),
     "max_vel_theta": (0.314, 3.14),

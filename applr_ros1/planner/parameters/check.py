@@ -1,4 +1,4 @@
-"""Checks, converts and completes parameter trees against the tables of parameters.py.
+"""Checks, converts and completes parameter trees against the declarations.
 
 MoveBase completes what it is given; the node prints check()'s lines at start-up. Pure standard library.
 """

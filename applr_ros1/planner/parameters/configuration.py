@@ -1,6 +1,6 @@
 """The values in force in the eight dynamic_reconfigure servers: takes requests whole or refuses them whole.
 
-MoveBase keeps one of these; it knows the tables of parameters.py but not what the values do.
+MoveBase keeps one of these; it knows the declarations but not what the values do.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _TABLES = {server: {name: p for p in table for name in (p.name,) + p.aliases} fo
 
 
 class Configuration:
-    """`tree`: a complete parameter tree (parameter_check.complete); its values are those to return to."""
+    """`tree`: a complete parameter tree (check.complete); its values are those to return to."""
 
     def __init__(self, tree: Dict[str, Any]):
         self._start: Dict[str, Dict[str, Any]] = {}

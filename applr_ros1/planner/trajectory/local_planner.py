@@ -18,7 +18,7 @@ EMPTY = np.zeros((0, 3))
 
 
 class LocalPlanner:
-    """params: the values of the server and the static parameters of TrajectoryPlannerROS by name (parameters.py).
+    """params: the values of the server and the static parameters of TrajectoryPlannerROS by name (planner/parameters).
 
     footprint: padded vertices (n, 2) [m] of the local costmap. Both are kept as they are now: `reconfigure` reaches
     only the sampling. Tolerances, meter_scoring, the control period and the limits of stopping and turning at the

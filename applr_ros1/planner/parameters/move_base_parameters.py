@@ -1,0 +1,105 @@
+"""Parameters of move_base itself, of its recovery behaviours, of navfn, and the applr node's period.
+
+Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+"""
+
+from __future__ import annotations
+
+from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, listing, real, text, whole
+
+# Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
+# Flags, texts and lists have no bounds and no unit.
+# fmt: off
+RECOVERY_TYPES = ("clear_costmap_recovery/ClearCostmapRecovery", "rotate_recovery/RotateRecovery")
+DEFAULT_RECOVERIES = [
+    {"name": name, "type": RECOVERY_TYPES[kind]}
+    for name, kind in (
+        ("conservative_reset", 0),
+        ("rotate_recovery", 1),
+        ("aggressive_reset", 0),
+        ("rotate_recovery", 1),
+    )
+]
+
+# Live, through dynamic_reconfigure
+MOVE_BASE = (
+    text("base_global_planner", "navfn/NavfnROS", "navfn/NavfnROS",
+        "Plugin name of the global planner. Only navfn is available."),
+    text("base_local_planner", "base_local_planner/TrajectoryPlannerROS", "base_local_planner/TrajectoryPlannerROS",
+        "Plugin name of the local planner. Only the one named as default is available."),
+    real("planner_frequency", 0.0, 0.0, 100.0, 20.0, "Hz",
+        "How often the global plan is renewed while the robot drives. With 0 a plan is made for each new goal and "
+        "after each failure to find a velocity."),
+    real("controller_frequency", 20.0, 0.0, 100.0, 20.0, "Hz",
+        "How often a velocity command is chosen and published. 0 is refused.", not_zero=True),
+    real("planner_patience", 5.0, 0.0, 100.0, 5.0, "s",
+        "Time without a global plan after which a recovery behaviour starts."),
+    real("controller_patience", 5.0, 0.0, 100.0, 15.0, "s",
+        "Time without a valid velocity command after which a recovery behaviour starts."),
+    whole("max_planning_retries", -1, -1, 1000, -1, "",
+        "Number of failed planning attempts after which a recovery behaviour starts. -1 sets no limit."),
+    real("conservative_reset_dist", 3.0, 0.0, 50.0, 3.0, "m",
+        "Side of the square around the robot outside of which the conservative reset clears the costmaps. Read once, "
+        "when the node starts."),
+    flag("recovery_behavior_enabled", True, True, "Whether recovery behaviours are tried before a goal is aborted."),
+    flag("clearing_rotation_allowed", True, True,
+        "Whether the recovery behaviours may rotate the robot in place. Read once, when the node starts."),
+    flag("shutdown_costmaps", False, False, "Whether the costmaps stop updating while there is no goal."),
+    real("oscillation_timeout", 0.0, 0.0, 60.0, 0.0, "s",
+        "Time within which the robot has to move by oscillation_distance; otherwise a recovery behaviour starts. 0 "
+        "switches this check off."),
+    real("oscillation_distance", 0.5, 0.0, 10.0, 0.5, "m",
+        "Distance that the robot has to move to count as not oscillating."),
+    flag("make_plan_clear_costmap", True, True,
+        "Whether the make_plan service first clears a square around the robot in both costmaps."),
+    flag("make_plan_add_unreachable_goal", True, True,
+        "Whether the make_plan service appends the requested goal to a plan that only reaches a point near it."),
+    RESTORE,
+)
+
+# Read once, when the node starts
+STATIC_MOVE_BASE = (
+    listing("recovery_behaviors", [], None,
+        "Names and types of the recovery behaviours in the order in which they are tried. An empty list selects the "
+        "four default behaviours."),
+    real("scan_timeout", 1.0, 0.0, INF, None, "s",
+        "Age of the newest scan at which the robot is stopped. 0 switches this check off."),
+    real("clearing_radius", 0.46, 0.0, INF, None, "m",
+        "Half of the side of the square that make_plan_clear_costmap clears."),
+)
+
+# Of each behaviour that a recovery_behaviors list names
+BEHAVIOUR = (
+    real("reset_distance", 3.0, 0.0, INF, None, "m",
+        "Side of the square around the robot outside of which this behaviour clears the costmaps."),
+    real("sim_granularity", 0.017, 0.0, INF, None, "rad",
+        "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
+)
+
+CONSERVATIVE_RESET = (
+    real("reset_distance", 3.0, 0.0, INF, 3.0, "m",
+        "Side of the square that the conservative reset leaves; set from conservative_reset_dist."),
+)
+
+AGGRESSIVE_RESET = (
+    real("reset_distance", 1.84, 0.0, INF, 1.84, "m",
+        "Side of the square that the aggressive reset leaves; four times local_costmap/circumscribed_radius."),
+)
+
+ROTATE_RECOVERY = (
+    real("sim_granularity", 0.017, 0.0, INF, None, "rad",
+        "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
+)
+
+STATIC_NAVFN = (
+    flag("allow_unknown", True, None, "Whether plans may lead through unknown cells."),
+    real("default_tolerance", 0.0, 0.0, INF, None, "m",
+        "Distance from the goal within which a plan may end if the goal itself cannot be reached."),
+    flag("visualize_potential", False, None, "Without effect; the potential is not published."),
+)
+
+APPLR_NODE = (
+    real("period", 2.0, 0.0, INF, None, "s",
+        "Decision period of the applr node. If no heartbeat of that node arrives for three periods, the start-up "
+        "parameters are restored."),
+)

@@ -1,0 +1,75 @@
+"""One parameter of move_base, and short constructors of it for the tables of this folder.
+
+Used by the tables (move_base_parameters.py and its neighbours) and by all that reads them. Pure standard library.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Tuple
+
+INF = math.inf
+INT_MAX = 2147483647
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter, as the C++ node declares it, with a sentence for a reader.
+
+    name: as in ROS. type: "double", "int", "bool" or "str" as in dynamic_reconfigure; parameters that are read once may
+    also be a "list". default, min, max: of that type. jackal: the value in Clearpath's files, None where these leave
+    the default. unit: "" for none. doc: one or two sentences. aliases: older names that always show the same value.
+    enum: (name, value, sentence) of each choice. not_zero: 0 lies within the bounds but cannot work and is refused.
+    """
+
+    name: str
+    type: str
+    default: Any
+    min: Any
+    max: Any
+    jackal: Any
+    unit: str
+    doc: str
+    aliases: Tuple[str, ...] = ()
+    enum: Tuple[Tuple[str, int, str], ...] = ()
+    not_zero: bool = False
+
+    @property
+    def value(self):
+        """The value that the Jackal runs with."""
+        return self.default if self.jackal is None else self.jackal
+
+
+class ParameterError(ValueError):
+    """A name or value that cannot be taken; the message is one line with the remedy."""
+
+
+def real(name, default, low, high, jackal, unit, doc, **more):
+    """Declare a double."""
+    return Parameter(name, "double", default, low, high, jackal, unit, doc, **more)
+
+
+def whole(name, default, low, high, jackal, unit, doc, **more):
+    """Declare an int."""
+    return Parameter(name, "int", default, low, high, jackal, unit, doc, **more)
+
+
+def flag(name, default, jackal, doc):
+    """Declare a bool."""
+    return Parameter(name, "bool", default, False, True, jackal, "", doc)
+
+
+def text(name, default, jackal, doc):
+    """Declare a str."""
+    return Parameter(name, "str", default, "", "", jackal, "", doc)
+
+
+def listing(name, default, jackal, doc):
+    """Declare a list, read once when the node starts."""
+    return Parameter(name, "list", default, None, None, jackal, "", doc)
+
+
+RESTORE = flag(
+    "restore_defaults", False, False, "Sets all parameters of this server back to the values that it started with."
+)

@@ -1,0 +1,91 @@
+"""Parameters of the local planner TrajectoryPlannerROS.
+
+Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+"""
+
+from __future__ import annotations
+
+import math
+
+from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, real, text, whole
+
+# Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
+# Flags, texts and lists have no bounds and no unit.
+# fmt: off
+# Live, through dynamic_reconfigure
+TRAJECTORY_PLANNER = (
+    real("acc_lim_x", 2.5, 0.0, 20.0, 10.0, "m/s^2",
+        "Forward acceleration limit that the trajectory simulation assumes."),
+    real("acc_lim_y", 2.5, 0.0, 20.0, 2.5, "m/s^2",
+        "Sideways acceleration limit. It matters only for braking a measured sideways velocity, since the base "
+        "cannot strafe."),
+    real("acc_lim_theta", 3.2, 0.0, 20.0, 20.0, "rad/s^2",
+        "Angular acceleration limit that the trajectory simulation assumes."),
+    real("max_vel_x", 0.55, 0.0, 20.0, 0.5, "m/s", "Largest forward velocity that is sampled."),
+    real("min_vel_x", 0.0, 0.0, 20.0, 0.1, "m/s", "Smallest forward velocity that is sampled."),
+    real("max_vel_theta", 1.0, 0.0, 20.0, 1.57, "rad/s", "Largest angular velocity to the left that is sampled."),
+    real("min_vel_theta", -1.0, -20.0, 0.0, -1.57, "rad/s",
+        "Largest angular velocity to the right that is sampled, as a negative number."),
+    real("min_in_place_vel_theta", 0.4, 0.0, 20.0, 0.314, "rad/s",
+        "Smallest angular velocity, in either direction, of a turn in place."),
+    real("sim_time", 1.7, 0.0, 10.0, 2.0, "s",
+        "Duration for which each sampled velocity is simulated.", not_zero=True),
+    real("sim_granularity", 0.025, 0.0, 5.0, 0.02, "m",
+        "Distance between two simulated points of a trajectory.", not_zero=True),
+    real("angular_sim_granularity", 0.025, 0.0, math.pi / 2, 0.02, "rad",
+        "Rotation between two simulated points of a trajectory.", not_zero=True),
+    real("path_distance_bias", 0.6, 0.0, 5.0, 0.75, "",
+        "Weight of a trajectory's final distance from the global plan in its cost.", aliases=("pdist_scale",)),
+    real("goal_distance_bias", 0.8, 0.0, 5.0, 1.0, "",
+        "Weight of a trajectory's final distance from the local goal in its cost.", aliases=("gdist_scale",)),
+    real("occdist_scale", 0.01, 0.0, 5.0, 0.1, "",
+        "Weight of the largest costmap value along a trajectory in its cost."),
+    real("oscillation_reset_dist", 0.05, 0.0, 5.0, 0.05, "m",
+        "Distance that the robot has to move before a turning direction that was barred because of oscillation is "
+        "allowed again."),
+    real("escape_reset_dist", 0.1, 0.0, 5.0, 0.1, "m", "Distance after which backing out of a dead end is over."),
+    real("escape_reset_theta", math.pi / 2, 0.0, 5.0, 0.1, "rad",
+        "Rotation after which backing out of a dead end is over."),
+    whole("vx_samples", 20, 1, 300, 6, "", "Number of forward velocities sampled in a control cycle."),
+    whole("vtheta_samples", 20, 1, 300, 20, "", "Number of angular velocities sampled in a control cycle."),
+    real("heading_lookahead", 0.325, 0.0, 5.0, 0.325, "m",
+        "Distance ahead of the robot, in the direction it would have after a turn in place, at which that turn is "
+        "judged."),
+    flag("holonomic_robot", True, False,
+        "Without effect; exists so that clients of the C++ node find it. A differential-drive base is always "
+        "assumed."),
+    real("escape_vel", -0.1, -2.0, 2.0, -0.5, "m/s",
+        "Forward velocity while backing out of a dead end; negative values drive backwards."),
+    flag("dwa", False, True,
+        "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
+        "within sim_time."),
+    flag("heading_scoring", False, False,
+        "Whether trajectories are scored by their heading relative to the plan instead of by their distance from it."),
+    real("heading_scoring_timestep", 0.1, 0.0, 1.0, 0.8, "s",
+        "Time along a trajectory at which heading_scoring evaluates the heading."),
+    flag("simple_attractor", False, False,
+        "Whether the robot heads straight for the last point of the local plan instead of following the plan."),
+    text("y_vels", "-0.3,-0.1,0.1,-0.3", "-0.3,-0.1,0.1,-0.3",
+        "Without effect; exists so that clients of the C++ node find it. Sideways velocities of holonomic bases."),
+    RESTORE,
+)
+
+# Read once, when the node starts
+STATIC_TRAJECTORY_PLANNER = (
+    real("xy_goal_tolerance", 0.1, 0.0, INF, 0.25, "m",
+        "Distance from the goal position at which the position counts as reached."),
+    real("yaw_goal_tolerance", 0.05, 0.0, INF, 0.157, "rad",
+        "Difference from the goal heading at which the heading counts as reached."),
+    flag("latch_xy_goal_tolerance", False, False,
+        "Whether the goal position, once reached, keeps counting as reached while the robot turns to the goal "
+        "heading."),
+    flag("prune_plan", True, None, "Whether points of the plan that the robot has passed are removed."),
+    real("max_rotational_vel", 1.0, 0.0, INF, None, "rad/s",
+        "Largest angular velocity of the turn to the goal heading."),
+    flag("meter_scoring", False, True,
+        "Whether path_distance_bias and goal_distance_bias apply to distances in metres instead of in cells."),
+    real("controller_frequency", 20.0, 0.0, INF, 20.0, "Hz",
+        "Its inverse is the control period that the dynamic window is computed with."),
+    flag("publish_cost_grid_pc", False, True,
+        "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
+)
