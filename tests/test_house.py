@@ -252,15 +252,18 @@ def test_links_of_the_documents_hold(name):
         assert not anchor or anchor in headings(path)[1], "%s links to %s#%s" % (name, target, anchor)
 
 
-def test_ruff():
-    ruff = [sys.executable, "-m", "ruff"]
-    if subprocess.run(ruff + ["--version"], capture_output=True, check=False).returncode:
-        pytest.skip("ruff is not installed for this Python")
-    found = subprocess.run(
-        ruff + ["check", "--output-format", "concise", "--no-cache", "."],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert found.returncode == 0, found.stdout
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("ruff", "check", "--output-format", "concise", "--no-cache"),
+        ("ruff", "format", "--check", "--no-cache"),
+        ("mypy",),
+    ],
+    ids=["ruff check", "ruff format", "mypy"],
+)
+def test_linters_and_types(command):
+    tool = [sys.executable, "-m", *command]
+    if subprocess.run(tool[:3] + ["--version"], capture_output=True, check=False).returncode:
+        pytest.skip("%s is not installed for this Python" % command[0])
+    found = subprocess.run(tool, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
