@@ -305,3 +305,24 @@ def test_drives_a_course_with_the_real_planner():
     assert sum(o.progress_y for o in outcomes) == pytest.approx(5.925, abs=0.3)
     for o in outcomes:
         assert np.isfinite(episode.observation(o)).all()
+
+
+def test_decision_period_changes_the_steps_not_what_a_second_costs():
+    from training.mdp.env import ApplrEnv
+
+    for period, limit in ((2.0, 50), (0.5, 200)):
+        env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
+        env.reset(seed=1)
+        action = env.space.to_action(env.space.theta0)
+        cost, info, over, before = 0.0, {"time_s": 0.0}, False, 0.0
+        while not over:
+            before = info["time_s"]
+            _, _, terminated, truncated, info = env.step(action)
+            cost, over = cost + info["reward"]["time"], terminated or truncated
+            assert over or info["time_s"] - before == pytest.approx(period)
+        env.close()
+        assert env.episode.limit == limit
+        assert cost == pytest.approx(-info["time_s"] / 2.0)
+        assert info["decisions"] - 1 < info["time_s"] / period <= info["decisions"] + 1e-6
+    with pytest.raises(ValueError, match="multiple of 0.05"):
+        ApplrEnv(worlds="generated:0", period=0.07)

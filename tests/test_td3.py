@@ -227,3 +227,44 @@ def test_cuda_graphs_give_the_same_weights():
     for name, tensor in cpu.tensors().items():
         if "adam" not in name:
             torch.testing.assert_close(gpu.tensors()[name].cpu(), tensor, atol=2e-4, rtol=0)
+
+
+def test_layer_norm_gradients_are_those_of_autograd():
+    from training.td3.networks import MLP
+
+    network = MLP([10, 32, 32, 3], np.random.default_rng(0), normalised=True)
+    x = torch.randn(70, 10, generator=torch.Generator().manual_seed(1), requires_grad=True)
+    kept = []
+    with torch.no_grad():
+        y = network.forward(x, kept)
+    for tensor in network.parameters:
+        tensor.requires_grad_(True)
+    h = x
+    for i, (weight, bias) in enumerate(network.layers):
+        h = torch.nn.functional.linear(h, weight, bias)
+        h = torch.nn.functional.layer_norm(h, h.shape[1:]).relu() if i < 2 else h
+    torch.testing.assert_close(y, h.detach())
+    dy = torch.ones_like(y)
+    expected = torch.autograd.grad(h, [*network.parameters, x], dy)
+    with torch.no_grad():
+        found = [*network.backward(kept, dy), network.input_gradient(kept, dy, slice(0, None))]
+    for ours, theirs in zip(found, expected):
+        torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_pooled_scan_becomes_an_actor_that_takes_every_beam():
+    from applr_ros1.policy.actor import Actor
+
+    td3 = TD3(729, 8, TD3Config(hidden=(32, 32), scan_pool=5, layer_norm=True), seed=3, scan=720)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        td3.update(_batch(rng, 64, 729, 8))
+    observation = rng.uniform(-1, 1, (20, 729)).astype(np.float32)
+    actor = Actor(td3.actor_weights())
+    np.testing.assert_allclose(actor.action(observation), td3.action(observation), atol=1e-5)
+    arrays, header = td3.state()
+    other = TD3(729, 8, td3.config, seed=4, scan=720)
+    other.load(arrays, header)
+    np.testing.assert_array_equal(other.action(observation), td3.action(observation))
+    with pytest.raises(LearnerError, match="divisor"):
+        TD3(729, 8, TD3Config(scan_pool=7), scan=720)

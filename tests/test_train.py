@@ -412,3 +412,17 @@ if __name__ == "__main__":
             "killed %d times (journal's size then: %s bytes): the same weights, replay and random state"
             % (times, ", ".join(map(str, where)))
         )
+
+
+def test_recipes_are_options_that_the_command_line_replaces(tmp_path):
+    chosen = options.parse(["--recipe", "paper", "--seed", "7"])
+    assert (chosen.period, chosen.steps, chosen.hidden, chosen.seed) == (2.0, 5_000_000, "512,512,512", 7)
+    assert all(options.parse(["--recipe", name]) for name in options.recipes())
+    own = tmp_path / "own.yaml"
+    own.write_text("batch_size: 64\nperiod: 1.0\n")
+    assert options.parse(["--recipe", str(own), "--period", "0.5"]).period == 0.5
+    own.write_text("batchsize: 64\n")
+    with pytest.raises(options.ConfigError, match="unknown option 'batchsize'"):
+        options.parse(["--recipe", str(own)])
+    with pytest.raises(options.ConfigError, match="paper"):
+        options.parse(["--recipe", "nothing"])

@@ -238,3 +238,11 @@ def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
             worlds.specs(text)
     with pytest.raises(worlds.WorldError, match="names 3 worlds"):
         worlds.load("fresh:5-7")
+
+
+def test_validation_worlds_are_training_worlds_that_learning_leaves_out():
+    names = {split: {w.name for w in worlds.load_all("generated:" + split)} for split in builtin.SPLITS}
+    assert names["validation"] | names["learn"] == names["train"]
+    assert not names["validation"] & names["learn"]
+    assert not names["train"] & names["test"]
+    assert len(names["validation"]) == 31

@@ -250,6 +250,7 @@ class Training:
         if self.config.env == OURS:
             from applr_ros1.policy import actor
 
+            metadata["period_s"] = self.config.period
             actor.save(path, weights, metadata)
         else:
             write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
@@ -344,7 +345,7 @@ def prepare(config: TrainConfig):
     train = load_worlds(config.worlds)
     test = [] if config.eval_worlds == "none" else load_worlds(config.eval_worlds)
     sim_bridge.Randomisation(**config.randomisation())
-    shared = {"reward": config.reward()}
+    shared = {"reward": config.reward(), "period": config.period}
     settings = {
         "env": config.env,
         "train": dict(shared, worlds=config.worlds, simulator=config.simulator, randomisation=config.randomisation()),

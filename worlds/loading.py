@@ -15,7 +15,8 @@ from .world import World, WorldError
 GENERATED = "generated:"
 FRESH = "fresh:"  # more worlds of the same recipe, made on the spot
 FORMS = (
-    "generated:N (0-%d), generated:train, generated:test, fresh:N, fresh:N-M (0 on), physical_course, "
+    "generated:N (0-%d), generated:train, generated:test, generated:validation, generated:learn, fresh:N, "
+    "fresh:N-M (0 on), physical_course, "
     "a .world file or a folder of them" % (generator.COUNT - 1)
 )
 MAX_WORLDS = 10_000  # in a folder
@@ -81,8 +82,8 @@ def _fresh_numbers(text: str) -> List[int]:
 
 def _numbers(text: str) -> List[int]:
     part = text[len(GENERATED) :]
-    if part in ("train", "test"):
-        return list(builtin.TRAIN if part == "train" else builtin.TEST)
+    if part in builtin.SPLITS:
+        return list(builtin.SPLITS[part])
     if not re.match(r"^\d{1,9}$", part, re.ASCII) or int(part) >= generator.COUNT:
         raise WorldError("world %r does not exist; give %s" % (text[:200], FORMS))
     return [int(part)]

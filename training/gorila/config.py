@@ -10,12 +10,16 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, get_type_hints
 
+import yaml
+
 from training.gorila.learner import LearnerConfig
+from training.mdp.episode import PERIOD
 from training.mdp.reward import Reward
-from training.storage import StorageError, read_json
+from training.storage import StorageError, read_bytes, read_json
 from training.td3.td3 import TD3Config
 
 PAPER_STEPS = 5_000_000
+RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 MOST_ROWS = 10**8
 MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}  # of what is randomised
 
@@ -35,7 +39,7 @@ class TrainConfig:
     # -- what and where
     out: str = option("runs/applr", "folder of the run: checkpoints, journal, curves, actors")
     resume: bool = option(False, "go on with the run in --out, with its options; options given again replace them")
-    steps: int = option(PAPER_STEPS, "transitions (two-second decisions) to collect in all; the paper's 5 million")
+    steps: int = option(PAPER_STEPS, "transitions (decisions) to collect in all; the paper's 5 million")
     seed: int = option(0, "of everything drawn at random")
     device: str = option("auto", "where the learner computes: cpu, cuda, auto")
     threads: int = option(0, "of the learner on the CPU; 0: the cores that the actors leave, at least one")
@@ -48,10 +52,15 @@ class TrainConfig:
         0, "refuse episodes of policies older than so many gradient steps; 0: take all, their age is reported"
     )
     # -- worlds and robot
+    period: float = option(PERIOD, "decision period [s]: time between two choices of the parameters (paper: 2)")
     env: str = option(
         "training.mdp.env:ApplrEnv", "the environment, MODULE:CLASS; one that is not ours gets no arguments"
     )
-    worlds: str = option("generated:train", "to train in: a specification, several with commas between them")
+    worlds: str = option(
+        "generated:learn",
+        "worlds to train in: a specification, several with commas between them; generated:learn are the training "
+        "worlds less those of generated:validation",
+    )
     simulator: str = option("kinematic", "to train in", choices=("kinematic", "pybullet"))
     curriculum: float = option(0.0, "share of the steps over which harder worlds come in, after the easiest quarter")
     start_xy: float = option(0.0, "the start is moved by up to this much [m]")
@@ -89,6 +98,14 @@ class TrainConfig:
         TD3Config.average,
         "hand out the policy's running average, with this decay per policy step, like .999; 0: the policy itself",
     )
+    scan_pool: int = option(
+        TD3Config.scan_pool,
+        "neighbouring beams whose mean enters the networks as one input; 5 makes 144 inputs of 720 beams "
+        "and a gradient step four times faster; the actor file still takes every beam",
+    )
+    layer_norm: bool = option(
+        TD3Config.layer_norm, "normalise the hidden layers of the critics, which steadies many gradient steps"
+    )
     policy_delay: int = option(TD3Config.policy_delay, "critic steps per policy step")
     updates_per_transition: float = option(LearnerConfig.updates_per_transition, "gradient steps per transition")
     mirror: bool = option(False, "half of each batch left for right, scan and local goal: twice the experience")
@@ -110,7 +127,11 @@ class TrainConfig:
     bc_alpha: float = option(0.0, "TD3+BC's alpha (2.5 in its paper); 0: plain TD3")
     # -- keeping and looking
     checkpoint_every: float = option(120.0, "seconds between checkpoints")
-    eval_worlds: str = option("generated:test", "held-out worlds of the periodic evaluation; none: no evaluation")
+    eval_worlds: str = option(
+        "generated:validation",
+        "worlds of the periodic evaluation, which chooses the best actor; the default is a part of the training "
+        "worlds that --worlds leaves out, so that no test world takes part in the choice; none: no evaluation",
+    )
     eval_count: int = option(0, "how many of them, evenly spread; 0: all")
     eval_trials: int = option(1, "trials in each")
     eval_every: int = option(50_000, "transitions (offline: gradient steps) between evaluations")
@@ -224,6 +245,8 @@ _BOUNDS = (
     ("noise_clip", 0.0, 2.0),
     ("average", 0.0, 0.999999),
     ("saturation", 0.0, 100.0),
+    ("period", 0.05, 10.0),
+    ("scan_pool", 1, 1000),
     ("policy_delay", 1, 100),
     ("updates_per_transition", 0.0, 100.0),
     ("warmup", 0, 10**9),
@@ -239,7 +262,7 @@ _BOUNDS = (
     ("eval_every", 1, 10**9),
     ("contact_seconds", 0.0, 1e6),
 )
-FIXED = {"hidden", "capacity", "seed", "env"}  # what --resume cannot replace
+FIXED = {"hidden", "capacity", "seed", "env", "scan_pool", "layer_norm"}  # what --resume cannot replace
 
 
 def dashed(name: str) -> str:
@@ -253,6 +276,13 @@ def parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
         description="Trains a parameter policy: TD3 with any number of actors (or --actors 0), or offline from "
         "a --dataset. Ctrl-C saves and stops; --resume goes on. Defaults are the paper's.",
+    )
+    p.add_argument(
+        "--recipe",
+        metavar="NAME",
+        default=argparse.SUPPRESS,
+        help="take the options of a recipe, a name among %s or a YAML file; options given beside it replace its own"
+        % ", ".join(recipes()),
     )
     types = get_type_hints(TrainConfig)
     for f in fields(TrainConfig):
@@ -270,6 +300,34 @@ def parser() -> argparse.ArgumentParser:
                 metavar=None if f.metadata["choices"] else f.name.upper(),
             )
     return p
+
+
+def recipes() -> List[str]:
+    """Names of the recipes that come with the package (training/recipes/NAME.yaml)."""
+    return sorted(path.stem for path in RECIPES.glob("*.yaml"))
+
+
+def recipe(name: str) -> Dict[str, Any]:
+    """The options of a recipe.
+
+    Args:
+        name: one of recipes(), the path of a YAML file of options, or "" for none.
+
+    Raises:
+        ConfigError: with one line, for an unknown name or a file that holds anything but options.
+    """
+    if not name:
+        return {}
+    path = Path(name) if name.endswith(".yaml") else RECIPES / (name + ".yaml")
+    if not name.endswith(".yaml") and name not in recipes():
+        raise ConfigError("--recipe %s is unknown: give %s or a .yaml file" % (name, ", ".join(recipes())))
+    try:
+        values = yaml.safe_load(read_bytes(path).decode())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError("%s: not YAML (%s)" % (path, str(error).splitlines()[0])) from None
+    if not isinstance(values, dict):
+        raise ConfigError("%s: no options; give lines such as `batch_size: 256`" % path)
+    return from_dict({str(key).replace("-", "_"): value for key, value in values.items()}, str(path))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -301,7 +359,8 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     arguments = sys.argv[1:] if arguments is None else arguments
     given = vars(parser().parse_args([a for a in arguments if ":=" not in a]))
     if not given.get("resume"):
-        return TrainConfig(**given)
+        return TrainConfig(**{**recipe(given.pop("recipe", "")), **given})
+    given.pop("recipe", None)  # a run keeps the options that it began with
     out = given.get("out", TrainConfig.out)
     path = Path(out) / "config.json"
     if not path.exists():

@@ -41,7 +41,7 @@ class Learner:
     def __init__(self, layout: Layout, config: LearnerConfig, folder=None):
         self.layout, self.config = layout, config
         self.folder = Path(folder) if folder is not None else None
-        self.td3 = TD3(layout.size, layout.action, config.td3, config.seed, config.device)
+        self.td3 = TD3(layout.size, layout.action, config.td3, config.seed, config.device, layout.scan)
         self.replay = Replay(layout, config.capacity)
         self.rng = np.random.default_rng([config.seed, 1])
         self.journal = Journal(make_folder(self.folder) / "journal") if folder is not None else None

@@ -1,7 +1,8 @@
 """The paper's meta-environment for Gymnasium: id "applr_ros1/Navigation-v0". Actors train in it; any RL library can.
 
-State (729,): scan capped at 2 m, phi, theta_{t-1}. Action (8,): the planner's parameters. One step is one decision:
-2 s of simulated time, 40 cycles of the very MoveBase that the ROS node runs. Course, limit and ends as in episode.py.
+State (729,): scan capped at 2 m, phi, theta_{t-1}. Action (8,): the planner's parameters. One step is one decision
+period (2 s of simulated time in the paper: 40 cycles of the very MoveBase that the ROS node runs). Course, limit and
+ends are those of episode.py.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.policy import observation
 from applr_ros1.policy.parameter_space import SPACE
 from training.experience.trajectory import Layout
-from training.mdp.episode import LIMIT, Episode
+from training.mdp.episode import PERIOD, Episode
 from training.mdp.reward import Reward, failed
 
 ID = "applr_ros1/Navigation-v0"
@@ -31,7 +32,8 @@ class ApplrEnv(gymnasium.Env):
     reward         a Reward, or a dict of its fields
     randomisation  what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise, latency,
                    friction, slip (sim_bridge.Randomisation)
-    limit          decisions until the episode is truncated (50: 100 s)
+    limit          decisions until the episode is truncated; None: as many as fit into 100 s
+    period         decision period [s]; the paper's is 2 s
     params         the planner's parameter tree
     """
 
@@ -44,7 +46,8 @@ class ApplrEnv(gymnasium.Env):
         simulator="kinematic",
         reward=None,
         randomisation=None,
-        limit: int = LIMIT,
+        limit: Optional[int] = None,
+        period: float = PERIOD,
         end_on_contact: bool = False,
         params=JACKAL,
         record: bool = False,
@@ -55,7 +58,9 @@ class ApplrEnv(gymnasium.Env):
         if isinstance(simulator, str):
             simulator = sim_bridge.make(simulator, **(randomisation or {}))
         self.reward = reward if isinstance(reward, Reward) else Reward(**(reward or {}))
-        self.episode = Episode(simulator, MoveBase(params), limit=limit, end_on_contact=end_on_contact, record=record)
+        self.episode = Episode(
+            simulator, MoveBase(params), limit=limit, period=period, end_on_contact=end_on_contact, record=record
+        )
         self.space = self.episode.space
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (observation.SIZE,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(SPACE),), np.float32)
@@ -74,7 +79,7 @@ class ApplrEnv(gymnasium.Env):
         before = self.space.to_action(self.episode.outcome.theta)
         outcome = self.episode.decide(self.space.to_theta(action))
         change = float(np.abs(self.space.to_action(outcome.theta) - before).mean())
-        reward, terms = self.reward(outcome, change, self.episode.limit)
+        reward, terms = self.reward(outcome, change, self.episode.limit, self.episode.period)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)

@@ -1,5 +1,7 @@
-"""One trial: a robot drives one course while parameters change every two seconds. The loop that joins MoveBase and a
-Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and searches all drive through it.
+"""One trial: a robot drives one course while parameters change once per decision period.
+
+The loop that joins MoveBase and a Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and the
+searches all drive through it.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 
-PERIOD = 2.0  # of one decision [s], as in the paper
+PERIOD = 2.0  # the paper's decision period [s]
 CONTROL_PERIOD = 0.05  # of one planner and controller cycle [s]: the Jackal's 20 Hz
-CYCLES = 40  # control cycles of one decision
-LIMIT = 50  # decisions: 100 s
+TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
+LIMIT = 50  # decisions of the paper's period in TIME_LIMIT
 SERVERS = {
     "planner": "TrajectoryPlannerROS",
     "local_inflation": "local_costmap/inflater_layer",
@@ -39,7 +41,7 @@ class Outcome:
       decision_min          smallest range of all its scans [m]
       contact               whether the robot touched anything
       jerk                  mean |change of acceleration| of the true speed [m/s^3]
-      seconds               simulated time it took: 2 s, less where the course ended
+      seconds               simulated time it took: the decision period, less where the course ended
     Of the trial so far:
       success, flipped, collided (touched anything), aborted (the planner gave up, or stopped off the goal),
       timeout (the limit; also set for an abort, which stands until the limit), over
@@ -91,7 +93,8 @@ class Episode:
 
     simulator       sim_bridge.Simulator
     move_base       applr_ros1.planner.move_base.MoveBase
-    limit           decisions until a time-out (50: 100 s)
+    limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
+    period          decision period [s]; the paper's is 2 s
     end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
     record          keep .trace
 
@@ -100,13 +103,43 @@ class Episode:
     """
 
     def __init__(
-        self, simulator, move_base, space=SPACE, limit: int = LIMIT, end_on_contact: bool = False, record: bool = False
+        self,
+        simulator,
+        move_base,
+        space=SPACE,
+        limit: Optional[int] = None,
+        end_on_contact: bool = False,
+        record: bool = False,
+        period: float = PERIOD,
     ):
         self.simulator, self.move_base = simulator, move_base
         self.space = space
-        self.limit, self.end_on_contact, self.record = limit, end_on_contact, record
+        self.end_on_contact, self.record = end_on_contact, record
+        self.set_period(period)
+        self.time_limit = TIME_LIMIT if limit is None else limit * period
         self.outcome: Optional[Outcome] = None
         self.trace = Trace()
+
+    def set_period(self, period: float) -> None:
+        """Takes another decision period from the next decision on.
+
+        Args:
+            period: time between two decisions [s], a whole number of control cycles.
+
+        Raises:
+            ValueError: for a period that is not such a number, or longer than 10 s.
+        """
+        cycles = round(period / CONTROL_PERIOD) if math.isfinite(period) else 0
+        if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
+            raise ValueError(
+                "decision period of %r s: give a multiple of %g s, at most 10 s" % (period, CONTROL_PERIOD)
+            )
+        self.period, self.cycles = float(period), cycles
+
+    @property
+    def limit(self) -> int:
+        """Decisions until a trial is over as timed out."""
+        return max(1, round(self.time_limit / self.period))
 
     # -- the trial ---------------------------------------------------------------------------------
     def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
@@ -137,7 +170,7 @@ class Episode:
         return self.outcome
 
     def decide(self, theta) -> Outcome:
-        """Drive two seconds (fewer where the course ends) with parameters theta (8,), and say how it went."""
+        """Drive one decision period (less where the course ends) with parameters theta (8,), and say how it went."""
         if self.outcome is None or self.outcome.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
         theta = self.apply(theta)
@@ -147,7 +180,7 @@ class Episode:
         was = self.outcome
         now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf, jerk=0.0)
         jerks, cycles = self._jerks, self._cycles
-        for _ in range(CYCLES):
+        for _ in range(self.cycles):
             self._drive_one(now)
             if now.over:
                 break
@@ -159,7 +192,7 @@ class Episode:
         if now.aborted:
             now.timeout = True
         if now.timeout:
-            now.time_s = self.limit * PERIOD
+            now.time_s = self.time_limit
         now.ranges = self.simulator.scan()
         now.last_scan_min = nearest(now.ranges)
         now.decision_min = min(now.decision_min, now.last_scan_min)

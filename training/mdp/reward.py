@@ -9,7 +9,7 @@ import numpy as np
 
 from training.mdp.episode import LIMIT, PERIOD, Outcome
 
-STANDING = 20  # steps of -1 that a robot pays at most which stands until the limit: 1 / (1 - .95), discounted
+STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
 
 
 @dataclass(frozen=True)
@@ -48,19 +48,32 @@ class Reward:
             if not np.isfinite(getattr(self, f.name)):
                 raise ValueError("reward coefficient %s is %r: give a finite number" % (f.name, getattr(self, f.name)))
 
-    def __call__(self, outcome: Outcome, change: float, limit: int = LIMIT) -> Tuple[float, Dict[str, float]]:
-        """(R, its weighted terms) of one decision. change: mean |a_t - a_{t-1}|."""
-        time = -outcome.seconds / PERIOD if self.exact_time else float(outcome.success) - 1.0
+    def __call__(
+        self, outcome: Outcome, change: float, limit: int = LIMIT, period: float = PERIOD
+    ) -> Tuple[float, Dict[str, float]]:
+        """The reward of one decision.
+
+        Args:
+            outcome: the trial after the decision.
+            change: mean |a_t - a_{t-1}| of the parameters in action units.
+            limit: decisions until the trial is truncated.
+            period: decision period [s]. Terms that count time are scaled with it, so that a course costs the same.
+
+        Returns:
+            (R, {term: its weighted part of R}).
+        """
+        share = period / PERIOD  # costs are per 2 s: a course costs the same with any decision period
+        time = -outcome.seconds / PERIOD if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
-            time -= min(STANDING, limit - outcome.decisions)
+            time -= min(STANDING, (limit - outcome.decisions) * share)
         near = min(outcome.decision_min if self.lowest else outcome.last_scan_min, self.FARTHEST)
         terms = {
             "time": self.c_f * time,
             "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress),
-            "clearance": -self.c_c / near,
+            "clearance": -self.c_c * share / near,
             "contact": -self.c_contact * float(outcome.contact),
             "switching": -self.c_switch * change,
-            "jerk": -self.c_jerk * outcome.jerk / 10.0,
+            "jerk": -self.c_jerk * share * outcome.jerk / 10.0,
         }
         return sum(terms.values()), terms
 

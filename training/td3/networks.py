@@ -13,6 +13,7 @@ import numpy as np
 import torch
 
 Layer = Tuple[torch.Tensor, torch.Tensor]
+NORM_EPSILON = 1e-5
 SMALL = 64  # fewer outputs than this: torch's own product is quicker
 
 
@@ -44,9 +45,17 @@ def linear(x: torch.Tensor, weight: torch.Tensor, bias=None, relu: bool = False)
 
 
 class MLP:
-    """ReLU layers and a linear one. layers: [(weight (out, in), bias (out,)), ...] float32, changed in place."""
+    """Hidden layers with ReLU and a linear output layer.
 
-    def __init__(self, sizes: Sequence[int], rng: np.random.Generator, device="cpu"):
+    Attributes:
+        layers: [(weight (out, in), bias (out,)), ...] float32, changed in place by the optimiser.
+        normalised: whether each hidden layer is normalised (Ba et al. 2016, without gain and shift) before its ReLU.
+            On critics this bounds how far values are extrapolated to actions that were never tried, which is what
+            makes several gradient steps per transition stable (Ball et al. 2023; Nauman et al. 2024).
+    """
+
+    def __init__(self, sizes: Sequence[int], rng: np.random.Generator, device="cpu", normalised: bool = False):
+        self.normalised = normalised
         self.layers: List[Layer] = []
         for width, out in zip(sizes[:-1], sizes[1:]):
             bound = 1.0 / math.sqrt(width)  # torch.nn.Linear's own start
@@ -63,36 +72,59 @@ class MLP:
 
     def copy(self) -> "MLP":
         other = object.__new__(MLP)
+        other.normalised = self.normalised
         other.layers = [(w.clone(), b.clone()) for w, b in self.layers]
         return other
 
     def forward(self, x: torch.Tensor, keep: List[torch.Tensor] = None) -> torch.Tensor:
         """x (B, in) → (B, out). With `keep` (an empty list) it remembers what backward needs."""
+        last = len(self.layers) - 1
         for i, (weight, bias) in enumerate(self.layers):
             if keep is not None:
                 keep.append(x)
-            x = linear(x, weight, bias, relu=i + 1 < len(self.layers))
+            if self.normalised and i < last:
+                z = linear(x, weight, bias)
+                y, mean, deviation = torch.native_layer_norm(z, z.shape[1:], None, None, NORM_EPSILON)
+                if keep is not None:
+                    keep.append((z, mean, deviation))
+                x = y.relu_()
+            else:
+                x = linear(x, weight, bias, relu=i < last)
         return x
 
     def backward(self, kept: List[torch.Tensor], dy: torch.Tensor) -> List[torch.Tensor]:
         """Gradients of all parameters, for the loss's gradient dy (B, out) at the output."""
+        inputs, norms = self._sorted(kept)
         gradients: List[torch.Tensor] = []
         for i in range(len(self.layers) - 1, -1, -1):
-            gradients[:0] = (linear(dy.t(), kept[i].t()), dy.sum(0))
+            gradients[:0] = (linear(dy.t(), inputs[i].t()), dy.sum(0))
             if i:
-                dy = self._through(i, kept, dy)
+                dy = self._through(i, inputs, norms, dy)
         return gradients
 
     def input_gradient(self, kept: List[torch.Tensor], dy: torch.Tensor, columns: slice) -> torch.Tensor:
         """The loss's gradient at some columns of the input, and no parameter's: (B, columns)."""
+        inputs, norms = self._sorted(kept)
         for i in range(len(self.layers) - 1, 0, -1):
-            dy = self._through(i, kept, dy)
+            dy = self._through(i, inputs, norms, dy)
         return torch.mm(dy, self.layers[0][0][:, columns])
 
-    def _through(self, i, kept, dy):
-        """From layer i's output back to the output of layer i - 1, before its ReLU."""
+    def _sorted(self, kept):
+        """(inputs of the layers, what the normalisations of the hidden layers keep)."""
+        if not self.normalised:
+            return kept, ()
+        return [*kept[0::2]], kept[1::2]
+
+    def _through(self, i, inputs, norms, dy):
+        """From layer i's output back to the output of layer i - 1, before its ReLU (and its normalisation)."""
         dx = linear(dy, self.layers[i][0].t())
-        return torch.ops.aten.threshold_backward.grad_input(dx, kept[i], 0.0, grad_input=dx)
+        dx = torch.ops.aten.threshold_backward.grad_input(dx, inputs[i], 0.0, grad_input=dx)
+        if not self.normalised:
+            return dx
+        z, mean, deviation = norms[i - 1]
+        return torch.ops.aten.native_layer_norm_backward(
+            dx, z, z.shape[1:], mean, deviation, None, None, [True, False, False]
+        )[0]
 
     def state(self, prefix: str = "") -> Dict[str, torch.Tensor]:
         """{prefix + "0.weight": ..., "0.bias": ..., "1.weight": ...}: the parameters themselves, not copies."""

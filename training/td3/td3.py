@@ -11,7 +11,7 @@ Time limits are bootstrapped, target noise is in action units; the authors' code
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Dict, Optional, Tuple
 
 import numpy as np
@@ -39,6 +39,8 @@ class TD3Config:
     average: float = 0.0  # decay, per policy step, of the running average that is handed out; 0: none
     saturation: float = 0.0  # cost of the mean square of the policy's outputs before tanh: keeps it off the
     #                                 ends of the ranges, where tanh lets no gradient through
+    scan_pool: int = 1  # neighbouring beams whose mean enters the networks as one input; 1: each beam by itself
+    layer_norm: bool = False  # normalise the critics' hidden layers
     bc_alpha: float = 0.0  # > 0: TD3+BC (Fujimoto & Gu 2021), their alpha is 2.5
 
 
@@ -59,13 +61,39 @@ class Batch:
 class TD3:
     """The networks, their targets and optimisers, and one method: update."""
 
-    def __init__(self, observations: int, actions: int, config: TD3Config = TD3Config(), seed: int = 0, device="cpu"):
-        self.config, self.actions, self.observations = config, actions, observations
+    def __init__(
+        self,
+        observations: int,
+        actions: int,
+        config: TD3Config = TD3Config(),
+        seed: int = 0,
+        device="cpu",
+        scan: int = 0,
+    ):
+        """Fresh networks, drawn from `seed`.
+
+        Args:
+            observations: numbers of one observation.
+            actions: numbers of one action.
+            config: hyper-parameters.
+            seed: of the networks' first weights.
+            device: "cpu", "cuda" or "auto".
+            scan: how many of the observation's first numbers are a scan; config.scan_pool neighbours are averaged.
+
+        Raises:
+            LearnerError: for an unknown device, or a scan that config.scan_pool does not divide.
+        """
+        self.config, self.actions, self.observations, self.scan = config, actions, observations, scan
+        if config.scan_pool < 1 or (config.scan_pool > 1 and (scan < config.scan_pool or scan % config.scan_pool)):
+            raise LearnerError("scan_pool is %r: give a divisor of the scan's %d beams" % (config.scan_pool, scan))
+        self.features = observations - scan + scan // config.scan_pool
         self.device = _device(device)
         rng = np.random.default_rng(seed)
         hidden = list(config.hidden)
-        self.actor = MLP([observations, *hidden, actions], rng, self.device)
-        self.critics = [MLP([observations + actions, *hidden, 1], rng, self.device) for _ in range(2)]
+        self.actor = MLP([self.features, *hidden, actions], rng, self.device)
+        self.critics = [
+            MLP([self.features + actions, *hidden, 1], rng, self.device, config.layer_norm) for _ in range(2)
+        ]
         self.actor_target = self.actor.copy()
         self.critic_targets = [critic.copy() for critic in self.critics]
         self.actor_average = self.actor.copy() if config.average else None
@@ -92,10 +120,19 @@ class TD3:
 
     def step(self, batch: Batch, delayed: bool) -> None:
         """The arithmetic of update (its own method so that a GPU can record it once and repeat it)."""
+        if self.config.scan_pool > 1:
+            batch = replace(batch, observation=self._pooled(batch.observation), following=self._pooled(batch.following))
         self._update_critics(batch)
         if delayed:
             self._update_actor(batch)
             self._update_targets()
+
+    def _pooled(self, observation: torch.Tensor) -> torch.Tensor:
+        """(B, observations) → (B, features): the means of `scan_pool` neighbouring beams, and the rest as it is."""
+        if self.config.scan_pool == 1:
+            return observation
+        beams = observation[:, : self.scan].unflatten(1, (-1, self.config.scan_pool)).mean(2)
+        return torch.cat((beams, observation[:, self.scan :]), 1)
 
     def _update_critics(self, batch: Batch) -> None:
         c = self.config
@@ -127,7 +164,7 @@ class TD3:
         if self.config.bc_alpha > 0.0:
             weight = self.config.bc_alpha / q.abs().mean().clamp_(min=1e-6)
         dq = torch.full_like(q, -1.0 / len(q)) * weight
-        da = self.critics[0].input_gradient(kept_q, dq, slice(self.observations, None))
+        da = self.critics[0].input_gradient(kept_q, dq, slice(self.features, None))
         if self.config.bc_alpha > 0.0:
             da += (action - batch.action) * (2.0 / action.numel())
         dz = da * (1.0 - action * action)
@@ -159,11 +196,16 @@ class TD3:
     def action(self, observation: np.ndarray) -> np.ndarray:
         """(n, observations) → (n, actions), without noise."""
         x = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        return torch.tanh(self.policy.forward(x)).cpu().numpy()
+        return torch.tanh(self.policy.forward(self._pooled(x))).cpu().numpy()
 
     def actor_weights(self) -> Dict[str, np.ndarray]:
         """The policy as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies."""
-        return {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state().items()}
+        weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state().items()}
+        if self.config.scan_pool > 1:  # a mean is linear: the first layer takes it over, and the file knows every beam
+            first, sectors = weights["0.weight"], self.scan // self.config.scan_pool
+            beams = np.repeat(first[:, :sectors] / np.float32(self.config.scan_pool), self.config.scan_pool, axis=1)
+            weights["0.weight"] = np.concatenate((beams, first[:, sectors:]), axis=1)
+        return weights
 
     # -- checkpoints -------------------------------------------------------------------------------
     def tensors(self) -> Dict[str, torch.Tensor]:
@@ -191,7 +233,7 @@ class TD3:
 
     @property
     def shape(self):
-        return [self.observations, *self.config.hidden, self.actions]
+        return [self.features, *self.config.hidden, self.actions]
 
     def load(self, arrays: Dict[str, np.ndarray], header: Dict[str, str], what: str = "checkpoint") -> None:
         """Takes over a state. Raises LearnerError, and changes nothing, where it belongs to another network."""
