@@ -1,24 +1,47 @@
-"""The robot's stand-in worlds: one interface (simulator.py), a physical and a kinematic Jackal, and their
-laser. No ROS in here but in ros_bridge.py.
+"""The simulated robot: one interface (simulator.py), a pybullet and a kinematic implementation, and their laser.
+
+Only ros_bridge.py and ros_topics.py know ROS. A simulator of your own derives from Simulator, passes
+`python -m sim_bridge.check module:Class`, and is then given by that name wherever a simulator is named.
 """
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 
-__all__ = ["Randomisation", "RobotState", "Simulator", "SimulatorError", "make"]
+__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "make"]
+
+# name -> where the class is. They are imported on first use, so that the kinematic one needs no pybullet.
+_CLASSES = {
+    "pybullet": "sim_bridge.pybullet_simulator:PybulletSimulator",
+    "kinematic": "sim_bridge.kinematic_simulator:KinematicSimulator",
+}
+NAMES = tuple(_CLASSES)
 
 
-def make(name: str, **randomisation) -> Simulator:
-    """A simulator by name, "pybullet" or "kinematic". `randomisation`: see Randomisation. Imported on first
-    use, so the kinematic one needs no pybullet.
+def make(name: str, gui: bool = False, **randomisation: Any) -> Simulator:
+    """A simulator by name.
+
+    Args:
+        name: One of NAMES, or "module:Class" for a Simulator of your own.
+        gui: Whether to open the simulator's window; only pybullet has one.
+        **randomisation: Fields of Randomisation, such as latency=0.05 or slip=(0.5, 1.5).
+
+    Raises:
+        SimulatorError: An argument cannot be used; one line says which and what to give.
     """
-    if name == "kinematic":
-        if randomisation.pop("gui", False):
-            raise SimulatorError("gui is true but the kinematic simulator has no window: take pybullet")
-        from .kinematic_simulator import KinematicSimulator
-
-        return KinematicSimulator(**randomisation)
-    if name == "pybullet":
-        from .pybullet_simulator import PybulletSimulator
-
-        return PybulletSimulator(**randomisation)
-    raise SimulatorError("simulator %r is not known: take pybullet or kinematic" % (name,))
+    module, colon, kind = _CLASSES.get(name, str(name)).partition(":")
+    if not (module and colon and kind):
+        raise SimulatorError("simulator %r is not known: give %s, or module:Class" % (name, " or ".join(NAMES)))
+    if gui and name != "pybullet":
+        raise SimulatorError("gui is true but the simulator %s has no window: take pybullet" % name)
+    try:
+        found = getattr(importlib.import_module(module), kind)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise SimulatorError("simulator %s cannot be imported (%s): check module and class" % (name, error)) from None
+    if not (isinstance(found, type) and issubclass(found, Simulator)):
+        raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
+    made: Simulator = found(gui=True, **randomisation) if gui else found(**randomisation)
+    return made

@@ -12,7 +12,7 @@ from math import cos, hypot, pi, sin
 
 import numpy as np
 
-from . import jackal, make
+from . import NAMES, jackal, make
 from .simulator import SimulatorError
 
 # (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
@@ -94,7 +94,7 @@ def run(simulator, v, w, seconds):
 
 def main(argv=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--simulator", default="pybullet", help="pybullet or kinematic")
+    parser.add_argument("--simulator", default="pybullet", help=" or ".join(NAMES))
     parser.add_argument("--even", action="store_true", help="even ground: no random slip")
     parser.add_argument("--seeds", type=int, default=4, help="runs to average")
     arguments = parser.parse_args(argv)

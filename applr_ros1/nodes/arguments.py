@@ -8,10 +8,10 @@ import math
 import os
 import xml.etree.ElementTree as xml
 
+import sim_bridge
 import worlds
 from applr_ros1.policy import methods
 
-SIMULATORS = ("pybullet", "kinematic")
 MOVE_BASES = ("python", "cpp")
 
 
@@ -61,7 +61,8 @@ def check(values):
     sim = boolean("sim", values["sim"])
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
-    one_of("simulator", values["simulator"], SIMULATORS)
+    if ":" not in values["simulator"]:  # module:Class is a person's own
+        one_of("simulator", values["simulator"], sim_bridge.NAMES)
     one_of("move_base", values["move_base"], MOVE_BASES)
     factor = number("real_time_factor", values["real_time_factor"])
     if factor < 0:
