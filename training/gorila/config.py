@@ -1,4 +1,7 @@
-"""Every option of train.py, once: name, default, type and sentence. The command line and the checks follow from it."""
+"""The configuration of a training run: checked options, the command line, recipes, and what a run stored.
+
+The options themselves stand in options.py. train.py and the parts that it starts use this.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +9,18 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, get_type_hints
 
 import yaml
 
 from training.gorila.learner import LearnerConfig
-from training.mdp.episode import PERIOD
+from training.gorila.options import PAPER_STEPS, Options
 from training.mdp.reward import Reward
 from training.storage import StorageError, read_bytes, read_json
 from training.td3.td3 import TD3Config
 
-PAPER_STEPS = 5_000_000
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 MOST_ROWS = 10**8
 MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}  # of what is randomised
@@ -28,116 +30,13 @@ class ConfigError(ValueError):
     """An option that cannot be meant; one line with the option, its value and the remedy."""
 
 
-def option(default, doc: str, choices=None, **more):
-    return field(default=default, metadata=dict(doc=doc, choices=choices, **more))
-
-
 @dataclass(frozen=True)
-class TrainConfig:
-    """Defaults are the paper's, or the authors' code's where the paper is silent (training/td3/td3.py names deviations)."""  # noqa: E501
+class TrainConfig(Options):
+    """The options of a run, checked, and what its parts need of them.
 
-    # -- what and where
-    out: str = option("runs/applr", "folder of the run: checkpoints, journal, curves, actors")
-    resume: bool = option(False, "go on with the run in --out, with its options; options given again replace them")
-    steps: int = option(PAPER_STEPS, "transitions (decisions) to collect in all; the paper's 5 million")
-    seed: int = option(0, "of everything drawn at random")
-    device: str = option("auto", "where the learner computes: cpu, cuda, auto")
-    threads: int = option(0, "of the learner on the CPU; 0: the cores that the actors leave, at least one")
-    # -- actors
-    actors: int = option(0, "episodes driven at once; 0: one after the other in this process, the same in every run")
-    pool: str = option("ray", "what the actors are", choices=("ray", "processes"))
-    ray_address: str = option("", "HOST:PORT of a Ray cluster; empty: Ray on this machine")
-    publish_every: int = option(25, "gradient steps between two policies handed to the actors")
-    max_staleness: int = option(
-        0, "refuse episodes of policies older than so many gradient steps; 0: take all, their age is reported"
-    )
-    # -- worlds and robot
-    period: float = option(PERIOD, "decision period [s]: time between two choices of the parameters (paper: 2)")
-    env: str = option(
-        "training.mdp.env:ApplrEnv", "the environment, MODULE:CLASS; one that is not ours gets no arguments"
-    )
-    worlds: str = option(
-        "generated:learn",
-        "worlds to train in: a specification, several with commas between them; generated:learn are the training "
-        "worlds less those of generated:validation",
-    )
-    simulator: str = option("kinematic", "to train in", choices=("kinematic", "pybullet"))
-    curriculum: float = option(0.0, "share of the steps over which harder worlds come in, after the easiest quarter")
-    start_xy: float = option(0.0, "the start is moved by up to this much [m]")
-    start_yaw: float = option(0.0, "and turned by up to this much [rad]")
-    scan_noise: str = option("1", "multiplies the laser's noise; LOW,HIGH: drawn at each reset (so the next three)")
-    latency: str = option("0", "of commands [s]")
-    friction: str = option("1", "multiplies the wheels' friction")
-    slip: str = option("1", "multiplies slip and drift")
-    # -- reward (training/mdp/reward.py)
-    c_f: float = option(Reward.c_f, "reward: each decision before the goal costs this")
-    c_p: float = option(Reward.c_p, "reward: each metre towards the goal brings this")
-    c_c: float = option(Reward.c_c, "reward: 1/d to the nearest obstacle costs this")
-    along_y: bool = option(False, "reward: progress along y, as the paper simplified it, not towards the goal")
-    exact_time: bool = option(False, "reward: R_f counts seconds, the last decision's too, not whole decisions")
-    lowest: bool = option(False, "reward: d from all scans of the decision, not from its last")
-    c_contact: float = option(0.0, "reward: a decision with a contact costs this")
-    c_switch: float = option(0.0, "reward: changing parameters (mean, action units) costs this")
-    c_jerk: float = option(0.0, "reward: 10 m/s^3 of mean jerk cost this")
-    # -- TD3
-    hidden: str = option("512,512,512", "units of the hidden layers")
-    actor_lr: float = option(TD3Config.actor_lr, "learning rate of the policy")
-    critic_lr: float = option(TD3Config.critic_lr, "learning rate of the critics")
-    gamma: float = option(TD3Config.gamma, "discount per decision")
-    n_step: int = option(TD3Config.n_step, "steps of the returns")
-    batch_size: int = option(TD3Config.batch_size, "transitions of a gradient step")
-    tau: float = option(TD3Config.tau, "how fast the targets follow")
-    target_noise: float = option(TD3Config.target_noise, "smoothing noise on target actions")
-    noise_clip: float = option(TD3Config.noise_clip, "its bound")
-    saturation: float = option(
-        TD3Config.saturation,
-        "cost of the policy's mean square output before tanh: keeps it "
-        "off the ends of the ranges, where no gradient comes through",
-    )
-    average: float = option(
-        TD3Config.average,
-        "hand out the policy's running average, with this decay per policy step, like .999; 0: the policy itself",
-    )
-    scan_pool: int = option(
-        TD3Config.scan_pool,
-        "neighbouring beams whose mean enters the networks as one input; 5 makes 144 inputs of 720 beams "
-        "and a gradient step four times faster; the actor file still takes every beam",
-    )
-    layer_norm: bool = option(
-        TD3Config.layer_norm, "normalise the hidden layers of the critics, which steadies many gradient steps"
-    )
-    policy_delay: int = option(TD3Config.policy_delay, "critic steps per policy step")
-    updates_per_transition: float = option(LearnerConfig.updates_per_transition, "gradient steps per transition")
-    mirror: bool = option(False, "half of each batch left for right, scan and local goal: twice the experience")
-    warmup: int = option(0, "transitions with uniformly random actions before the first gradient step (paper: none)")
-    capacity: int = option(0, "rows of the replay, one per observation; 0: a tenth more than --steps, so all of them")
-    noise_start: float = option(0.5, "standard deviation of the exploration noise at the beginning")
-    noise_end: float = option(0.02, "and at the end")
-    noise_steps: int = option(
-        0,
-        "transitions over which it falls; 0: the paper's 3.84 million, in proportion "
-        "where --steps is under 5 million (a deviation)",
-    )
-    # -- offline
-    dataset: str = option(
-        "", "folder of a dataset (training/experience/dataset.py): learn offline from it; --mix: from both"
-    )
-    mix: bool = option(False, "take --dataset into the replay, then train online")
-    updates: int = option(100_000, "gradient steps of offline learning")
-    bc_alpha: float = option(0.0, "TD3+BC's alpha (2.5 in its paper); 0: plain TD3")
-    # -- keeping and looking
-    checkpoint_every: float = option(120.0, "seconds between checkpoints")
-    eval_worlds: str = option(
-        "generated:validation",
-        "worlds of the periodic evaluation, which chooses the best actor; the default is a part of the training "
-        "worlds that --worlds leaves out, so that no test world takes part in the choice; none: no evaluation",
-    )
-    eval_count: int = option(0, "how many of them, evenly spread; 0: all")
-    eval_trials: int = option(1, "trials in each")
-    eval_every: int = option(50_000, "transitions (offline: gradient steps) between evaluations")
-    eval_simulator: str = option("", "of the evaluation; empty: the training's", choices=("", "kinematic", "pybullet"))
-    contact_seconds: float = option(5.0, "what a contact adds to a trial's time when the best actor is chosen [s]")
-    tensorboard: bool = option(True, "write TensorBoard events")
+    Raises:
+        ConfigError: with one line, for a value that cannot be meant.
+    """
 
     def __post_init__(self):
         for f in fields(self):
@@ -272,26 +171,30 @@ def dashed(name: str) -> str:
 def parser() -> argparse.ArgumentParser:
     p = _Parser(
         prog="train.py",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
         allow_abbrev=False,
-        description="Trains a parameter policy: TD3 with any number of actors (or --actors 0), or offline from "
-        "a --dataset. Ctrl-C saves and stops; --resume goes on. Defaults are the paper's.",
+        description="Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in "
+        "simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.",
+        epilog="Defaults are the paper's; where the paper is silent, those of its authors' code. docs/training.md "
+        "describes the learning problem, the files of a run, and each deviation.",
     )
     p.add_argument(
         "--recipe",
         metavar="NAME",
         default=argparse.SUPPRESS,
-        help="take the options of a recipe, a name among %s or a YAML file; options given beside it replace its own"
-        % ", ".join(recipes()),
+        help="Use the options of a recipe: one of %s, or a YAML file of options. Options given beside it replace those "
+        "of the recipe." % ", ".join(recipes()),
     )
     types = get_type_hints(TrainConfig)
+    group = p
     for f in fields(TrainConfig):
+        if f.metadata["group"]:
+            group = p.add_argument_group(f.metadata["group"])
         flag, kind = "--" + dashed(f.name), types[f.name]
-        text = "%s (default: %s)" % (f.metadata["doc"], f.default if f.default != "" else "none")
+        text = f.metadata["doc"] + ("" if f.default == "" else " Default: %s." % f.default)
         if kind is bool:
-            p.add_argument(flag, action=argparse.BooleanOptionalAction, default=argparse.SUPPRESS, help=text)
+            group.add_argument(flag, action=argparse.BooleanOptionalAction, default=argparse.SUPPRESS, help=text)
         else:
-            p.add_argument(
+            group.add_argument(
                 flag,
                 type=_TYPES[kind],
                 default=argparse.SUPPRESS,

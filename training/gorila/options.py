@@ -1,0 +1,170 @@
+"""Every option of train.py, once: name, type, default and sentence, in the groups of the command line's help.
+
+config.py adds the checks and the command line. Defaults are the paper's; where the paper is silent, those of its
+authors' code. Deviations are named in training/td3/td3.py and docs/training.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from training.gorila.learner import LearnerConfig
+from training.mdp.episode import PERIOD
+from training.mdp.reward import Reward
+from training.td3.td3 import TD3Config
+
+PAPER_STEPS = 5_000_000
+
+
+def option(default, doc: str, choices=None, group: str = ""):
+    """Declare a field of Options.
+
+    Args:
+        default: its default; None is not used.
+        doc: its help text, whole sentences that stand by themselves.
+        choices: the values that it can have, None for any.
+        group: title of the group of options that begins with this one; "" stays in the group before.
+    """
+    return field(default=default, metadata={"doc": doc, "choices": choices, "group": group})
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of a run as given or stored."""
+
+    # fmt: off
+
+    out: str = option("runs/applr",
+        "Folder of the run. It takes the configuration, the checkpoints, the journal of all trajectories, the actors, "
+        "and the learning curves.", group="The run")
+    resume: bool = option(False,
+        "Continue the run in the folder --out with the options that it was started with. Options that are given again "
+        "replace the stored ones, except for the network, the replay buffer's size, the seed, the environment, "
+        "--scan-pool and --layer-norm.")
+    steps: int = option(PAPER_STEPS,
+        "Number of transitions to collect in all, one per decision. The paper used 5 million.")
+    seed: int = option(0,
+        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
+    device: str = option("auto",
+        "Device that the learner computes on: cpu, cuda, or auto for the GPU where there is one.")
+    threads: int = option(0,
+        "Number of CPU threads of the learner. 0 takes the cores that the actors leave, and at least one.")
+
+    actors: int = option(0,
+        "Number of actors that drive episodes at the same time. 0 drives one episode after the other in the learner's "
+        "own process; the same seed then gives the same numbers in every run.", group="Actors")
+    pool: str = option("ray",
+        "How the actors run: as Ray actors, or as child processes of the learner.", choices=("ray", "processes"))
+    ray_address: str = option("",
+        "Address HOST:PORT of a Ray cluster to run the actors on. Without it Ray is started on this machine.")
+    publish_every: int = option(25, "Number of gradient steps after which the actors get the newest policy.")
+    max_staleness: int = option(0,
+        "Largest age, in gradient steps, of the policy that drove an episode; older episodes are refused. 0 accepts "
+        "all episodes and only reports the policies' age.")
+
+    period: float = option(PERIOD,
+        "Decision period [s]: simulated time between two choices of the parameters. The paper used 2.",
+        group="Worlds and robot")
+    env: str = option("training.mdp.env:ApplrEnv",
+        "Training environment as MODULE:CLASS. An environment other than the default is constructed without arguments.")
+    worlds: str = option("generated:learn",
+        "Worlds to train in: generated:N, generated:train, generated:learn, fresh:N-M, physical_course, a .world file "
+        "or a folder of them; several are separated by commas. generated:learn are the training worlds without those "
+        "of generated:validation.")
+    simulator: str = option("kinematic", "Simulator to train in.", choices=("kinematic", "pybullet"))
+    curriculum: float = option(0.0,
+        "Share of --steps over which the harder worlds are added to the easiest quarter. 0 uses all worlds from the "
+        "beginning.")
+    start_xy: float = option(0.0, "Largest random displacement [m] of the start position along x and along y.")
+    start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.")
+    scan_noise: str = option("1",
+        "Factor on the standard deviation of the laser's noise. LOW,HIGH draws the factor anew at each reset.")
+    latency: str = option("0", "Delay [s] of the velocity commands. LOW,HIGH draws it anew at each reset.")
+    friction: str = option("1", "Factor on the friction of the wheels. LOW,HIGH draws it anew at each reset.")
+    slip: str = option("1", "Factor on the slip and drift of the base. LOW,HIGH draws it anew at each reset.")
+
+    c_f: float = option(Reward.c_f,
+        "Coefficient of the time term: what each 2 s before the goal cost.",
+        group="Reward (docs/training.md, training/mdp/reward.py)")
+    c_p: float = option(Reward.c_p,
+        "Coefficient of the progress term: what each metre of progress towards the goal earns.")
+    c_c: float = option(Reward.c_c,
+        "Coefficient of the clearance term: what 1/d costs in 2 s, with d the distance [m] of the nearest obstacle in "
+        "the laser scan.")
+    along_y: bool = option(False,
+        "Measure progress along the y axis of the world, as the paper simplified it, instead of in the direction of "
+        "the goal.")
+    exact_time: bool = option(False,
+        "Count the time term in seconds, including the fraction of the last decision, instead of in whole decisions.")
+    lowest: bool = option(False,
+        "Take d of the clearance term from all scans of a decision period instead of from its last scan.")
+    c_contact: float = option(0.0, "Cost of a decision period in which the robot touched something.")
+    c_switch: float = option(0.0,
+        "Cost of changing the parameters: factor on their mean absolute change, each scaled to [-1, 1].")
+    c_jerk: float = option(0.0, "Cost of a mean jerk of 10 m/s^3 during 2 s.")
+
+    hidden: str = option("512,512,512", "Sizes of the hidden layers of the policy and of both critics.", group="TD3")
+    actor_lr: float = option(TD3Config.actor_lr, "Learning rate of the policy.")
+    critic_lr: float = option(TD3Config.critic_lr, "Learning rate of the critics.")
+    gamma: float = option(TD3Config.gamma, "Discount factor per decision.")
+    n_step: int = option(TD3Config.n_step, "Number of decisions in an n-step return.")
+    batch_size: int = option(TD3Config.batch_size, "Number of transitions in the batch of a gradient step.")
+    tau: float = option(TD3Config.tau,
+        "Share of the current networks that enters the target networks at each policy step.")
+    target_noise: float = option(TD3Config.target_noise,
+        "Standard deviation of the smoothing noise on target actions, which range from -1 to 1.")
+    noise_clip: float = option(TD3Config.noise_clip, "Largest absolute value of the smoothing noise on target actions.")
+    saturation: float = option(TD3Config.saturation,
+        "Weight of a penalty on the mean square of the policy's outputs before tanh. It keeps them away from the ends "
+        "of the ranges, where tanh has no gradient. 0 switches it off.")
+    average: float = option(TD3Config.average,
+        "Decay per policy step of a running average of the policy, such as 0.999; actors and actor files then hold the "
+        "average. 0 uses the policy itself.")
+    scan_pool: int = option(TD3Config.scan_pool,
+        "Number of neighbouring beams whose mean is one input of the networks. 5 turns 720 beams into 144 inputs and "
+        "makes a gradient step four times faster; the actor file still takes every beam.")
+    layer_norm: bool = option(TD3Config.layer_norm,
+        "Normalise the hidden layers of the critics, which keeps many gradient steps per transition stable.")
+    policy_delay: int = option(TD3Config.policy_delay, "Number of critic updates per policy update.")
+    updates_per_transition: float = option(LearnerConfig.updates_per_transition,
+        "Number of gradient steps per collected transition.")
+    mirror: bool = option(False,
+        "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
+        "and parameters are symmetric.")
+    warmup: int = option(0,
+        "Number of transitions with uniformly random actions before the first gradient step. The paper has none.")
+    capacity: int = option(0,
+        "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
+        "transitions of --steps and a tenth more.")
+    noise_start: float = option(0.5,
+        "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.")
+    noise_end: float = option(0.02, "Standard deviation of the exploration noise after --noise-steps transitions.")
+    noise_steps: int = option(0,
+        "Number of transitions over which the exploration noise falls. 0 takes the paper's 3.84 million, or "
+        "proportionally fewer where --steps is below 5 million.")
+
+    dataset: str = option("",
+        "Folder of a dataset to learn from offline (written by bags_to_dataset.py or training.experience.dataset). "
+        "Without it the run is online.", group="Offline learning")
+    mix: bool = option(False, "Load --dataset into the replay buffer and then train online.")
+    updates: int = option(100_000, "Number of gradient steps of offline learning.")
+    bc_alpha: float = option(0.0,
+        "Alpha of TD3+BC, which keeps the policy close to the actions of the dataset; its paper uses 2.5. 0 is plain "
+        "TD3.")
+
+    checkpoint_every: float = option(120.0,
+        "Seconds between two checkpoints.", group="Checkpoints and periodic evaluation")
+    eval_worlds: str = option("generated:validation",
+        "Held-out worlds in which the policy is evaluated during the run, which chooses the best actor. The default is "
+        "a part of the training worlds that --worlds leaves out, so that no test world takes part in the choice. none "
+        "switches the evaluation off.")
+    eval_count: int = option(0, "Number of the held-out worlds that are used, evenly spread over them. 0 uses all.")
+    eval_trials: int = option(1, "Number of trials in each held-out world.")
+    eval_every: int = option(50_000, "Number of transitions (offline: of gradient steps) between two evaluations.")
+    eval_simulator: str = option("",
+        "Simulator of the evaluations. Without it they use the one of the training.",
+        choices=("", "kinematic", "pybullet"))
+    contact_seconds: float = option(5.0,
+        "Time [s] that a trial with a contact is charged in addition when the best actor is chosen.")
+    tensorboard: bool = option(True, "Write TensorBoard event files into the run's folder.")
+    # fmt: on
