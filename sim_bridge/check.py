@@ -1,10 +1,8 @@
 """Checks that a simulator keeps the contract of sim_bridge.Simulator.
 
-`python -m sim_bridge.check kinematic`, or `python -m sim_bridge.check my_module:MySimulator` for one of your own. The
-tests run it on the two that come with the package.
-
-Each promise is one function below, whose first line says what is promised. Everything is driven through the public
-interface, with a nominal Jackal (jackal.py), and takes a few seconds.
+Run `python -m sim_bridge.check kinematic`, or `python -m sim_bridge.check my_module:MySimulator` for one of your own.
+The tests run it on pybullet and kinematic. Each promise is one function below, whose first line says what is promised.
+Everything is driven through the public interface, with a nominal Jackal (jackal.py), and takes a few seconds.
 """
 
 from __future__ import annotations

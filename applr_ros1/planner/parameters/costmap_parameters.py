@@ -16,7 +16,7 @@ PLUGINS = [
 ]
 COMBINATION = (
     ("Overwrite", 0, "Known cells of this layer replace those of the costmap."),
-    ("Maximum", 1, "The larger of the layer's and the costmap's value is kept."),
+    ("Maximum", 1, "The larger value of layer and costmap is kept."),
 )
 
 # Live, through dynamic_reconfigure: the costmap, its inflation layer, its obstacle layer
@@ -29,8 +29,8 @@ COSTMAP = (
     whole("width", 10, 0, INT_MAX, 10, "m", "Size of the costmap along x.", not_zero=True),
     whole("height", 10, 0, INT_MAX, 10, "m", "Size of the costmap along y.", not_zero=True),
     real("resolution", 0.05, 0.0, 50.0, 0.05, "m", "Edge length of a cell.", not_zero=True),
-    real("origin_x", 0.0, -INF, INF, 0.0, "m", "Position of the costmap's lower corner along x."),
-    real("origin_y", 0.0, -INF, INF, 0.0, "m", "Position of the costmap's lower corner along y."),
+    real("origin_x", 0.0, -INF, INF, 0.0, "m", "Position of the lower corner of the costmap along x."),
+    real("origin_y", 0.0, -INF, INF, 0.0, "m", "Position of the lower corner of the costmap along y."),
     text("footprint", "[]", "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]",
         "Outline of the robot as a list of points [[x, y], ...] in metres. With [] a circle of robot_radius is used."),
     real("robot_radius", 0.46, 0.0, 10.0, 0.46, "m", "Radius of a round robot, used where no footprint is given."),
@@ -48,7 +48,7 @@ INFLATION = (
 
 OBSTACLES = (
     flag("enabled", True, True, "Whether the laser scan marks and clears cells."),
-    flag("footprint_clearing_enabled", True, True, "Whether the cells under the robot's footprint are always free."),
+    flag("footprint_clearing_enabled", True, True, "Whether cells under the footprint of the robot are always free."),
     real("max_obstacle_height", 2.0, 0.0, 50.0, 2.0, "m", "Height above which points do not count as obstacles."),
     whole("combination_method", 1, -INT_MAX - 1, INT_MAX, 1, "",
         "How this layer is combined with the costmap.", enum=COMBINATION),
