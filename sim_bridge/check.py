@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import partial
 from math import cos, hypot, inf, isfinite, nan, pi, sin
 from typing import Callable, Iterator, List, Sequence, Tuple
 
@@ -169,7 +170,7 @@ def _refuses_nonsense(factory: Factory) -> None:
     _refuses("the command (nan, 0)", lambda: simulator.command(nan, 0.0))
     _refuses("the command (0, inf)", lambda: simulator.command(0.0, inf))
     for duration in (0.0, -1.0, nan):
-        _refuses("the duration %g" % duration, lambda duration=duration: simulator.advance(duration))
+        _refuses("the duration %g" % duration, partial(simulator.advance, duration))
     _refuses("a start at nan", lambda: simulator.reset(scene(), 0, (0.0, nan, 0.0)))
     _refuses("the randomisation slip=-1", lambda: factory(slip=-1.0))
     simulator.close()

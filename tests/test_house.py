@@ -199,6 +199,16 @@ def test_nothing_of_a_machine_or_a_registry():
         assert not found, "%s names %s" % (name, found.group())
 
 
+def test_sentences_of_reconfigurable_parameters_hold_no_quotes():
+    """dynamic_reconfigure refuses them when catkin builds the package."""
+    from applr_ros1.planner.parameters.declarations import SERVERS
+
+    for parameters in SERVERS.values():
+        for parameter in parameters:
+            for text in [parameter.doc] + [text for _, _, text in parameter.enum]:
+                assert not {"'", '"'} & set(text), "%s: %s" % (parameter.name, text)
+
+
 def test_no_large_files():
     for name in tracked():
         size = os.path.getsize(os.path.join(ROOT, name))
