@@ -5,6 +5,7 @@ from collections import deque
 import numpy as np
 import pytest
 
+from applr_ros1.planner import distance_grid
 from applr_ros1.planner.trajectory import map_grid
 
 NX, NY, RESOLUTION = 23, 17, 0.1
@@ -42,8 +43,8 @@ def prepared(cells, plan, pose=(1.2, 0.8, 0.3)):
 
 def completed(grids):
     path, goal = np.zeros((NY, NX), np.int32), np.zeros((NY, NX), np.int32)
-    map_grid.complete(grids.path, grids.path_queue, grids.path_ends, NX, NY, path)
-    map_grid.complete(grids.goal, grids.goal_queue, grids.goal_ends, NX, NY, goal)
+    distance_grid.complete(grids.path, grids.path_queue, grids.path_ends, NX, NY, path)
+    distance_grid.complete(grids.goal, grids.goal_queue, grids.goal_ends, NX, NY, goal)
     return path, goal
 
 
@@ -76,7 +77,7 @@ def test_settled_cells_are_final_and_others_are_beyond_the_limit(seed):
     for _ in range(60):
         x, y, limit = int(random.integers(NX)), int(random.integers(NY)), int(random.integers(12))
         k = (y + 1) * (NX + 2) + x + 1
-        value = map_grid.settle(grids.path, grids.path_queue, grids.path_ends, NX + 2, N + 1, k, limit)
+        value = distance_grid.settle(grids.path, grids.path_queue, grids.path_ends, NX + 2, N + 1, k, limit)
         if value < N:
             assert value == whole[y, x]
         elif value == N:

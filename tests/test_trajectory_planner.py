@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from plain_trajectories import Plain
 
+from applr_ros1.planner.costmap import outline
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint import footprint_cost
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
@@ -167,14 +168,14 @@ def test_outline_cost_equals_the_footprints(seed):
     foot = FEET[seed % len(FEET)]
     costmap = random_map(random, foot)
     nx, ny = costmap.size
-    lines = scoring.line_offsets(foot, costmap.resolution, nx)
+    lines = outline.line_offsets(foot, costmap.resolution, nx)
     ox, oy = costmap.origin.tolist()
     for _ in range(20):
         x, y, yaw = random_pose(random, costmap)
         cx, cy = costmap.world_to_map(x, y)
         if cx < 0:
             continue
-        ours = scoring.outline_cost(
+        ours = outline.outline_cost(
             costmap.cells,
             costmap.cells.reshape(-1),
             ox,

@@ -10,7 +10,8 @@ import math
 from numba import njit
 
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.trajectory.scoring import UNSURE, advance, new_velocity, on_border, outline_cost, step_count
+from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
+from applr_ros1.planner.trajectory.scoring import advance, new_velocity, step_count
 
 MARGIN = 1e-6  # [cells]; the closed forms are good to about 1e-10
 LARGEST_TURN = 0.5  # [rad] a step; the chord's formula fails near a full turn

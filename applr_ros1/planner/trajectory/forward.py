@@ -8,8 +8,9 @@ import math
 
 from numba import njit
 
+from applr_ros1.planner.distance_grid import settle
+from applr_ros1.planner.sample_heap import sift_down
 from applr_ros1.planner.trajectory.bounds import end_cell, probe
-from applr_ros1.planner.trajectory.map_grid import settle
 from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, score_below, terms
 
 
@@ -42,7 +43,7 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
             hopeless = met < 0
             if met > occupied:
                 keys[sample] = bases[sample] + p.occdist_scale * met
-                _sift_down(heap, keys, count, 0)
+                sift_down(heap, keys, count, 0)
                 continue
         if not hopeless:
             cost, n, _, _, _ = score_below(p, scene, grids, start, vx, 0.0, w, NO_CEILING, bases[sample], best)
@@ -50,7 +51,7 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
                 best, best_sample, best_points, best_vx, best_w = cost, sample, n, vx, w
         count -= 1
         heap[0] = heap[count]
-        _sift_down(heap, keys, count, 0)
+        sift_down(heap, keys, count, 0)
     return best, best_vx, best_w, best_points
 
 
@@ -98,7 +99,7 @@ def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
             heap[count] = sample
             count += 1
     for i in range(count // 2 - 1, -1, -1):
-        _sift_down(heap, keys, count, i)
+        sift_down(heap, keys, count, i)
     return count
 
 
@@ -109,23 +110,3 @@ def _at_least(distance, queue, ends, nx, ny, k, limit):
     if value > nx * ny and ends[0] < ends[1]:
         return limit + 1
     return value
-
-
-@njit(cache=True)
-def _sift_down(heap, keys, count, i):
-    """Restore the heap of sample numbers, least (key, number) on top, after the key of heap[i] grew."""
-    sample = heap[i]
-    while 2 * i + 1 < count:
-        child = 2 * i + 1
-        if child + 1 < count and _before(keys, heap[child + 1], heap[child]):
-            child += 1
-        if not _before(keys, heap[child], sample):
-            break
-        heap[i] = heap[child]
-        i = child
-    heap[i] = sample
-
-
-@njit(cache=True)
-def _before(keys, a, b):
-    return keys[a] < keys[b] or (keys[a] == keys[b] and a < b)

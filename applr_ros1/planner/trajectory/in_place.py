@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
-from applr_ros1.planner.trajectory.map_grid import final_value, settle
+from applr_ros1.planner.distance_grid import final_value, settle
 from applr_ros1.planner.trajectory.scoring import (
     HUGE,
     NO_CEILING,

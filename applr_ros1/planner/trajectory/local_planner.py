@@ -8,8 +8,8 @@ import math
 import numpy as np
 from numba import njit
 
+from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from applr_ros1.planner.trajectory.sampling import angle_difference, wrapped
 
 STOPPED = 0.01  # [m/s] and [rad/s]
 NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped

@@ -8,9 +8,11 @@ import math
 import numpy as np
 
 from applr_ros1.planner.costmap.grid import INSCRIBED
+from applr_ros1.planner.costmap.outline import line_offsets
+from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.trajectory import map_grid
 from applr_ros1.planner.trajectory.sampling import STATE, allocate, fill_evenly, find_best_path, velocity_window
-from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, line_offsets, roll_out, score
+from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
@@ -186,8 +188,8 @@ class TrajectoryPlanner:
         ny, nx = self._shape
         grids = self._grids
         path, goal = np.empty((ny, nx), np.int32), np.empty((ny, nx), np.int32)
-        map_grid.complete(grids.path, grids.path_queue, grids.path_ends, nx, ny, path)
-        map_grid.complete(grids.goal, grids.goal_queue, grids.goal_ends, nx, ny, goal)
+        complete(grids.path, grids.path_queue, grids.path_ends, nx, ny, path)
+        complete(grids.goal, grids.goal_queue, grids.goal_ends, nx, ny, goal)
         return path, goal, grids.within.copy()
 
     def cost_cloud(self, costmap):

@@ -9,11 +9,14 @@ from collections import namedtuple
 import numpy as np
 from numba import njit
 
+from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.costmap.grid import world_to_map
+from applr_ros1.planner.costmap.outline import outline_cost
+from applr_ros1.planner.distance_grid import settle
 from applr_ros1.planner.trajectory.forward import best_forward
 from applr_ros1.planner.trajectory.in_place import best_in_place
-from applr_ros1.planner.trajectory.map_grid import prepare, settle
-from applr_ros1.planner.trajectory.scoring import COLLISION, HUGE, NO_CEILING, NO_PATH, outline_cost, score_below
+from applr_ros1.planner.trajectory.map_grid import prepare
+from applr_ros1.planner.trajectory.scoring import COLLISION, HUGE, NO_CEILING, NO_PATH, score_below
 
 # What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
 STATE = np.dtype(
@@ -47,21 +50,6 @@ def allocate(vx_samples, vtheta_samples):
         np.zeros(n, np.uint8),
         np.zeros(6),
     )
-
-
-@njit(cache=True)
-def wrapped(yaw):
-    """An angle after its way through a quaternion: in (-pi, pi], last bits may differ."""
-    z = math.sin(yaw / 2)
-    w = math.cos(yaw / 2)
-    return math.atan2(2 * (w * z), w * w - z * z)
-
-
-@njit(cache=True)
-def angle_difference(a, b):
-    """The angle from a to b, in (-pi, pi]."""
-    r = np.fmod(b - a + math.pi, 2.0 * math.pi)
-    return r + math.pi if r <= 0.0 else r - math.pi
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,0 +1,93 @@
+"""The cost of the robot's outline at many poses of one cycle, from tables of the lines that its edges can make.
+
+Called by the local planners. The numbers are those of costmap/footprint.footprint_cost, found faster.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap.footprint import line_cost
+from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
+
+UNSURE = 300  # an outline too close to a cell border to be told
+LONGEST_TABLE = 64  # [cells]; longer footprint edges are walked cell by cell
+
+
+def line_offsets(footprint, resolution, nx):
+    """The lines of cells that an edge of the footprint (n, 2) [m] can make on a map nx cells wide.
+
+    (2 r + 1, 2 r + 1, r + 1) int32: [dy + r, dx + r] holds the flat offsets of a line's cells from its first
+    cell, for the line to the cell dx, dy away. r is the longest edge in cells, at most LONGEST_TABLE.
+    """
+    edges = footprint - np.roll(footprint, -1, axis=0)
+    longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1]))) if len(footprint) else 0.0
+    r = int(min(longest / resolution + 2, LONGEST_TABLE))
+    table = np.zeros((2 * r + 1, 2 * r + 1, r + 1), np.int32)
+    _fill_offsets(table, r, nx)
+    return table
+
+
+@njit(cache=True)
+def _fill_offsets(table, r, nx):
+    xs = np.zeros(r + 1, np.int64)
+    ys = np.zeros(r + 1, np.int64)
+    for dy in range(-r, r + 1):
+        for dx in range(-r, r + 1):
+            for i in range(walk_line(0, 0, dx, dy, xs, ys, 0)):
+                table[dy + r, dx + r, i] = ys[i] * nx + xs[i]
+
+
+@njit(cache=True)
+def on_border(f, margin):
+    """Whether the cell coordinate f lies within `margin` cells of a border between two cells."""
+    return abs(f - math.floor(f + 0.5)) < margin
+
+
+@njit(cache=True)
+def outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, margin):
+    """Largest cost on the footprint's outline at x, y and heading (cosine c, sine s); negative if illegal.
+
+    flat: `cells` as (ny * nx,). cx, cy: the centre's cell, all that counts with fewer than three vertices.
+    UNSURE if a vertex is within `margin` cells of a cell border. Otherwise as footprint.footprint_cost, but for
+    its codes of illegal poses.
+    """
+    ny, nx = cells.shape
+    n = footprint.shape[0]
+    if n < 3:
+        return int(cells[cy, cx]) if cells[cy, cx] < INSCRIBED else -1
+    r = lines.shape[2] - 1
+    worst = np.uint8(0)
+    first_x = first_y = x0 = y0 = 0
+    for i in range(n + 1):
+        x1, y1 = first_x, first_y
+        if i < n:
+            wx = x + (footprint[i, 0] * c - footprint[i, 1] * s)
+            wy = y + (footprint[i, 0] * s + footprint[i, 1] * c)
+            if margin > 0.0 and (
+                on_border((wx - ox) / resolution, margin) or on_border((wy - oy) / resolution, margin)
+            ):
+                return UNSURE
+            x1, y1 = world_to_map(wx, wy, ox, oy, resolution, nx, ny)
+            if x1 < 0:
+                return -1
+        if i == 0:
+            first_x, first_y = x1, y1
+        else:
+            dx = x1 - x0
+            dy = y1 - y0
+            major = max(abs(dx), abs(dy))
+            if major <= r:
+                k = y0 * nx + x0
+                row = np.uintp(dy + r)
+                column = np.uintp(dx + r)
+                for j in range(major + 1):
+                    worst = max(worst, flat[np.uintp(k + lines[row, column, np.uintp(j)])])
+            else:
+                cost = line_cost(cells, x0, y0, x1, y1)
+                worst = max(worst, np.uint8(cost if cost >= 0 else LETHAL))
+            if worst >= LETHAL:
+                return -1
+        x0, y0 = x1, y1
+    return int(worst)

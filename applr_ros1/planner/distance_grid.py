@@ -1,0 +1,149 @@
+"""Grids of the number of steps to a plan or to its end, flooded only as far as somebody asks.
+
+Called by both local planners. Rules: base_local_planner/map_grid.cpp. `settle` goes on until one cell's value is final,
+`complete` to the end; the numbers are the same.
+
+A grid is three arrays. distance: flat int32, (ny + 2) rows of (nx + 2) cells and one more: the map inside a border of
+walls, so that a flood needs no bounds tests. With N = nx * ny a cell holds its distance, N if it is a wall, or N + 1
+("unseen") if no flood has come to it (yet). The one cell more is never reached: settling it completes the flood.
+queue: the cells in the order of their distances; ends: [next to expand, first free place] in it.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN, world_to_map
+
+
+def allocate(nx, ny):
+    """(distance, queue, ends) for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
+    distance = np.full((nx + 2) * (ny + 2) + 1, nx * ny, np.int32)
+    distance[-1] = nx * ny + 1
+    return distance, np.zeros(nx * ny + 8, np.uint32), np.zeros(2, np.int64)
+
+
+@njit(cache=True)
+def reset(distance, ends, cells):
+    """Walls where the costmap `cells` (ny, nx) has 253 and above, all else unseen; nothing to expand."""
+    ny, nx = cells.shape
+    wall = np.int32(nx * ny)
+    unseen = np.int32(nx * ny + 1)
+    for row in range(ny):
+        base = (row + 1) * (nx + 2) + 1
+        for column in range(nx):
+            distance[base + column] = wall if cells[row, column] >= INSCRIBED else unseen
+    ends[0] = ends[1] = 0
+
+
+@njit(cache=True)
+def start_at(distance, queue, ends, k):
+    """Begin the flood at the cell k, wall or not."""
+    distance[k] = 0
+    queue[ends[1]] = k
+    ends[1] += 1
+
+
+@njit(cache=True)
+def start_at_plan(distance, queue, ends, cells, ox, oy, resolution, plan, whole):
+    """Begin the flood at the cells of the plan (n, 2) [m], made as dense as the map; returns the last one (x, y).
+
+    The plan begins at the first point that is on the map and known, and ends before the next one that is not: (-1, -1)
+    if there is none. whole: at all of its cells, else at the last alone. map_grid.cpp:106, 141.
+    """
+    ny, nx = cells.shape
+    goal_x = goal_y = -1
+    over = False
+    for i in range(plan.shape[0]):
+        last_x = plan[max(i - 1, 0), 0]
+        last_y = plan[max(i - 1, 0), 1]
+        dx = plan[i, 0] - last_x
+        dy = plan[i, 1] - last_y
+        squared = dx * dx + dy * dy
+        steps = 1
+        if squared > resolution * resolution:
+            steps = int(math.ceil(math.sqrt(squared) / resolution))
+        for j in range(1, steps + 1):
+            px, py = plan[i, 0], plan[i, 1]
+            if j < steps:
+                px, py = last_x + j * (dx / steps), last_y + j * (dy / steps)
+            mx, my = world_to_map(px, py, ox, oy, resolution, nx, ny)
+            if mx >= 0 and cells[my, mx] != UNKNOWN:
+                goal_x, goal_y = mx, my
+                k = (my + 1) * (nx + 2) + mx + 1
+                if whole and distance[k] != 0:
+                    start_at(distance, queue, ends, k)
+            elif goal_x >= 0:
+                over = True
+                break
+        if over:
+            break
+    if goal_x >= 0 and not whole:
+        start_at(distance, queue, ends, (goal_y + 1) * (nx + 2) + goal_x + 1)
+    return goal_x, goal_y
+
+
+@njit(cache=True)
+def settle(distance, queue, ends, stride, unseen, cell, limit):
+    """Flood on until `cell` has its value; returns it: a distance, a wall's value, or `unseen`.
+
+    `unseen` means that nothing is left to flood, so that the cell cannot be reached, or (ends[0] < ends[1]) that
+    its distance is above `limit`. 4-connected, one step a cell, never into walls. map_grid.cpp:222.
+    """
+    one = np.uintp(1)
+    side = np.uintp(stride)
+    wanted = np.uintp(cell)
+    head = np.uintp(ends[0])
+    tail = np.uintp(ends[1])
+    while head < tail and distance[wanted] == unseen:
+        k = np.uintp(queue[head])
+        value = distance[k]
+        if value >= limit:
+            break
+        head += one
+        value += np.int32(1)
+        if distance[k - one] == unseen:
+            distance[k - one] = value
+            queue[tail] = k - one
+            tail += one
+        if distance[k + one] == unseen:
+            distance[k + one] = value
+            queue[tail] = k + one
+            tail += one
+        if distance[k - side] == unseen:
+            distance[k - side] = value
+            queue[tail] = k - side
+            tail += one
+        if distance[k + side] == unseen:
+            distance[k + side] = value
+            queue[tail] = k + side
+            tail += one
+    ends[0] = head
+    ends[1] = tail
+    return int(distance[wanted])
+
+
+@njit(cache=True)
+def complete(distance, queue, ends, nx, ny, out):
+    """Flood to the end and write the grid as C++ holds it into `out` (ny, nx) int32.
+
+    N: a wall that the flood touched; N + 1: whatever it never came to.
+    """
+    stride = nx + 2
+    unseen = nx * ny + 1
+    settle(distance, queue, ends, stride, unseen, distance.shape[0] - 1, unseen)
+    for row in range(ny):
+        for column in range(nx):
+            out[row, column] = final_value(distance, (row + 1) * stride + column + 1, stride, nx * ny)
+
+
+@njit(cache=True)
+def final_value(distance, k, stride, n):
+    """What C++ holds at the cell k, once k and its four neighbours are settled."""
+    value = int(distance[k])
+    if value == n and not (
+        distance[k - 1] < n or distance[k + 1] < n or distance[k - stride] < n or distance[k + stride] < n
+    ):
+        return n + 1
+    return value
