@@ -208,7 +208,7 @@ def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on():
         trajectory(6, version="new").pack(),
     ):
         learner.take(blob)
-        learner.work()
+        learner.train()
     assert learner.transitions == 30
     assert learner.td3.updates == 30
     reasons = " | ".join(learner.refused)
@@ -216,6 +216,14 @@ def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on():
         assert part in reasons
     assert learner.staleness.most == 11
     assert learner.staleness.count == 3
+
+
+def test_a_learner_without_a_folder_saves_nothing_and_goes_on():
+    learner = Learner(LAYOUT, LearnerConfig(TD3Config(hidden=(8,), batch_size=8), 1000, 1.0))
+    learner.take(trajectory(1).pack())
+    learner.save({"elapsed": 1.0})
+    assert learner.resume() == {}
+    assert learner.train() == 10
 
 
 def test_curriculum_opens_from_the_easiest_quarter_to_all():

@@ -69,6 +69,12 @@ MAY_KNOW = (
     ("sim_bridge/ros_bridge", None),
     ("sim_bridge/ros_", None),
     ("sim_bridge/", NUMBERS | {"scipy", "pybullet", "pybullet_utils", "matplotlib", "worlds"}),
+    ("training/td3/", {"numpy", "torch"}),
+    ("training/experience/", {"numpy", "safetensors", "training.storage"}),
+    (
+        "training/mdp/",
+        {"numpy", "gymnasium", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"},
+    ),
     ("training/", LEARNING | {"applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}),
 )
 

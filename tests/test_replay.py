@@ -12,6 +12,7 @@ pytest.importorskip("torch")
 from training.experience.journal import Journal  # noqa: E402
 from training.experience.replay import Replay  # noqa: E402
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError  # noqa: E402
+from training.gorila.batch import draw_batch  # noqa: E402
 from training.storage import StorageError  # noqa: E402
 
 SMALL = Layout(scan=4, rest=2, action=2)
@@ -73,7 +74,7 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
             )
     rng = np.random.default_rng(0)
     rows = replay.draw(rng, 200)
-    rewards, discounts, following = replay.look_ahead(rows, n, gamma)
+    rewards, discounts, following = replay.n_step_return(rows, n, gamma)
     for row, reward, discount, after in zip(rows, rewards, discounts, following):
         total, factor, rest, scan, action, here = truth[replay.rest[row].tobytes()]
         assert reward == pytest.approx(total, abs=1e-5)
@@ -100,20 +101,20 @@ def test_batch_is_what_the_rows_say():
     replay = Replay(SMALL, 50)
     trajectory = episode(5, terminated=True)
     replay.add(trajectory)
-    batch = replay.sample(np.random.default_rng(0), 64, 1, 0.9)
+    batch = draw_batch(replay, np.random.default_rng(0), 64, 1, 0.9)
     observations = SMALL.restore(trajectory.scan, trajectory.rest)
     for i in range(64):
         k = int(np.argmin(np.abs(observations - batch.observation[i].numpy()).sum(1)))
         np.testing.assert_allclose(batch.observation[i], observations[k], atol=1e-6)
-        np.testing.assert_allclose(batch.following[i], observations[k + 1], atol=1e-6)
+        np.testing.assert_allclose(batch.next_observation[i], observations[k + 1], atol=1e-6)
         assert float(batch.discount[i]) == pytest.approx(0.0 if k == 4 else 0.9)
 
 
 def test_mirror_turns_half_of_a_batch_left_for_right():
     replay = Replay(SMALL, 50)
     replay.add(episode(5, terminated=True))
-    plain, mirrored = (replay.sample(np.random.default_rng(0), 64, 1, 0.9, mirror=m) for m in (False, True))
-    for name in ("observation", "following"):
+    plain, mirrored = (draw_batch(replay, np.random.default_rng(0), 64, 1, 0.9, mirror=m) for m in (False, True))
+    for name in ("observation", "next_observation"):
         ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
         np.testing.assert_array_equal(ours[32:], theirs[32:])
         np.testing.assert_array_equal(ours[:32, : SMALL.scan], theirs[:32, : SMALL.scan][:, ::-1])

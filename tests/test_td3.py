@@ -7,6 +7,7 @@ torch = pytest.importorskip("torch")
 
 from training.experience.replay import Replay  # noqa: E402
 from training.experience.trajectory import Layout, Trajectory  # noqa: E402
+from training.gorila.batch import draw_batch  # noqa: E402
 from training.td3.td3 import TD3, Batch, LearnerError, TD3Config  # noqa: E402
 
 
@@ -70,7 +71,7 @@ def _sb3_update(model, batch, seed):
         observations=batch.observation,
         actions=batch.action,
         rewards=batch.reward[:, None],
-        next_observations=batch.following,
+        next_observations=batch.next_observation,
         dones=torch.zeros(len(batch.reward), 1),
         discounts=batch.discount[:, None],
     )
@@ -158,7 +159,7 @@ def test_learns_a_small_task():
         states, actions, rewards = episode(lambda x: td3.action(np.array([[x]]))[0, 0] + 0.4 * rng.standard_normal())
         replay.add(Trajectory.of(layout, states, actions, rewards, False, {"actor": "a", "episode": i}))
         for _ in range(20):
-            td3.update(replay.sample(rng, 128, 2, 0.9))
+            td3.update(draw_batch(replay, rng, 128, 2, 0.9))
     returns = [sum(episode(lambda x: td3.action(np.array([[x]]))[0, 0])[2]) for _ in range(40)]
     assert np.mean(returns) > -1.2  # doing nothing: -5; the best: -.83
 

@@ -17,8 +17,8 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("gymnasium")
 
+from training import dataset  # noqa: E402
 from training.evaluation.periodic import Rounds  # noqa: E402
-from training.experience import dataset  # noqa: E402
 from training.experience.dataset import Dataset, DatasetError, Writer, export_replay  # noqa: E402
 from training.experience.journal import Journal  # noqa: E402
 from training.experience.trajectory import Layout, Trajectory, unpack  # noqa: E402
@@ -190,8 +190,9 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
         )
         journal.append(episodes[-1].pack(), {})
     journal.sync()
-    assert dataset.main([str(tmp_path / "run"), str(tmp_path / "dear"), "--c-switch", "0.5"]) == 0
-    assert "9 transitions" in capsys.readouterr().out
+    command = [sys.executable, "-m", "training.dataset", str(tmp_path / "run"), str(tmp_path / "dear")]
+    done = subprocess.run([*command, "--c-switch", "0.5"], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert "9 transitions" in done.stdout, done.stderr
     for mine, theirs in zip(Dataset(tmp_path / "dear"), episodes):
         price = 0.5 * np.abs(theirs.action - theirs.rest[:-1, 1:]).mean(1)
         np.testing.assert_allclose(mine.reward, theirs.reward - price, atol=1e-6)

@@ -19,6 +19,7 @@ import safetensors.numpy
 
 from training.evaluation.periodic import Episodes, Rounds, draw_curves
 from training.experience.dataset import Dataset, DatasetError
+from training.experience.replay import ReplayError
 from training.gorila.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.console import Board, ProgressLine, clock, describe
@@ -111,8 +112,10 @@ class Training:
         )
         try:
             self._take_dataset()
-            while not self.offline and self.learner.owed and not self.stopping:  # for a dataset, or after a resume
-                self.learner.work(10)
+            while (
+                not self.offline and self.learner.updates_due and not self.stopping
+            ):  # for a dataset, or after a resume
+                self.learner.train(10)
                 self._say()
             self._publish()
             while not self.finished and not self.stopping:
@@ -167,8 +170,8 @@ class Training:
         self.errors = 0
         self.episodes.add(self.learner.transitions, trajectory.info)
         self.tasks.transitions = self.learner.transitions
-        while self.learner.owed and not self.stopping:
-            self.learner.work(10)
+        while self.learner.updates_due and not self.stopping:
+            self.learner.train(10)
             self._publish()
 
     def _failed(self, answer) -> None:
@@ -340,6 +343,9 @@ def prepare(config: TrainConfig):
             raise ConfigError("--env %s cannot be had: %s" % (config.env, error)) from None
         return settings, None, [] if config.eval_worlds == "none" else [0], layout
     import sim_bridge
+    from applr_ros1.policy import observation
+    from applr_ros1.policy.parameter_space import SPACE
+    from training.experience.trajectory import Layout
     from training.mdp.env import ApplrEnv, load_worlds
 
     train = load_worlds(config.worlds)
@@ -356,7 +362,12 @@ def prepare(config: TrainConfig):
         env.reset(seed=0)
         env.step(env.action_space.low)
         env.close()
-    return settings, train, list(range(len(test))), ApplrEnv.layout
+    return (
+        settings,
+        train,
+        list(range(len(test))),
+        Layout(ApplrEnv.scan_beams, observation.SIZE - ApplrEnv.scan_beams, len(SPACE)),
+    )
 
 
 def set_threads(config: TrainConfig) -> None:
@@ -393,7 +404,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     except ConfigError as error:
         print("train.py: %s" % error, file=sys.stderr)
         return 2
-    except (StorageError, LearnerError, PoolError, DatasetError, ValueError) as error:
+    except (StorageError, LearnerError, ReplayError, PoolError, DatasetError, ValueError) as error:
         if type(error) is ValueError:
             raise
         print("train.py: %s" % error, file=sys.stderr)

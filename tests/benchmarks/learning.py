@@ -58,6 +58,7 @@ def td3_updates(device="cpu"):
     """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
     import torch
 
+    from training.gorila.batch import draw_batch
     from training.td3.td3 import TD3, TD3Config
 
     replay, td3, rng = (
@@ -66,7 +67,7 @@ def td3_updates(device="cpu"):
         np.random.default_rng(0),
     )
     finish = torch.cuda.synchronize if device == "cuda" else lambda: None
-    return _rate(lambda: td3.update(replay.sample(rng, BATCH, 4, 0.95, td3.device)), finish=finish), "updates/s"
+    return _rate(lambda: td3.update(draw_batch(replay, rng, BATCH, 4, 0.95, td3.device)), finish=finish), "updates/s"
 
 
 def sb3_td3_updates(device="cpu"):
@@ -126,7 +127,7 @@ def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
         begun = time.perf_counter()
         for blob in blobs:
             learner.take(blob)
-            learner.work()
+            learner.train()
             if time.perf_counter() - begun > seconds:
                 break
         return learner.transitions / (time.perf_counter() - begun), "transitions/s"

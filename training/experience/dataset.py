@@ -1,18 +1,16 @@
 """Recorded experience for offline training: npz shards, a JSON manifest, checksums. bags_to_dataset makes it of bags,
-python -m training.experience.dataset of a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
+python -m training.dataset of a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
 
 manifest.json: {"format", "layout": {scan, rest, action}, "scan_step", "source", "transitions", "skipped",
 "shards": [{file, sha256, episodes, transitions}]}. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its episodes
 one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length (episodes,) of T, terminated
 (episodes,), info: JSON of the episodes' infos as bytes.
-"""  # noqa: E501
+"""
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
-import sys
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
@@ -169,24 +167,3 @@ def export_replay(run, folder, layout: Layout = Layout(), c_switch: float = 0.0)
             trajectory.reward = trajectory.reward - np.float32(c_switch) * np.abs(trajectory.action - before).mean(1)
         writer.add(trajectory)
     return writer.close()
-
-
-def main(arguments: Optional[List[str]] = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m training.experience.dataset", description="A training run as a dataset."
-    )
-    parser.add_argument("run", help="folder of the run, --out of train.py")
-    parser.add_argument("folder", help="empty folder for the dataset")
-    parser.add_argument("--c-switch", type=float, default=0.0, help="price of changing parameters, beside the run's")
-    options = parser.parse_args(arguments)
-    try:
-        manifest = export_replay(options.run, options.folder, c_switch=options.c_switch)
-    except (DatasetError, StorageError, TrajectoryError) as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
-    print("%d transitions in %s" % (manifest["transitions"], options.folder))
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

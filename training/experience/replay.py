@@ -8,15 +8,32 @@ transitions, 13 to an episode, take 4.3 GB.
 from __future__ import annotations
 
 import os
-from typing import Dict
+from typing import Dict, Iterable, NamedTuple, Tuple
 
 import numpy as np
-import torch
 
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
-from training.td3.td3 import Batch, LearnerError, decode, join
 
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
+
+
+class ReplayError(ValueError):
+    """A replay that this machine cannot hold; one line with the size and the remedy."""
+
+
+class Sample(NamedTuple):
+    """B n-step transitions as the replay stores them: scans in whole steps of the layout (Layout.step).
+
+    discount is gamma^k after k steps, and 0 past a terminal state.
+    """
+
+    scan: np.ndarray  # (B, beams) uint8
+    rest: np.ndarray  # (B, k) float32
+    action: np.ndarray  # (B, m) float32
+    reward: np.ndarray  # (B,) float32, the discounted sum
+    discount: np.ndarray  # (B,) float32
+    next_scan: np.ndarray  # (B, beams) uint8
+    next_rest: np.ndarray  # (B, k) float32
 
 
 class Replay:
@@ -35,7 +52,7 @@ class Replay:
         self.written = 0  # rows ever written; the next goes to written % capacity
         self.transitions = 0  # ever added
         self.held = 0  # of these, still there
-        self._seen: Dict[str, _Numbers] = {}
+        self._numbers: Dict[str, _Numbers] = {}
 
     def __len__(self) -> int:
         """Rows in use."""
@@ -51,13 +68,13 @@ class Replay:
         if len(trajectory) + 1 > self.capacity:
             raise TrajectoryError("%d transitions do not fit a replay of %d rows" % (len(trajectory), self.capacity))
         actor, episode = trajectory.info["actor"], trajectory.info["episode"]
-        if actor in self._seen and episode in self._seen[actor]:
+        if actor in self._numbers and episode in self._numbers[actor]:
             raise TrajectoryError("episode %d of actor %s came twice" % (episode, actor))
 
     def add(self, trajectory: Trajectory) -> None:
         """Takes one episode in. Raises TrajectoryError, and changes nothing, where it is not fit."""
         self.check(trajectory)
-        self._seen.setdefault(trajectory.info["actor"], _Numbers()).add(trajectory.info["episode"])
+        self._numbers.setdefault(trajectory.info["actor"], _Numbers()).add(trajectory.info["episode"])
         t = len(trajectory)
         rows = (self.written + np.arange(t + 1)) % self.capacity
         self.held -= int(np.count_nonzero(self.end[rows] != NO_ACTION))
@@ -72,19 +89,21 @@ class Replay:
 
     def episodes_of(self, actor: str) -> int:
         """The next unused episode number of an actor."""
-        return self._seen[actor].next if actor in self._seen else 0
+        return self._numbers[actor].next if actor in self._numbers else 0
 
     # -- checkpoints: the rows themselves are in the journal -----------------------------------------
     def begin_at(self, written: int, transitions: int) -> None:
         """Go on counting where a journal begins whose older segments are gone."""
         self.written, self.transitions = written, transitions
 
-    def seen(self) -> Dict[str, list]:
-        return {actor: [n.next, sorted(n.missing)] for actor, n in self._seen.items()}
+    def episode_numbers(self) -> Dict[str, list]:
+        """{actor: [next unused number, numbers below it that are missing]}, as JSON values."""
+        return {actor: [n.next, sorted(n.missing)] for actor, n in self._numbers.items()}
 
-    def see(self, seen: Dict[str, list]) -> None:
-        for actor, (following, missing) in seen.items():
-            self._seen[actor] = _Numbers(following, missing)
+    def restore_episode_numbers(self, numbers: Dict[str, list]) -> None:
+        """The inverse of episode_numbers()."""
+        for actor, (unused, missing) in numbers.items():
+            self._numbers[actor] = _Numbers(unused, missing)
 
     # -- sampling ----------------------------------------------------------------------------------
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
@@ -98,56 +117,50 @@ class Replay:
                 return rows
             rows[bad] = rng.integers(0, len(self), len(bad))
 
-    def look_ahead(self, rows: np.ndarray, n: int, gamma: float):
+    def n_step_return(self, rows: np.ndarray, n: int, gamma: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """n-step returns from `rows`: (rewards (B,), discounts (B,), rows of the observation after them).
 
         Sums gamma^k r_{t+k} until n steps or the episode's end. The discount is gamma^steps, and 0 where a terminal
         state was reached; a truncated episode is bootstrapped from its last observation.
         """
-        following = rows.copy()
+        after = rows.copy()
         total = np.zeros(len(rows), np.float64)
         discount = np.ones(len(rows), np.float64)
         alive = np.ones(len(rows), bool)
         terminal = np.zeros(len(rows), bool)
         for _ in range(n):
-            total[alive] += discount[alive] * self.reward[following[alive]]
+            total[alive] += discount[alive] * self.reward[after[alive]]
             discount[alive] *= gamma
-            end = self.end[following]
+            end = self.end[after]
             terminal |= alive & (end == TERMINATED)
-            following[alive] += 1
-            following %= self.capacity
+            after[alive] += 1
+            after %= self.capacity
             alive &= end == GOES_ON
         discount[terminal] = 0.0
-        return total.astype(np.float32), discount.astype(np.float32), following
+        return total.astype(np.float32), discount.astype(np.float32), after
 
-    def sample(
-        self,
-        rng: np.random.Generator,
-        size: int,
-        n: int,
-        gamma: float,
-        device=torch.device("cpu"),  # noqa: B008
-        mirror: bool = False,
-    ) -> Batch:
-        """A batch for TD3.update, noise included: all randomness of an update comes from `rng`.
+    def sample(self, rng: np.random.Generator, size: int, n: int, gamma: float, mirror: bool = False) -> Sample:
+        """`size` n-step transitions as they are stored.
 
-        mirror: half of the transitions as the robot's mirror image would have met them.
+        Args:
+            rng: where the rows are drawn from.
+            size: how many transitions.
+            n: steps of the returns.
+            gamma: discount per decision.
+            mirror: half of the transitions as the robot's mirror image would have met them.
         """
         rows = self.draw(rng, size)
-        reward, discount, following = self.look_ahead(rows, n, gamma)
-        noise = rng.standard_normal((size, self.layout.action), dtype=np.float32)
-        step = self.layout.step
+        reward, discount, after = self.n_step_return(rows, n, gamma)
         mirrored = size // 2 if mirror else 0
-        return Batch(
-            join(*self._decoded(rows, mirrored, device), step),
-            decode(self.action[rows], device),
-            decode(reward, device),
-            decode(discount, device),
-            join(*self._decoded(following, mirrored, device), step),
-            decode(noise, device),
+        return Sample(
+            *self._observations(rows, mirrored),
+            self.action[rows],
+            reward,
+            discount,
+            *self._observations(after, mirrored),
         )
 
-    def _decoded(self, rows: np.ndarray, mirrored: int, device):
+    def _observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
         """(scan, rest) of observations, the first `mirrored` left for right: beams in reverse, the local goal's angle
         negated. The parameters are the same on both sides, and so are robot and planner.
         """
@@ -155,14 +168,14 @@ class Replay:
         if mirrored:
             scan[:mirrored] = scan[:mirrored, ::-1].copy()
             rest[:mirrored, 0] *= -1.0
-        return decode(scan, device), decode(rest, device)
+        return scan, rest
 
 
 def _check_memory(rows: int, row: int) -> None:
-    """LearnerError where the replay, once full, would not fit this machine: better now than killed after days."""
+    """ReplayError where the replay, once full, would not fit this machine: better now than killed after days."""
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if rows * row > there:
-        raise LearnerError(
+        raise ReplayError(
             "a replay of %d rows takes %.1f GB, this machine has %.1f GB; give a smaller --capacity"
             % (rows, rows * row / 1e9, there / 1e9)
         )
@@ -171,8 +184,8 @@ def _check_memory(rows: int, row: int) -> None:
 class _Numbers:
     """A set of episode numbers in little memory: all below `next` but the missing ones."""
 
-    def __init__(self, following: int = 0, missing=()):
-        self.next, self.missing = following, set(missing)
+    def __init__(self, unused: int = 0, missing: Iterable[int] = ()):
+        self.next, self.missing = unused, set(missing)
 
     MOST_MISSING = 10_000
 

@@ -1,4 +1,4 @@
-"""The one learner: takes trajectories, keeps them (replay and journal), and makes the gradient steps that they owe.
+"""The one learner: takes trajectories, keeps them (replay, journal), and makes the gradient steps due for them.
 
 train.py runs it. What it becomes depends only on its seed and on the trajectories in the order of their taking: a run
 that was killed goes on from its last checkpoint, through the journal, to the very same numbers.
@@ -7,6 +7,7 @@ that was killed goes on from its last checkpoint, through the journal, to the ve
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Dict, Optional
@@ -17,6 +18,7 @@ import safetensors.numpy
 from training.experience.journal import Journal
 from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError, unpack
+from training.gorila.batch import draw_batch
 from training.storage import StorageError, make_folder, read_bytes, read_json, sha256, write_bytes, write_json
 from training.td3.td3 import TD3, LearnerError, TD3Config
 
@@ -38,13 +40,13 @@ class LearnerConfig:
 class Learner:
     """folder: the run's; checkpoint.json, learner-*.safetensors and journal/ lie in it. None: nothing is kept."""
 
-    def __init__(self, layout: Layout, config: LearnerConfig, folder=None):
+    def __init__(self, layout: Layout, config: LearnerConfig, folder: os.PathLike | str | None = None):
         self.layout, self.config = layout, config
         self.folder = Path(folder) if folder is not None else None
         self.td3 = TD3(layout.size, layout.action, config.td3, config.seed, config.device, layout.scan)
         self.replay = Replay(layout, config.capacity)
         self.rng = np.random.default_rng([config.seed, 1])
-        self.journal = Journal(make_folder(self.folder) / "journal") if folder is not None else None
+        self.journal = Journal(make_folder(self.folder) / "journal") if self.folder is not None else None
         self.episodes = 0
         self.refused: Dict[str, int] = {}  # reason → count
         self.staleness = Staleness()
@@ -67,12 +69,12 @@ class Learner:
         self._add(trajectory)
         return trajectory
 
-    def _add(self, trajectory):
+    def _add(self, trajectory: Trajectory) -> None:
         self.replay.add(trajectory)
         self.episodes += 1
         self.staleness.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
 
-    def _check_age(self, trajectory):
+    def _check_age(self, trajectory: Trajectory) -> None:
         version = trajectory.info.get("version", 0)
         if type(version) is not int:
             raise TrajectoryError("policy version %.40r is no number" % (version,))
@@ -83,30 +85,37 @@ class Learner:
     # -- learning ----------------------------------------------------------------------------------
     @property
     def transitions(self) -> int:
+        """Transitions taken so far."""
         return self.replay.transitions
 
     @property
-    def owed(self) -> int:
+    def updates_due(self) -> int:
         """Gradient steps not yet made for the transitions taken."""
         due = int((self.transitions - self.config.warmup) * self.config.updates_per_transition + 1e-9)
         return max(0, due - self.td3.updates)
 
-    def work(self, most: Optional[int] = None) -> int:
-        """Make the owed gradient steps, at most so many; returns how many were made."""
-        n = self.owed if most is None else min(self.owed, most)
+    def train(self, most: Optional[int] = None) -> int:
+        """Make the gradient steps that are due, at most `most`; returns how many were made."""
+        n = self.updates_due if most is None else min(self.updates_due, most)
         for _ in range(n):
             self.update()
         return n
 
     def update(self) -> None:
+        """One gradient step on a batch drawn from the replay."""
         c = self.config.td3
         self.td3.update(
-            self.replay.sample(self.rng, c.batch_size, c.n_step, c.gamma, self.td3.device, self.config.mirror)
+            draw_batch(self.replay, self.rng, c.batch_size, c.n_step, c.gamma, self.td3.device, self.config.mirror)
         )
 
     # -- checkpoints -------------------------------------------------------------------------------
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
-        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest."""
+        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest.
+
+        Does nothing for a learner without a folder.
+        """
+        if self.folder is None or self.journal is None:
+            return
         arrays, header = self.td3.state()
         self.journal.sync()
         data = safetensors.numpy.save(arrays, metadata=header)
@@ -127,7 +136,7 @@ class Learner:
                 "rows": self.replay.written,
                 "episodes": self.episodes,
                 "updates": self.td3.updates,
-                "seen": self.replay.seen(),
+                "seen": self.replay.episode_numbers(),
                 "extra": extra or {},
             },
         )
@@ -138,7 +147,7 @@ class Learner:
                 old.unlink(missing_ok=True)
 
     @staticmethod
-    def saved(folder) -> Optional[Dict[str, Any]]:
+    def saved(folder: os.PathLike | str) -> Optional[Dict[str, Any]]:
         """The checkpoint.json of a run folder, or None."""
         path = Path(folder) / "checkpoint.json"
         if not path.exists():
@@ -152,22 +161,27 @@ class Learner:
         """Back to the last checkpoint, and on through what the journal holds behind it. Returns the checkpoint's extra.
 
         A folder without a checkpoint but with a journal is gone through from its beginning. on_trajectory is called
-        for every episode behind the checkpoint: on_trajectory(learner, trajectory).
+        for every episode behind the checkpoint: on_trajectory(learner, trajectory). A learner without a folder has
+        nothing to go back to.
         """
+        if self.folder is None or self.journal is None:
+            return {}
         checkpoint = self.saved(self.folder)
         place, extra = None, {}
         if checkpoint is not None:
             place, extra = checkpoint["journal"], checkpoint["extra"]
             self._restore(checkpoint)
-            self.work()
+            self.train()
         for blob in self.journal.read(since=place):
             trajectory = Trajectory.unpack(blob)
             self._add(trajectory)
             on_trajectory(self, trajectory)
-            self.work()
+            self.train()
         return extra
 
-    def _restore(self, checkpoint):
+    def _restore(self, checkpoint: Dict[str, Any]) -> None:
+        assert self.folder is not None
+        assert self.journal is not None
         path = self.folder / checkpoint["learner"]["file"]
         if checkpoint["layout"] != asdict(self.layout):
             raise LearnerError(
@@ -184,7 +198,7 @@ class Learner:
             self.episodes = header["episodes"]
         for blob in self.journal.read(until=checkpoint["journal"]):
             self.replay.add(Trajectory.unpack(blob))
-        self.replay.see(checkpoint["seen"])
+        self.replay.restore_episode_numbers(checkpoint["seen"])
         if (self.replay.written, self.replay.transitions) != (checkpoint["rows"], checkpoint["transitions"]):
             raise StorageError(
                 "%s: the journal holds %d transitions, the checkpoint counts %d; files are missing"

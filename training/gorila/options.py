@@ -144,7 +144,7 @@ class Options:
         "proportionally fewer where --steps is below 5 million.")
 
     dataset: str = option("",
-        "Folder of a dataset to learn from offline (written by bags_to_dataset.py or training.experience.dataset). "
+        "Folder of a dataset to learn from offline (written by bags_to_dataset.py or training.dataset). "
         "Without it the run is online.", group="Offline learning")
     mix: bool = option(False, "Load --dataset into the replay buffer and then train online.")
     updates: int = option(100_000, "Number of gradient steps of offline learning.")

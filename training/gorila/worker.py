@@ -124,9 +124,10 @@ def summary(rewards, info) -> Dict[str, Any]:
 
 
 def layout_of(env) -> Layout:
-    """The environment's own layout, or one without a scan."""
+    """How an environment's observations are stored: its `scan_beams` first numbers as a scan, if it has that."""
     env = env.unwrapped
-    return getattr(env, "layout", None) or Layout(0, env.observation_space.shape[0], env.action_space.shape[0])
+    beams = getattr(env, "scan_beams", 0)
+    return Layout(beams, env.observation_space.shape[0] - beams, env.action_space.shape[0])
 
 
 # -- as a process of its own -------------------------------------------------------------------------------------------

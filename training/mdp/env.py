@@ -18,7 +18,6 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.policy import observation
 from applr_ros1.policy.parameter_space import SPACE
-from training.experience.trajectory import Layout
 from training.mdp.episode import PERIOD, Episode
 from training.mdp.reward import Reward, failed
 
@@ -38,7 +37,7 @@ class ApplrEnv(gymnasium.Env):
     """
 
     metadata = {"render_modes": []}
-    layout = Layout(observation.BEAMS, observation.SIZE - observation.BEAMS, len(SPACE))
+    scan_beams = observation.BEAMS  # of the observation, its first numbers; the replay stores them in coarser steps
 
     def __init__(
         self,

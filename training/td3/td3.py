@@ -3,7 +3,7 @@
 learner.py feeds it batches from the replay; nothing here knows of robots, files or processes.
 Defaults are the paper's; where it is silent, the authors' code's. Deviations, named:
   batch_size 256 (authors' 128): as fast on our machines, less noise.
-  n_step 4 (the paper says nothing; the authors' code began with 1 and ended at 4): see Replay.sample.
+  n_step 4 (the paper says nothing; the authors' code began with 1 and ended at 4): returns are summed by the replay.
 Time limits are bootstrapped, target noise is in action units; the authors' code did neither
 (docs/training.md#where-this-differs-from-the-paper).
 """
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from typing import Dict, Optional, Tuple
+from typing import Dict, Tuple
 
 import numpy as np
 import torch
@@ -46,7 +46,7 @@ class TD3Config:
 
 @dataclass
 class Batch:
-    """Tensors on the learner's device: observation and following (B, n), action and noise (B, m), reward and
+    """Tensors on the learner's device: observation and next_observation (B, n), action and noise (B, m), reward and
     discount (B,). discount is gamma^k after k steps, 0 past a terminal state; noise is standard normal.
     """
 
@@ -54,7 +54,7 @@ class Batch:
     action: torch.Tensor
     reward: torch.Tensor
     discount: torch.Tensor
-    following: torch.Tensor
+    next_observation: torch.Tensor
     noise: torch.Tensor
 
 
@@ -121,7 +121,11 @@ class TD3:
     def step(self, batch: Batch, delayed: bool) -> None:
         """The arithmetic of update (its own method so that a GPU can record it once and repeat it)."""
         if self.config.scan_pool > 1:
-            batch = replace(batch, observation=self._pooled(batch.observation), following=self._pooled(batch.following))
+            batch = replace(
+                batch,
+                observation=self._pooled(batch.observation),
+                next_observation=self._pooled(batch.next_observation),
+            )
         self._update_critics(batch)
         if delayed:
             self._update_actor(batch)
@@ -138,9 +142,9 @@ class TD3:
         c = self.config
         # Target policy smoothing: noise in action units, clipped, and the action clipped to its range.
         noise = (batch.noise * c.target_noise).clamp_(-c.noise_clip, c.noise_clip)
-        action = torch.tanh(self.actor_target.forward(batch.following)).add_(noise).clamp_(-1.0, 1.0)
+        action = torch.tanh(self.actor_target.forward(batch.next_observation)).add_(noise).clamp_(-1.0, 1.0)
         # Clipped double Q: y = r + gamma^k min_i Q'_i(s', a'), bootstrapping through time limits.
-        there = torch.cat((batch.following, action), 1)
+        there = torch.cat((batch.next_observation, action), 1)
         q1, q2 = (target.forward(there) for target in self.critic_targets)
         y = torch.minimum(q1, q2).mul_(batch.discount[:, None]).add_(batch.reward[:, None])
         here = torch.cat((batch.observation, batch.action), 1)
@@ -347,16 +351,3 @@ def _device(name) -> torch.device:
     if device.type == "cuda" and not torch.cuda.is_available():
         raise LearnerError("device cuda: torch finds no GPU here; give --device cpu")
     return device
-
-
-def decode(array: np.ndarray, device) -> torch.Tensor:
-    """A numpy array as a float32 tensor on the device (bytes travel as bytes and become floats there)."""
-    tensor = torch.from_numpy(array)
-    if device.type == "cuda":
-        tensor = tensor.pin_memory().to(device, non_blocking=True)
-    return tensor.to(torch.float32)
-
-
-def join(scan: torch.Tensor, rest: torch.Tensor, step: float) -> Optional[torch.Tensor]:
-    """Observation (B, n) of stored scans (B, beams) in units of `step` above -1, and the rest (B, k) as it is."""
-    return torch.cat((scan.mul_(step).sub_(1.0), rest), 1) if scan.shape[1] else rest
