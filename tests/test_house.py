@@ -224,13 +224,17 @@ def test_no_large_files():
 
 def test_documents_hold_the_launch_arguments_and_the_parameters():
     from applr_ros1.planner.parameters.table import tables
+    from applr_ros1.policy.parameter_space import SPACE
 
     assert tables() in text_of("docs/parameters.md"), "run: python -m applr_ros1.planner.parameters.table"
-    readme = text_of("README.md")
+    readme = " ".join(text_of("README.md").split())
     for argument in xml.parse(os.path.join(ROOT, "applr_ros1/launch/jackal_applr.launch")).getroot().findall("arg"):
         if argument.get("value") is None:
-            row = "| `%s` | `%s` | %s |" % (argument.get("name"), argument.get("default"), argument.get("doc"))
-            assert row in readme, "README.md lacks the row " + row
+            entry = "- `%s` (default `%s`): %s" % tuple(argument.get(name) for name in ("name", "default", "doc"))
+            assert entry in readme, "README.md lacks the line " + entry
+    for name, low, high, default in zip(SPACE.names, SPACE.low, SPACE.high, SPACE.theta0):
+        entry = "| `%s` | %g | %g to %g |" % (name, default, low, high)
+        assert entry in readme, "README.md lacks the row " + entry
 
 
 def headings(page):
@@ -257,6 +261,19 @@ def test_citations_of_the_documents_hold():
             for line in re.findall(r"(?:#|\"\"\").*", text_of(name)):
                 for page in re.findall(r"\b[a-z]\w*\.md\b", line):
                     assert page in known, "%s cites %s, which is not here" % (name, page)
+
+
+def test_every_folder_and_file_of_the_guide_is_there():
+    """docs/finding_your_way.md lists each folder of the repository once, and the files that it names exist."""
+    guide = text_of("docs/finding_your_way.md")
+    listed = re.findall(r"^[│ ]*[├└]── (\S+) ", guide, re.MULTILINE)
+    folders = {os.path.dirname(name) for name in tracked() if os.path.dirname(name)}
+    folders |= {os.path.dirname(folder) for folder in folders} - {""}
+    folders = {folder for folder in folders if not folder.startswith(".")}
+    assert sorted(listed) == sorted(os.path.basename(folder) for folder in folders)
+    for file in re.findall(r"`([\w./]+/[\w./]*)`", guide[: guide.index("## The folders")]):
+        places = (file, "applr_ros1/" + file)
+        assert any(os.path.exists(os.path.join(ROOT, place)) for place in places), "the guide names " + file
 
 
 @pytest.mark.parametrize("name", tracked(".md"))
