@@ -1,4 +1,5 @@
 """Bullet's side of the pybullet Jackal: loads pybullet quietly, builds ground, obstacles and robot.
+
 PybulletSimulator uses it.
 
 pybullet's traps, all met here: it prints a banner when imported; it never frees a mesh, so a mesh per world grows
@@ -70,12 +71,14 @@ def add_mover(p, client, mover):
 
 
 def put_mover(p, client, body, x, y):
+    """Put a moving cylinder at (x, y) [m]."""
     p.resetBasePositionAndOrientation(body, _upright(x, y), (0, 0, 0, 1), physicsClientId=client)
 
 
 def build_robot(p, client, pose):
-    """The Jackal at pose (x, y, yaw), its four wheels as joints 0 to 3. The body's frame is the chassis's
-    centre of mass.
+    """The Jackal at pose (x, y, yaw), its four wheels as joints 0 to 3.
+
+    The body's frame is the chassis's centre of mass.
     """
     on = {"physicsClientId": client}
     x, y, yaw = pose
@@ -149,8 +152,9 @@ def _upright(x, y):
 
 
 def _parts(world):
-    """The static obstacles as (x, y, yaw, shape), near ones together, at most _COMPOUND at a time. shape: a radius,
-    or (size_x, size_y).
+    """The static obstacles as (x, y, yaw, shape), near ones together, at most _COMPOUND at a time.
+
+    shape: a radius, or (size_x, size_y).
     """
     cylinders = np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist()
     boxes = np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist()

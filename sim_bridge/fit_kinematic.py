@@ -1,9 +1,9 @@
-"""How far KinematicSimulator drives like PybulletSimulator, and the numbers that bring it nearest: `python -m
-sim_bridge.fit_kinematic [--scenes 60]`. Prints step responses side by side, then contacts before and after the fit.
+"""Fits KinematicSimulator's free numbers to PybulletSimulator: `python -m sim_bridge.fit_kinematic [--scenes 60]`.
 
-Contacts are compared on scenes: obstacles strewn about the robot, two commands of 1.5 s each, most of which
-run into something. Both robots get the same seed, so ground and wheels are equally uneven. Takes about a
-minute.
+Prints step responses of both side by side, then how their contacts differ before and after the fit.
+
+Contacts are compared on scenes: obstacles strewn about the robot and two commands of 1.5 s each, most of which end at
+an obstacle. Both robots get the same seed, so that ground and wheels are equally uneven. Takes about a minute.
 """
 
 import argparse
@@ -45,6 +45,8 @@ class Scene:
     movers = ()
 
     class course:
+        """Start and goal at the origin."""
+
         start = goal = (0.0, 0.0, 0.0)
 
     def __init__(self, seed):
@@ -84,6 +86,10 @@ def compare(scenes, recorded, parameters):
 
 
 def loss(scenes, recorded, parameters):
+    """Mean distance between the robots' drives [m], a radian counting as .2 m, each scene's bounded.
+
+    Arguments as for compare().
+    """
     rows = compare(scenes, recorded, parameters)
     return float(np.mean(np.minimum(rows[:, 2], 0.3) + 0.2 * np.minimum(rows[:, 3], 1.5)))
 
@@ -127,6 +133,7 @@ def responses(simulators):
 
 
 def simulator_step(simulator, v, w):
+    """Hold the command (v, w) [m/s, rad/s] for 50 ms; returns the RobotState."""
     simulator.command(v, w)
     return simulator.advance(0.05)
 
@@ -142,6 +149,7 @@ def drifts(simulators):
 
 
 def report(title, rows):
+    """Print one line about the rows of compare()."""
     hit = rows[:, 4] > 0
     print(
         "%s: %d scenes with contact: end apart median %.3f m, mean %.3f m, 90 %% %.3f m; "
@@ -159,6 +167,7 @@ def report(title, rows):
 
 
 def main(argv=None):
+    """Exit status 0, or a message where a simulator cannot be made."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=60, help="as many again are kept aside for the check")
     arguments = parser.parse_args(argv)

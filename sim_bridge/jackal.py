@@ -1,5 +1,6 @@
-"""The Jackal's facts and figures: geometry, mass, limits, laser, odometry. Every number of the robot stands
-here once.
+"""The Jackal's facts and figures: geometry, mass, limits, laser, odometry.
+
+Every number of the robot stands here once.
 
 Read by both simulators, the lidar and the ROS bridge. Lengths [m], masses [kg], angles [rad], times [s].
 Sources: Clearpath's URDF and control.yaml for the Jackal, and Gazebo's sensor settings for it.

@@ -1,6 +1,7 @@
 """The planar Jackal in numba: the tyres of skid_steer.py, and contacts that push and slide by geometry.
-KinematicSimulator calls `drive`. What Bullet does in space (lift of a wheel at an obstacle, its way of
-rubbing) is in three fitted numbers.
+
+KinematicSimulator calls `drive`. What Bullet does in space (lift of a wheel at an obstacle, its way of rubbing) is in
+three fitted numbers.
 """
 
 from math import atan2, cos, hypot, sin
@@ -29,8 +30,9 @@ _REACH = hypot(jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH) + hypot(*jackal.
 
 @njit(cache=True)
 def _circle_contact(px, py, r, part):
-    """A circle at (px, py) in the body's frame against one part of the outline: depth (negative: a gap) [m],
-    contact point and the direction in which it pushes the robot.
+    """Contact of a circle at (px, py) in the body's frame with one part of the outline.
+
+    Returns the depth (negative: a gap) [m], the contact point and the direction in which it pushes the robot.
     """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
@@ -47,8 +49,9 @@ def _circle_contact(px, py, r, part):
 
 @njit(cache=True)
 def _box_contact(px, py, ax, ay, hx, hy, part):
-    """As _circle_contact, for a box at (px, py) with axis (ax, ay) and half sizes hx, hy: least overlap over
-    four axes.
+    """Contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
+
+    Returns the same as _circle_contact, from the least overlap over four axes.
     """
     x, y, a, b = part[0], part[1], part[2], part[3]
     px, py = px - x, py - y
@@ -83,8 +86,9 @@ def _note(row, depth, x, y, nx, ny, part):
 
 @njit(cache=True)
 def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
-    """Fill found (_MOST, 8): depth, point, direction, part (0 chassis, 1 to 4 wheels), the obstacle's
-    velocity, all in the body's frame. Returns how many.
+    """Fill found (_MOST, 8) with the contacts of the outline at (x, y), heading (c, s), and return how many there are.
+
+    Columns: depth, point, direction, part (0 chassis, 1 to 4 wheels), the obstacle's velocity, all in the body's frame.
     """
     n = 0
     for i in range(n_circles):

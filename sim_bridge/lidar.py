@@ -1,5 +1,6 @@
-"""An exact planar laser over circles and boxes. Simulator.scan calls it; the tests compare it with brute
-force.
+"""An exact planar laser over circles and boxes.
+
+Simulator.scan calls it; the tests compare it with brute force.
 
 For each obstacle only the beams within the angle it covers are cut with it, so a scan of 720 beams among
 several hundred cylinders takes some microseconds. No rays are cast into a physics engine (they are slow
@@ -19,8 +20,11 @@ _TURN = int(round(2 * np.pi / jackal.ANGLE_INCREMENT))  # beams in a full turn
 
 
 class Lidar:
-    """The laser in one static world: cylinders (n, 3) x, y, radius; boxes (m, 5) x, y, yaw, size_x, size_y
-    [m, rad].
+    """The laser in one static world.
+
+    Args:
+        cylinders: (n, 3) x, y, radius [m].
+        boxes: (m, 5) x, y, yaw, size_x, size_y [m, rad].
     """
 
     def __init__(self, cylinders, boxes):
@@ -31,9 +35,10 @@ class Lidar:
         self._sorted_at = (np.inf, np.inf)
 
     def scan(self, x, y, yaw, movers=np.empty((0, 3))):  # noqa: B008
-        """(720,) float32 exact ranges [m] for the laser at (x, y), looking along yaw. +inf: nothing within
-        RANGE_MAX, -inf: nearer than RANGE_MIN, or inside an obstacle. `movers` (k, 3) are further circles,
-        for this scan only.
+        """Exact ranges (720,) float32 [m] of the laser at (x, y), looking along yaw.
+
+        +inf: nothing within RANGE_MAX; -inf: nearer than RANGE_MIN, or inside an obstacle. `movers` (k, 3) are further
+        circles x, y, radius, for this scan only.
         """
         if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5:  # put somewhere else
             self._order[:] = np.argsort(np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y))
@@ -57,8 +62,9 @@ def box_edges(boxes):
 
 @njit(cache=True)
 def _bearing(y, x):
-    """atan2 within .0003 rad: only chooses which beams to look at, and two more are looked at on either
-    side.
+    """Return atan2(y, x) within .0003 rad.
+
+    It only chooses which beams are looked at, and two more are looked at on either side.
     """
     ax, ay = abs(x), abs(y)
     big = max(ax, ay)
@@ -76,8 +82,9 @@ def _bearing(y, x):
 
 @njit(cache=True)
 def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
-    """Shorten the beams that meet the circle, centre (cx, cy) in the laser's frame. True where the laser is
-    inside.
+    """Shorten the beams that meet the circle, centre (cx, cy) in the laser's frame.
+
+    True where the laser is inside.
     """
     if d2 <= r * r:
         return True

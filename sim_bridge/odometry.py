@@ -1,6 +1,7 @@
-"""What the robot believes about its own motion: wheels for the distance, IMU for the heading, as
-robot_localization fuses them on the Jackal. Sideways slip and wheels spinning at an obstacle are not seen.
-Both simulators call it.
+"""What the robot believes about its own motion: wheels for the distance, IMU for the heading.
+
+As robot_localization fuses them on the Jackal. Sideways slip and wheels that spin at an obstacle go unnoticed. Both
+simulators call it.
 """
 
 from math import cos, exp, pi, sin, sqrt
@@ -36,8 +37,9 @@ class Odometry:
         self._turned = self.pose[2] - true_yaw
 
     def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
-        """Wheels turned at `wheel_speed` [m/s] (mean of the four) for `duration`; the true yaw and yaw rate
-        now.
+        """Take in `duration` [s] in which the wheels turned at `wheel_speed` [m/s], the mean of the four.
+
+        yaw, yaw_rate and acceleration are the true ones now [rad, rad/s, m/s^2].
         """
         keep = exp(-duration / jackal.ODOM_HEADING_TIME)
         self._error = keep * self._error + (

@@ -36,6 +36,7 @@ class PybulletSimulator(Simulator):
         self._lift = np.ones(4)
 
     def close(self):
+        """Disconnect from Bullet; can be called again."""
         if self._client is not None:
             self._p.disconnect(self._client)
             self._client = None
@@ -146,8 +147,9 @@ class PybulletSimulator(Simulator):
 
 @njit(cache=True)
 def _axes(qx, qy, qz, qw):
-    """Cosine and sine of the heading, and the third row of the rotation matrix: heights of the body's
-    axes.
+    """Cosine and sine of the heading, and the heights of the body's three axes.
+
+    The heights are the third row of the rotation matrix.
     """
     ahead_x, ahead_y = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz)
     length = max(np.hypot(ahead_x, ahead_y), 1e-9)
@@ -162,8 +164,10 @@ def _axes(qx, qy, qz, qw):
 
 @njit(cache=True)
 def _pull(drive, v, w, table, noise, slip, friction, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
-    """One step of wheels and tyres: world-frame force and torque on the body, the point on the ground below
-    the centre of mass where it acts, and the rim speeds.
+    """One step of wheels and tyres.
+
+    Returns world-frame force (fx, fy) and torque on the body, the point on the ground below the centre of mass where
+    they act, and the rim speeds of the left and right wheels [m/s].
     """
     c, s, up_x, up_y, up_z = _axes(qx, qy, qz, qw)
     for i in range(4):

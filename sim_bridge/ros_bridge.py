@@ -1,13 +1,16 @@
-"""The node /sim_bridge: a simulated Jackal as ROS sees the real one. Started by
-applr_ros1/scripts/sim_bridge.py.
+"""The node /sim_bridge: the simulated Jackal with the ROS interface of the real one.
 
-Topics out: /clock (100 Hz) /front/scan /odometry/filtered /tf /tf_static /imu/data /joint_states /collision
-~collision ~ground_truth (frame world, 50 Hz) ~obstacles ~current_world (latched) ~movers. In: /cmd_vel and
-/jackal_velocity_controller/cmd_vel (the newest counts), /set_pose (what the odometry believes, as on the
-Jackal), ~world. Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the
-world named by parameter ~world). Parameters: ~world ~simulator ~seed ~real_time_factor ~gui ~randomisation.
+Started by applr_ros1/scripts/sim_bridge.py.
 
-One thread simulates; callbacks only leave what they heard. ROS time never goes back, not even at a reset.
+Publishes: /clock (100 Hz), and at 50 Hz /front/scan, /odometry/filtered, /tf, /tf_static, /imu/data, /joint_states,
+/collision, ~collision, ~ground_truth (frame world); ~obstacles, ~current_world (latched), ~movers.
+Subscribes: /cmd_vel and /jackal_velocity_controller/cmd_vel (the newest command counts), /set_pose (sets the odometry's
+estimate, as on the Jackal; the robot stays where it is), ~world (changes the world).
+Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
+~world names).
+Parameters: ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation.
+
+One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
 
 import gc
@@ -29,12 +32,12 @@ from .simulator import SimulatorError
 
 TICK = 0.01  # simulated seconds between clocks; data every second one
 CONTROL_PERIOD = 0.05  # the planner's, for the lock-step of real_time_factor 0
-PATIENCE = 0.25  # wall seconds the lock-step waits for a command
-IDLE_FACTOR = 1.0  # real_time_factor 0 while nobody commands: who plans then has its usual time
+PATIENCE = 0.25  # wall seconds that the lock-step waits for a command
+IDLE_FACTOR = 1.0  # the factor used in place of 0 while no commands come, so that planning has its usual time
 
 
 class Bridge:
-    """The node's state: simulator, the newest command heard, ROS time."""
+    """The node's state: the simulator, the newest velocity command and ROS time."""
 
     def __init__(self):
         self.factor = _number("real_time_factor", 1.0)
@@ -54,8 +57,8 @@ class Bridge:
         self._warm_up(world)
         self.lock = threading.Lock()  # of the simulator
         self.arrived = threading.Condition()  # of the next four
-        self.heard = None  # newest command (v, w) not yet given to the simulator
-        self.driven = False  # somebody commands
+        self.newest = None  # newest command (v, w) not yet given to the simulator
+        self.driven = False  # whether velocity commands come in
         self.commanded_at = 0.0  # simulated time of the newest command
         self.refused = 0
         self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
@@ -77,7 +80,7 @@ class Bridge:
         )
 
     def _warm_up(self, world):
-        """Compile everything before anybody can count on the clock."""
+        """Have all kernels compiled before the clock starts to run."""
         self.simulator.reset(world, self.seed)
         self.simulator.command(0.5, 0.5)
         for _ in range(10):
@@ -93,10 +96,12 @@ class Bridge:
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
     def stamp(self):
+        """ROS time of the simulator's present state."""
         return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
 
     # -- the simulating thread ---------------------------------------------------------------------
     def spin(self):
+        """Simulate and publish until the node is shut down."""
         pace, ticks = Pace(), 0
         while not rospy.is_shutdown():
             ticks += 1
@@ -121,6 +126,7 @@ class Bridge:
                 pace.wait(TICK, self.factor)
 
     def spin_until_shutdown(self):
+        """As spin(), without an error where a topic is closed by the shutdown."""
         try:
             self.spin()
         except rospy.ROSException:
@@ -129,22 +135,24 @@ class Bridge:
 
     def _take_command(self):
         with self.arrived:
-            command, self.heard = self.heard, None
+            command, self.newest = self.newest, None
         if command is not None:
             self.simulator.command(*command)
             self.commanded_at = self.simulator.state.time
 
     def _lock_step(self):
-        """As fast as it goes, but never further than a control period beyond the planner's last command: wait
-        for the next one, at most PATIENCE. Who falls silent for longer is not waited for again until a
-        command comes.
+        """Wait for the planner's next command once a control period has passed since its last one.
+
+        So the simulation runs as fast as it can without running ahead of the planner. It waits at most PATIENCE; if
+        nothing comes, it does not wait again before the next command.
         """
         if self.driven and self.simulator.state.time - self.commanded_at > CONTROL_PERIOD - 1e-6:
             with self.arrived:
-                self.driven = self.arrived.wait_for(lambda: self.heard is not None, PATIENCE)
+                self.driven = self.arrived.wait_for(lambda: self.newest is not None, PATIENCE)
 
     # -- callbacks ---------------------------------------------------------------------------------
     def on_command(self, message):
+        """Store a velocity command for the simulating thread; refuse one that is not finite."""
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
             self.refused += 1
@@ -154,11 +162,11 @@ class Bridge:
             )
             return
         with self.arrived:
-            self.heard, self.driven = (v, w), True
+            self.newest, self.driven = (v, w), True
             self.arrived.notify()
 
     def on_set_pose(self, message):
-        """Sets what the odometry believes; the robot stays where it is."""
+        """Set the odometry's estimate of the pose; the robot stays where it is."""
         p, q = message.pose.pose.position, message.pose.pose.orientation
         values = (p.x, p.y, q.x, q.y, q.z, q.w)
         if not all(map(isfinite, values)) or abs(sum(value * value for value in values[2:]) - 1.0) > 0.1:
@@ -169,18 +177,21 @@ class Bridge:
             self.simulator.set_odometry((p.x, p.y, yaw))
 
     def on_reset(self, _):
+        """Service ~reset: the same world from the start, under the next seed."""
         self._restart()
         return EmptyResponse()
 
     def on_world(self, message):
+        """Topic ~world: change the world."""
         self._change_world(message.data)
 
     def on_load_world(self, _):
+        """Service ~load_world: change to the world that the parameter ~world names."""
         problem = self._change_world(str(rospy.get_param("~world", "")))
         return TriggerResponse(not problem, problem or "world %s" % self.simulator.world.name)
 
     def _change_world(self, spec):
-        """Load and restart; the line that says why not, if not. The old world stays then."""
+        """Load a world and restart in it. Returns "", or one line why the old world stays."""
         try:
             world = worlds.load(spec)
         except (ValueError, OSError) as error:
@@ -197,7 +208,7 @@ class Bridge:
                 world, self.seed = self.simulator.world, self.seed + 1
             self.base_time += self.simulator.state.time + TICK
             with self.arrived:
-                self.heard, self.driven, self.commanded_at = None, False, 0.0
+                self.newest, self.driven, self.commanded_at = None, False, 0.0
             state = self.simulator.reset(world, self.seed)
             self.touched = False
             self.topics.publish_world(self.simulator, self.stamp())
@@ -211,15 +222,15 @@ class Pace:
     """Keeps simulated and wall time in step."""
 
     def __init__(self):
-        self.late, self.told = 0.0, 0.0
+        self.late, self._reported = 0.0, 0.0
         self.begin()
 
     def begin(self):
-        """Count from now on."""
+        """Count time from now on."""
         self.next = time.monotonic()
 
-    def wait(self, simulated, factor, tell=True):
-        """Sleep until it is time. What is more than .2 s late is not caught up with, and said."""
+    def wait(self, simulated, factor, report=True):
+        """Sleep until wall time has caught up; a delay of more than .2 s is given up and reported."""
         now = time.monotonic()
         self.next += simulated / factor
         if self.next > now:
@@ -227,8 +238,8 @@ class Pace:
         elif now - self.next > 0.2:
             self.late += now - self.next
             self.next = now
-            if tell and now - self.told > 10.0:
-                self.told = now
+            if report and now - self._reported > 10.0:
+                self._reported = now
                 rospy.logwarn(
                     "sim_bridge: %.1f s lost so far: real_time_factor %g is too much for this machine now",
                     self.late,

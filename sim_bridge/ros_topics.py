@@ -1,4 +1,5 @@
-"""What the simulated Jackal says over ROS: a RobotState and a scan as the messages of Clearpath's Jackal.
+"""What the simulated Jackal publishes: a RobotState and a scan as the messages of Clearpath's Jackal.
+
 ros_bridge.py publishes through it. Positions are planar; z is base_link's plane.
 """
 
@@ -44,6 +45,7 @@ class Topics:
         self._last = None
 
     def publish_clock(self, stamp):
+        """Publish simulated time."""
         self.clock.publish(stamp)
 
     def publish_state(self, state, ranges, stamp, touched):
@@ -80,6 +82,7 @@ class Topics:
         self._last = None
 
     def publish_movers(self, simulator, stamp):
+        """Publish the moving cylinders where they are now, if anyone listens."""
         circles = simulator.mover_circles().tolist()
         if circles and self.movers.get_num_connections():
             self.movers.publish([_cylinder(*row, i, stamp, "movers") for i, row in enumerate(circles)])
@@ -99,6 +102,7 @@ class Topics:
 
 
 def quaternion(yaw):
+    """A geometry_msgs/Quaternion for a yaw [rad]."""
     return Quaternion(0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
 
 

@@ -1,6 +1,7 @@
-"""The one interface of the robot's stand-in worlds. PybulletSimulator and KinematicSimulator implement it;
-the ROS bridge, the training environment and the evaluation drive through it. Time is simulated: nothing here
-reads a clock.
+"""The one interface of the simulated robot.
+
+PybulletSimulator and KinematicSimulator implement it; the ROS bridge, the training environment and the evaluation drive
+through it. Time is simulated: nothing here reads a clock.
 """
 
 from abc import ABC, abstractmethod
@@ -22,8 +23,9 @@ class SimulatorError(ValueError):
 
 @dataclass
 class RobotState:
-    """What is known of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s,
-    rad/s].
+    """What is known of the robot at one instant.
+
+    Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s].
     """
 
     time: float = 0.0
@@ -38,8 +40,9 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What may differ from the nominal Jackal. Each is a number or a (low, high) span drawn at reset from the
-    seed.
+    """What may differ from the nominal Jackal.
+
+    Each is a number or a (low, high) span drawn at reset from the seed.
     """
 
     start_xy: float = 0.0  # the start is moved by up to this much along x and y [m]
@@ -109,8 +112,9 @@ class Simulator(ABC):
 
     # -- for everybody -----------------------------------------------------------------------------
     def reset(self, world, seed: int, start: Optional[Tuple[float, float, float]] = None) -> RobotState:
-        """Put the robot at `start` (world frame, default the course's) at time 0, standing. The same world,
-        seed and commands give the same states and scans, to the last bit.
+        """Put the robot at `start` (world frame, default the course's) at time 0, standing.
+
+        The same world, seed and commands give the same states and scans, to the last bit.
         """
         start = tuple(float(value) for value in (world.course.start if start is None else start))
         if len(start) != 3 or not all(map(isfinite, start)):
@@ -147,8 +151,10 @@ class Simulator(ABC):
         return self.state
 
     def scan(self) -> np.ndarray:
-        """(720,) float32 ranges [m] from the laser at the present instant, +inf where nothing returns and
-        -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new noise.
+        """Ranges (720,) float32 [m] from the laser at the present instant.
+
+        +inf where nothing returns and -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new
+        noise.
         """
         x, y, yaw = self.state.pose
         c, s = cos(yaw), sin(yaw)

@@ -1,15 +1,14 @@
-"""How a four-wheel skid-steer moves: velocity controller, wheel speeds, and the friction of four tyres on the
-ground.
+"""How a robot with four skid-steered wheels moves: velocity controller, wheel speeds, friction of the tyres.
 
-Both simulators call it every physics step, so both drive alike. Bullet's own friction is not used between
-wheels and ground: it is laid along the world's axes, which makes a turn in place run at .9 to 1.3 of the
-commanded rate depending on the heading (its cone variant: .2 to 1.0). Here each tyre pulls against its slip
-with Coulomb's force, in any direction.
+Both simulators call it every physics step, so both drive alike. Bullet's own friction is not used between wheels and
+ground: it is laid along the world's axes, which makes a turn in place run at .9 to 1.3 of the commanded rate depending
+on the heading (its cone variant: .2 to 1.0). Here each tyre pulls against its slip with Coulomb's force, in any
+direction.
 
-With forces opposed to slip a turn in place needs wheels faster than the turning body by 1 + (wheel base /
-track)^2 = 1.49 (Clearpath's separation multiplier: 1.5), less when a fast curve presses the robot outwards:
-`rim_table` holds what every (v, w) needs. The centre of mass lies ahead of the wheels' middle, so the front
-grips better and the robot turns about a point ahead of base_link: the drift of a turn in place.
+With forces opposed to slip a turn in place needs wheels faster than the turning body by 1 + (wheel base / track)^2 =
+1.49 (Clearpath's separation multiplier: 1.5), less when a fast curve presses the robot outwards: `rim_table` holds what
+every (v, w) needs. The centre of mass lies ahead of the wheels' middle, so the front grips better and the robot turns
+about a point ahead of base_link: the drift of a turn in place.
 """
 
 from functools import lru_cache
@@ -43,9 +42,10 @@ _KEEP_PULL = exp(-STEP / 0.02)
 
 @njit(cache=True)
 def turn_wheels(drive, v, w, table, noise, slip):
-    """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits; sets
-    the rim speeds drive[LEFT], drive[RIGHT] [m/s]. table: rim_table(); noise (6,) standard normal; `slip`
-    scales all unevenness.
+    """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits.
+
+    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. table: rim_table(); noise (6,) standard normal; `slip` scales
+    all unevenness.
     """
     rate = jackal.MAX_ACCELERATION * STEP
     drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
@@ -78,13 +78,13 @@ def _rims(v, w, table):
 
 @njit(cache=True)
 def tyres(drive, u, s, w, friction, lift):
-    """What the tyres do in one step to a body whose centre of mass moves at (u, s) ahead and to the left
-    [m/s] and turns at w [rad/s]: the change (du, ds, dw). `friction` of the wheels on the ground; lift (4,):
-    share of its load each carries.
+    """Change (du, ds, dw) of the body's velocity by its tyres in one step.
 
-    Coulomb's friction, smooth below TYRE_CREEP, solved for the velocity at the step's end (two passes), so
-    that it is stable and holds a standing robot still. The load shifts between the wheels with the
-    acceleration.
+    The centre of mass moves at (u, s) ahead and to the left [m/s], the body turns at w [rad/s]. `friction` of the
+    wheels on the ground; lift (4,): share of its load that each wheel carries.
+
+    Coulomb's friction, smooth below TYRE_CREEP, solved for the velocity at the step's end (two passes), so that it is
+    stable and holds a standing robot still. The load shifts between the wheels with the acceleration.
     """
     mass, inertia = jackal.MASS, jackal.YAW_INERTIA
     tip_x = drive[PULL_X] * mass * jackal.COM_HEIGHT / (2.0 * jackal.WHEELBASE)
@@ -120,10 +120,11 @@ def tyres(drive, u, s, w, friction, lift):
 
 @lru_cache(maxsize=None)
 def rim_table():
-    """(17, 17, 2): for speed i * .125 and yaw rate j * .25 what to add to the speed and the multiplier of the
-    track that make the driven (v, w) the commanded one on nominal, even ground. Curves beyond the tyres' grip
-    (v w above GRIP_LIMIT) take the multiplier of the tightest curve at that speed that they can hold. Found
-    by driving; takes some 50 ms.
+    """Rim speeds that make the robot drive what was commanded on nominal, even ground: (17, 17, 2).
+
+    Entry (i, j) belongs to speed i * .125 m/s and yaw rate j * .25 rad/s: what to add to the speed, and the multiplier
+    of the track. Curves beyond the tyres' grip (v w above GRIP_LIMIT) take the multiplier of the tightest curve at that
+    speed that they can hold. Found by driving; takes some 50 ms.
     """
     rows, columns = round(jackal.MAX_SPEED / _V_STEP) + 1, round(jackal.MAX_YAW_RATE / _W_STEP) + 1
     return _rim_table(rows, columns)

@@ -1,5 +1,7 @@
-"""The 300 built-in worlds and their split. `worlds.loading` reads them from data/builtin.npz, 23 kB of packed bits;
-`python -m worlds.builtin` makes that file anew from the generator, and a test compares.
+"""The 300 built-in worlds and their split.
+
+`worlds.loading` reads them from data/builtin.npz, 23 kB of packed bits; `python -m worlds.builtin` makes that file anew
+from the generator, and a test compares.
 """
 
 from __future__ import annotations
@@ -31,14 +33,14 @@ SPLITS = {"train": TRAIN, "test": TEST, "validation": VALIDATION, "learn": LEARN
 
 
 def world(number: int) -> World:
-    """Built-in world `number` (0 to 299). Raises WorldError if the data file is missing or damaged."""
+    """World `number` (0 to 299) of the built-in ones. WorldError if the data file is missing or damaged."""
     filled, path = fields()[number]
     return field.make_world("generated:%d" % number, filled, path)
 
 
 @functools.lru_cache(maxsize=1)
 def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
-    """number -> (filled (30, 30) bool, path (k, 2) int64 cells) of all built-in worlds."""
+    """All built-in worlds: {number: (filled (30, 30) bool, path (k, 2) int64 cells)}."""
     try:
         with np.load(FILE, allow_pickle=False) as data:
             bits, ends, cells = data["filled"], data["path_ends"], data["path_cells"]
@@ -67,6 +69,7 @@ def pack(worlds) -> bytes:
 
 
 def main() -> None:
+    """Generate the 300 worlds and write the data file."""
     data = pack([generator.generate_field(n) for n in range(generator.COUNT)])
     os.makedirs(os.path.dirname(FILE), exist_ok=True)
     with open(FILE + ".part", "wb") as file:

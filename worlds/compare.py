@@ -1,5 +1,7 @@
-"""Does the generator make BARN's kind of worlds? `python -m worlds.compare [FOLDER] [--csv FILE]` puts fill and
-difficulty of the 300 built-in worlds beside BARN's published figures, or beside a folder of BARN's own files.
+"""Whether the generator makes BARN's kind of worlds: `python -m worlds.compare [FOLDER] [--csv FILE]`.
+
+Puts fill and difficulty of the 300 built-in worlds beside BARN's published figures, or beside a folder of BARN's own
+files.
 """
 
 from __future__ import annotations
@@ -102,6 +104,7 @@ def csv_agreement(worlds: List[World], file: str) -> List[str]:
 
 
 def main() -> int:
+    """Exit status 1 and one line where a file cannot be used."""
     parser = argparse.ArgumentParser(prog="python -m worlds.compare", description=__doc__.split("\n\n")[0])
     parser.add_argument("folder", nargs="?", help="folder of BARN's .world files (with path_files/)")
     parser.add_argument(

@@ -1,5 +1,6 @@
-"""A course for a world that was read from a file: stated in the file, taken from BARN's path file beside it,
-or searched for. `sdf_reader` calls it.
+"""A course for a world that was read from a file.
+
+It is stated in the file, taken from BARN's path file beside it, or searched for. `sdf_reader` calls it.
 """
 
 from __future__ import annotations

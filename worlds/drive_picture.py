@@ -1,5 +1,6 @@
-"""The picture of one drive: course and driven path coloured by speed on the left, speed and parameters over time on the
-right. Called by the demo and by whoever else has recorded a drive; knows nothing of ROS.
+"""The picture of one drive: course and driven path on the left, speed and parameters over time on the right.
+
+The path is coloured by speed. Called by the demo and by whoever else has recorded a drive; knows nothing of ROS.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 """BARN's grid: 30 x 30 cells of .15 m behind a corridor, and how cells, paths and worlds in metres belong together.
+
 The generator, the built-in worlds, the SDF reader (for path files) and the difficulty metrics use it.
 """
 

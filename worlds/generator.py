@@ -1,4 +1,5 @@
 """BARN's recipe for worlds: random cells, smoothed by a cellular automaton, kept when a Jackal can pass.
+
 `worlds.builtin` holds what this made for numbers 0 to 299; a test makes them again.
 """
 
@@ -28,13 +29,17 @@ def kind(number: int) -> Tuple[float, int]:
 
 
 def _neighbours(filled: np.ndarray, rows_outside: bool) -> np.ndarray:
-    """(30, 30) filled neighbours of 8 of each cell. Columns outside are free, rows outside as said."""
+    """How many of each cell's 8 neighbours are filled, (30, 30).
+
+    Columns outside the field count as free, rows outside as `rows_outside`.
+    """
     padded = np.pad(np.pad(filled, ((0, 0), (1, 1))), ((1, 1), (0, 0)), constant_values=rows_outside).astype(np.int64)
     return ndimage.convolve(padded, _NEIGHBOURS, mode="constant")[1:-1, 1:-1]
 
 
 def smooth(filled: np.ndarray) -> np.ndarray:
     """One round, all cells at once: 5 or more filled neighbours fill a cell, 1 or fewer clear it.
+
     Rows outside count as filled, columns outside as free.
     """
     neighbours = _neighbours(filled, rows_outside=True)
@@ -57,6 +62,7 @@ def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> np.ndarray
 
 def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarray]:
     """(k, 2) cells from a random free row of the first column to one of the last, or None where there is no way.
+
     The largest region that touches the first column must be the largest that touches the last one.
     """
     free = search.free_space(filled, field.CLEARANCE)

@@ -1,4 +1,5 @@
 """From a specification that a person types ("generated:7", a file, a folder) to worlds.
+
 Everything loads through here.
 """
 

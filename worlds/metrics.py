@@ -1,4 +1,5 @@
 """How hard a world is: BARN's five difficulty metrics, averaged over the reference path.
+
 `worlds.compare` and evaluation reports use them. They equal BARN's published values to the last printed digit.
 """
 

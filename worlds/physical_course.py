@@ -1,6 +1,7 @@
-"""The paper's cardboard course, as far as its text tells: boxes in a walled lane, relatively open, with tight passages,
-unlike any BARN world. `load("physical_course")` gives it: about 22 m, in which default DWA takes about as long as in
-the paper (72.8 s there).
+"""The paper's cardboard course, as far as its text tells.
+
+Boxes in a walled lane, relatively open, with tight passages, unlike any BARN world. `load("physical_course")` gives it:
+about 22 m, in which default DWA takes about as long as in the paper (72.8 s there).
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
-"""Poses and shapes of SDF: transforms are composed in three dimensions, then each collision is cut down to what a
-ground robot meets, a circle or a rectangle. Only `sdf_reader` uses it.
+"""Poses and shapes of SDF.
+
+Transforms are composed in three dimensions, then each collision is cut down to what a ground robot meets, a circle or a
+rectangle. Only `sdf_reader` uses it.
 """
 
 from __future__ import annotations
@@ -37,8 +39,10 @@ def in_the_way(low: float, high: float) -> bool:
 
 
 def cylinder(pose: np.ndarray, radius: float, length: float) -> Tuple[Optional[Circle], Optional[Rectangle]]:
-    """(circle, None) for an upright cylinder, (None, rectangle around it) for a lying or leaning one, (None, None) for
-    one that a Jackal passes under or over.
+    """What a Jackal meets of a cylinder: (circle, rectangle), one of them None.
+
+    The circle of an upright one, the rectangle around a lying or leaning one, (None, None) for one that a Jackal passes
+    under or over.
     """
     axis = pose[:3, 2]
     flat = math.hypot(axis[0], axis[1])

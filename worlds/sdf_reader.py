@@ -1,5 +1,7 @@
-"""Gazebo SDF worlds, BARN's and DynaBARN's among them, read unchanged into a World. `worlds.loading` calls `read`.
-Model, link and collision poses are composed; a saved <state> overrides them, as it does in Gazebo.
+"""Gazebo SDF worlds, BARN's and DynaBARN's among them, read unchanged into a World.
+
+`worlds.loading` calls `read`. Model, link and collision poses are composed; a saved <state> overrides them, as it does
+in Gazebo.
 """
 
 from __future__ import annotations
@@ -42,6 +44,8 @@ def read(path: str) -> World:
 
 
 class Obstacles(NamedTuple):
+    """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
+
     cylinders: np.ndarray
     boxes: np.ndarray
     movers: tuple

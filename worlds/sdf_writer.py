@@ -1,5 +1,6 @@
-"""A World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`. Reading it back gives the same
-world, course included; Gazebo itself passes over our own two elements (namespace applr).
+"""A World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`.
+
+Reading it back gives the same world, course included; Gazebo itself passes over our own two elements (namespace applr).
 """
 
 from __future__ import annotations
@@ -90,6 +91,7 @@ def _row(values: Iterable[float]) -> str:
 
 
 def main() -> int:
+    """Exit status 1 and one line where a world cannot be read or written."""
     from .loading import load
 
     if len(sys.argv) != 3 or sys.argv[1] in ("-h", "--help"):

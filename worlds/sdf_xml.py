@@ -1,5 +1,6 @@
-"""Reading a Gazebo world's XML without trusting it: bounded bytes, elements and depth, no entities, numbers that are
-numbers. Only `sdf_reader` uses it.
+"""Reads a Gazebo world's XML without trusting it.
+
+Bytes, elements and depth are bounded, there are no entities, and numbers have to be numbers. Only `sdf_reader` uses it.
 """
 
 from __future__ import annotations

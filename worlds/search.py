@@ -1,4 +1,5 @@
 """Reference paths on a grid: BARN's own search, move for move, and an exact A* for worlds that come without a path.
+
 The generator uses the first, `worlds.course` the second; both keep a robot's width from what is filled.
 """
 

@@ -1,5 +1,7 @@
-"""What a world is: obstacles on a plane, and the course through them. Plain data, nothing is computed here.
-Every part reads these classes; `worlds.load` makes them. Frame: BARN's, x to the right, y forward, metres, radians.
+"""What a world is: obstacles on a plane, and the course through them.
+
+Plain data, nothing is computed here. Every part reads these classes; `worlds.load` makes them. Frame: BARN's, x to the
+right, y forward, metres, radians.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ class Course:
     @property
     def route_m(self) -> float:
         """Length of the reference route [m]: start, reference path, then the finish line or the goal.
+
         BARN's metric takes its optimal time, at 2 m/s, from it.
         """
         path, end = self.path, self.goal[:2]
@@ -61,8 +64,10 @@ class Course:
 
 @dataclass(frozen=True)
 class Mover:
-    """A moving cylinder (DynaBARN). It passes its waypoints at their times, on cubic polynomials between them, and
-    begins anew after the last one, as Gazebo's repeated animation does.
+    """A moving cylinder (DynaBARN).
+
+    It passes its waypoints at their times, on cubic polynomials between them, and begins anew after the last one, as
+    Gazebo's repeated animation does.
 
     radius     [m]
     waypoints  ((t, x, y), ...) with t rising from 0 [s, m, m]; at least two

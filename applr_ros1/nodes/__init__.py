@@ -1,1 +1,1 @@
-"""The ROS nodes: the only package that imports rospy."""
+"""The ROS nodes. Beside them only sim_bridge's ros_bridge.py and ros_topics.py import rospy."""

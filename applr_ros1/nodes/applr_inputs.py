@@ -1,4 +1,4 @@
-"""What the applr node hears: scan, odometry, global plan and goal. Callbacks only keep the latest.
+"""The applr node's inputs: scan, odometry, global plan and goal. Callbacks only keep the latest message.
 
 Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision needs one: unpacking each would
 cost a sixth of a core.
@@ -25,8 +25,10 @@ _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 @dataclass
 class Snapshot:
-    """The inputs of one decision. ranges (720,) m; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m.
-    The stamps (rospy.Time) say which messages these were, so that a bag's reader can find them.
+    """The inputs of one decision.
+
+    ranges (720,) m; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps (rospy.Time) say which messages
+    these were, so that a bag's reader can find them.
     """
 
     ranges: np.ndarray

@@ -58,7 +58,7 @@ class Topics:
         self._local_goal.publish(_local_goal(seen, target))
 
     def parameters(self, theta):
-        """theta (8,): what the planner has, as numbers and as text above the robot."""
+        """Publish theta (8,), the parameters in force, as numbers and as text above the robot."""
         message = Float64MultiArray(data=theta)
         message.layout.dim = [MultiArrayDimension(",".join(SPACE.names), len(theta), len(theta))]
         self._parameters.publish(message)

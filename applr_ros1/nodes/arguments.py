@@ -86,6 +86,7 @@ def boolean(name, text):
 
 
 def one_of(name, text, choices):
+    """ArgumentError unless the argument `name` has one of the values `choices`."""
     if text not in choices:
         raise ArgumentError("%s is %s: give %s" % (name, text or "empty", " or ".join(choices)))
 
@@ -119,6 +120,7 @@ def path(text):
 
 
 def recording(text):
+    """ArgumentError if the argument `record` names a file that cannot be written; none records nothing."""
     if not path(text):
         return
     folder = os.path.dirname(os.path.abspath(text))

@@ -59,6 +59,7 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 
 def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
+    """A geometry_msgs/PoseStamped of pose (x, y, yaw) [m, m, rad] in `frame`."""
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.position.x, message.pose.position.y = pose[0], pose[1]
@@ -123,6 +124,7 @@ class PackedMessage:
 
 
 def header(frame: str, stamp) -> Header:
+    """A std_msgs/Header."""
     return Header(frame_id=frame, stamp=stamp)
 
 

@@ -1,6 +1,7 @@
-"""One course from start to finish with the whole stack, as ./applr demo shows it: starts the launch file on a master of
-its own, says when each part is up, sends the goal, reports progress, ends every process, and leaves a picture and one
-line of JSON. Called by scripts/demo.py.
+"""The demo: one course from start to finish with the whole stack (./applr demo).
+
+It starts the launch file on a master of its own, says when each part is up, sends the goal, reports progress, ends
+every process, and leaves a picture and one line of JSON. Called by scripts/demo.py.
 """
 
 import dataclasses
@@ -66,6 +67,7 @@ def main(words):
 
 
 def say(text):
+    """Print one line of the demo's progress."""
     print("applr: %s" % text, flush=True)
 
 
@@ -171,6 +173,7 @@ class Stack:
         return (telling[:1] or lines[-1:] or ["it said nothing"])[0][:300]
 
     def stop(self):
+        """End the launch file and everything below it."""
         processes.stop(self.process)
 
 
@@ -213,6 +216,11 @@ class Waiting:
         self.stack = stack
 
     def until(self, condition, seconds, otherwise):
+        """Wait until condition() is true.
+
+        Raises:
+            DemoError: The stack ended, or `seconds` of wall time passed; the error begins with the text `otherwise`.
+        """
         deadline = time.monotonic() + seconds
         while not condition():
             self.stack.check()

@@ -1,5 +1,7 @@
-"""What the demo sees over ROS of one drive, and how it starts and ends it. Called by demo.py; keeps what it hears
-until the picture is drawn. The robot's true pose decides, the course's own rule says when it is finished.
+"""What the demo sees over ROS of one drive, and how it starts and ends it.
+
+Called by demo.py; keeps what it hears until the picture is drawn. The robot's true pose decides, the course's own rule
+says when it is finished.
 """
 
 import math

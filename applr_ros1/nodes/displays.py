@@ -1,6 +1,6 @@
 """Publishes what RViz and others look at: costmaps with their updates, footprints, plans and the cost cloud.
 
-Called by the move_base node after each cycle. Nothing is made that nobody has subscribed to.
+Called by the move_base node after each cycle. A message without subscribers is not made.
 """
 
 from __future__ import annotations

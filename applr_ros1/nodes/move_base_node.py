@@ -288,7 +288,7 @@ class MoveBaseNode:
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _stop(self) -> None:
-        """The last thing the robot hears from a node that shuts down."""
+        """At the shutdown the last command is to stand."""
         self._send(0.0, 0.0)
         time.sleep(0.1)  # publishing is done by another thread
 

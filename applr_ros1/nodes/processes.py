@@ -1,5 +1,6 @@
-"""Child processes that end when they should: started apart from the terminal's Ctrl-C, ended by their own pids, never
-by name. The demo runs the whole stack as one such child (roslaunch with everything below it).
+"""Child processes that always end: started apart from the terminal's Ctrl-C and ended by their pids, never by name.
+
+The demo runs the whole stack as one such child (roslaunch with everything below it).
 """
 
 import ctypes
@@ -20,6 +21,7 @@ def free_port():
 
 
 def port_is_free(port):
+    """Whether a server could listen on this TCP port of localhost now."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -37,9 +37,10 @@ _KINDS = {
 
 @dataclass
 class Report:
-    """What came of one `apply`. ok: every value is in force, read back; theta: (8,) asked for; error: one line;
-    put_back: servers returned to their former values; uncertain: servers that may still carry it out;
-    seconds: wall time it took.
+    """What came of one `apply`.
+
+    ok: every value is in force, read back; theta: (8,) asked for; error: one line; put_back: servers returned to their
+    former values; uncertain: servers that may still carry it out; seconds: wall time it took.
     """
 
     ok: bool
@@ -68,6 +69,7 @@ class Server:
         )
 
     def close(self):
+        """Unsubscribe from the server's topics."""
         for subscriber in self._subscribers:
             subscriber.unregister()
 
@@ -82,11 +84,12 @@ class Server:
             return dict(self._values)
 
     def knows(self, name):
+        """Whether the server has a parameter of that name."""
         with self._lock:
             return name in self._kinds
 
     def clamp(self, name, value):
-        """value inside the bounds that the server declares, as the type it declares. None for a name it lacks."""
+        """`value` inside the bounds and as the type that the server declares; None for a name that it lacks."""
         with self._lock:
             if name not in self._kinds:
                 return None
@@ -141,6 +144,7 @@ class ReconfigureClient:
 
     @property
     def connected(self):
+        """Whether all three servers have been found."""
         return len(self._names) == 3
 
     @property
@@ -205,8 +209,9 @@ class ReconfigureClient:
                 server.close()
 
     def theta(self):
-        """(8,) float64: what the planner has, as last heard (inflation: the local costmap's). None before
-        `connect` has succeeded.
+        """(8,) float64: what the planner has, as last heard (inflation: the local costmap's).
+
+        None before `connect` has succeeded.
         """
         if not self.connected:
             return None
@@ -274,6 +279,7 @@ class ReconfigureClient:
         return None
 
     def close(self):
+        """Unsubscribe from all servers and end the threads."""
         for server in self._servers.values():
             server.close()
         self._pool.shutdown(wait=False)

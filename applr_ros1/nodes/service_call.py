@@ -20,8 +20,10 @@ KEEP = 30.0  # s that a connection waits for a frozen server
 
 
 class ServiceError(IOError):
-    """A call that failed; one line. answered: the server said no. uncertain: the request was sent and nothing
-    came back, so the server may still carry it out.
+    """A call that failed; one line.
+
+    answered: the server said no. uncertain: the request was sent and nothing came back, so the server may still carry
+    it out.
     """
 
     def __init__(self, text, answered=False, uncertain=False):
@@ -30,7 +32,7 @@ class ServiceError(IOError):
 
 
 class Deadline:
-    """A moment of the monotonic wall clock. (The clock of ROS may stand still: it cannot bound a wait.)"""
+    """A moment of the monotonic wall clock. The clock of ROS may stand still, so it cannot bound a wait."""
 
     def __init__(self, seconds):
         self.at = time.monotonic() + seconds
@@ -84,7 +86,11 @@ class ServiceCaller:
         self._waiting = None  # (address, socket, time) of a connection whose header was not answered yet
 
     def call(self, request, deadline):
-        """request → response, both messages of the service's class. Raises ServiceError."""
+        """Send a request and return the response, both messages of the service's class.
+
+        Raises:
+            ServiceError: Refused, not reached, or not answered before `deadline`.
+        """
         if self._address is not None and self._waiting is None:
             try:
                 return self._call_at(self._address, request, deadline)

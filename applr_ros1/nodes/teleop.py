@@ -1,9 +1,9 @@
-"""The teleoperation node: a person drives the simulated or the real robot, and the drive becomes a bag to learn from
-(python -m training.appld BAG). Run by scripts/teleop.py in a terminal.
+"""The teleoperation node: a person drives the robot, and the drive becomes a bag for `python -m training.appld BAG`.
 
-Publishes cmd_vel (20 Hz) and /demonstration (who drives, latched). Parameters: ~input keyboard or joystick; ~joystick a
-device such as /dev/input/js0, or "" for the topic joy; ~button held to drive (4), ~axis_forward (1), ~axis_turn (0);
-~speed, ~turn; ~record a .bag. No goal should be active meanwhile: move_base commands the same robot (goal:=none).
+Run by scripts/teleop.py in a terminal, beside the simulated or the real robot. Publishes cmd_vel (20 Hz) and
+/demonstration (who drives, latched). Parameters: ~input keyboard or joystick; ~joystick a device such as
+/dev/input/js0, or "" for the topic joy; ~button to hold while driving (4), ~axis_forward (1), ~axis_turn (0); ~speed,
+~turn; ~record a .bag file. No goal should be active meanwhile (goal:=none): move_base commands the same robot.
 """
 
 import json
@@ -71,6 +71,7 @@ class Recorder:
                 self.error = "%s: not recorded any more (%s)" % (self.path, str(error).splitlines()[0])
 
     def close(self):
+        """End the recording; the bag gets its final name."""
         for subscriber in self._heard:
             subscriber.unregister()
         with self._lock:

@@ -113,8 +113,9 @@ class Keyboard:
 
 
 class Joystick:
-    """A Linux joystick device (/dev/input/js0), read directly. axes, buttons: {number: value}, an axis in [-1, 1] with
-    forward and left positive, as ROS's joy node has them.
+    """A Linux joystick device (/dev/input/js0), read directly.
+
+    axes, buttons: {number: value}, an axis in [-1, 1] with forward and left positive, as ROS's joy node has them.
     """
 
     EVENT = struct.Struct("<IhBB")
@@ -141,6 +142,7 @@ class Joystick:
                 return
 
     def close(self):
+        """Close the device."""
         os.close(self.file)
 
 

@@ -31,6 +31,7 @@ class ClearCostmapRecovery:
         self.name, self.side = name, side
 
     def start(self, now: float, pose: Pose) -> None:
+        """Begin at time `now` [s]; nothing has to be remembered."""
         pass
 
     def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:

@@ -15,7 +15,7 @@ from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
-FEW = 4096  # so many changed obstacle cells are repaired, more are spread anew
+FEW = 4096  # up to so many changed obstacle cells the costs are repaired, beyond it computed anew
 
 
 @dataclass
@@ -276,7 +276,10 @@ def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
 
 @njit(cache=True)
 def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0, xn, yn):
-    """entries (m, 4): x, y, source (as x + nx y), next entry of the same bin."""
+    """Spread costs as C++ does, through one queue per cost level.
+
+    Rows of entries (m, 4): x, y, source (as x + nx y), next entry of the same level.
+    """
     ny, nx = master.shape
     bins = level_cost.shape[0] - 1
     head = np.full(bins, -1, np.int64)

@@ -13,8 +13,10 @@ from numba import njit
 
 @dataclass
 class LaserScan:
-    """One scan. Angles [rad], ranges (n,) float32 [m], +inf = no return; `sensor_pose` (x, y, yaw) is the
-    laser's pose in the costmap's frame at `stamp` [s], `sensor_height` its z [m].
+    """One scan.
+
+    Angles [rad], ranges (n,) float32 [m], +inf = no return; `sensor_pose` (x, y, yaw) is the laser's pose in the
+    costmap's frame at `stamp` [s], `sensor_height` its z [m].
     """
 
     stamp: float
@@ -39,7 +41,7 @@ _beams = {}
 
 
 def _beam_directions(angle_min, angle_increment, count):
-    """cos and sin (count, 2) of every beam, kept for the last few scan geometries."""
+    """Cosine and sine (count, 2) of every beam, kept for the last few scan geometries."""
     key = (angle_min, angle_increment, count)
     table = _beams.get(key)
     if table is None:

@@ -15,8 +15,10 @@ PUSH_WEIGHTS = push_weights()
 
 
 class Navfn:
-    """Plans on a Costmap. One instance serves one map: it keeps navfn's cost array in step with the costmap, and
-    answers from memory as long as nothing that the last flood looked at has changed.
+    """Plans on a Costmap.
+
+    One instance serves one map: it keeps navfn's cost array in step with the costmap, and answers from memory as long
+    as nothing that the last flood looked at has changed.
     """
 
     def __init__(self, list_size=LIST_SIZE):

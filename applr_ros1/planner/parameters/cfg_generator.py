@@ -1,5 +1,6 @@
-"""Turns one server's parameters into a dynamic_reconfigure configuration; the files in applr_ros1/cfg call it
-at build time, under ROS's interpreter and without numpy.
+"""Turns one server's parameters into a dynamic_reconfigure configuration.
+
+The files in applr_ros1/cfg call it while catkin builds the package, under ROS's interpreter and without numpy.
 """
 
 from __future__ import annotations

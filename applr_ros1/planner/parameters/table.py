@@ -1,5 +1,7 @@
-"""docs/parameters.md, made from the declarations: `python -m applr_ros1.planner.parameters.table docs/parameters.md`
-writes the lists between the file's two marks. A test checks that the file holds what this makes. Standard library only.
+"""Writes docs/parameters.md from the declarations.
+
+`python -m applr_ros1.planner.parameters.table docs/parameters.md` writes the lists between the file's two marks. A test
+checks that the file holds what this makes. Standard library only.
 """
 
 from __future__ import annotations

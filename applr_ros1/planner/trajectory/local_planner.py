@@ -127,7 +127,7 @@ class LocalPlanner:
         return self._clamped(-speed if wanted < 0 else speed)
 
     def _clamped(self, w):
-        """w within the slowest and the fastest turn rate, by its sign."""
+        """The turn rate w moved between the slowest and the fastest one, by its sign."""
         if w > 0:
             return min(self._fastest_turn, max(self._slowest_turn, w))
         return max(-self._fastest_turn, min(-self._slowest_turn, w))
