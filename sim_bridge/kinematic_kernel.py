@@ -7,7 +7,8 @@ three fitted numbers.
 from math import atan2, cos, hypot, sin
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 from . import jackal, skid_steer
 
@@ -28,7 +29,7 @@ _PARTS = np.array(
 _REACH = hypot(jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH) + hypot(*jackal.COM)
 
 
-@njit(cache=True)
+@kernel
 def _circle_contact(px, py, r, part):
     """Contact of a circle at (px, py) in the body's frame with one part of the outline.
 
@@ -47,7 +48,7 @@ def _circle_contact(px, py, r, part):
     return r + b - abs(py), x + px, y + sign * b, 0.0, -sign
 
 
-@njit(cache=True)
+@kernel
 def _box_contact(px, py, ax, ay, hx, hy, part):
     """Contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
 
@@ -79,12 +80,12 @@ def _box_contact(px, py, ax, ay, hx, hy, part):
     return depth, x + (-a if nx > 0.0 else a), y + (-b if ny > 0.0 else b), nx, ny
 
 
-@njit(cache=True)
+@kernel
 def _note(row, depth, x, y, nx, ny, part):
     row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7] = depth, x, y, nx, ny, part, 0.0, 0.0
 
 
-@njit(cache=True)
+@kernel
 def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
     """Fill found (_MOST, 8) with the contacts of the outline at (x, y), heading (c, s), and return how many there are.
 
@@ -121,7 +122,7 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
     return n
 
 
-@njit(cache=True)
+@kernel
 def _press(u, s, w, found, n, rims, p):
     """Impulses of n contacts on the moving body: the velocity (u, s, w) after them, and whether any pressed.
 
@@ -162,7 +163,7 @@ def _press(u, s, w, found, n, rims, p):
     return u, s, w, pressed
 
 
-@njit(cache=True)
+@kernel
 def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise, friction, slip):
     """Advance state (SIZE,) and wheels (skid_steer.SIZE,) by `steps` steps of STEP.
 

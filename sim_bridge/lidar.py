@@ -10,7 +10,8 @@ there, and off by a centimetre).
 from math import sqrt
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 from . import jackal
 
@@ -60,7 +61,7 @@ def box_edges(boxes):
     return edges
 
 
-@njit(cache=True)
+@kernel
 def _bearing(y, x):
     """Return atan2(y, x) within .0003 rad.
 
@@ -80,7 +81,7 @@ def _bearing(y, x):
     return -a if y < 0.0 else a
 
 
-@njit(cache=True)
+@kernel
 def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
     """Shorten the beams that meet the circle, centre (cx, cy) in the laser's frame.
 
@@ -115,7 +116,7 @@ def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
     return False
 
 
-@njit(cache=True)
+@kernel
 def _cut_edge(x0, y0, x1, y1, cos_t, sin_t, best):
     """Shorten the beams that meet the segment from (x0, y0) to (x1, y1), in the laser's frame."""
     a0 = _bearing(y0, x0)
@@ -136,7 +137,7 @@ def _cut_edge(x0, y0, x1, y1, cos_t, sin_t, best):
                     best[i] = reach
 
 
-@njit(cache=True)
+@kernel
 def _scan(x, y, yaw, circles, movers, edges, order, keys, cos_t, sin_t, ranges):
     best = np.full(ranges.shape[0], jackal.RANGE_MAX)
     c, s = np.cos(yaw), np.sin(yaw)

@@ -9,7 +9,8 @@ import os
 from math import atan2
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 from . import bullet_scene as scene
 from . import jackal, skid_steer
@@ -145,7 +146,7 @@ class PybulletSimulator(Simulator):
         )
 
 
-@njit(cache=True)
+@kernel
 def _axes(qx, qy, qz, qw):
     """Cosine and sine of the heading, and the heights of the body's three axes.
 
@@ -162,7 +163,7 @@ def _axes(qx, qy, qz, qw):
     )
 
 
-@njit(cache=True)
+@kernel
 def _pull(drive, v, w, table, noise, slip, friction, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """One step of wheels and tyres.
 
@@ -191,7 +192,7 @@ def _pull(drive, v, w, table, noise, slip, friction, lift, px, py, pz, qx, qy, q
     )
 
 
-@njit(cache=True)
+@kernel
 def _planar(px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
     c, s, _, _, up_z = _axes(qx, qy, qz, qw)

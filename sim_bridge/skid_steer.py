@@ -15,7 +15,8 @@ from functools import lru_cache
 from math import cos, exp, sin, sqrt
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 from . import jackal
 
@@ -40,7 +41,7 @@ _KEEP_WHEEL, _KEEP_GRIP = exp(-STEP / jackal.WHEEL_TIME), exp(-STEP / jackal.GRI
 _KEEP_PULL = exp(-STEP / 0.02)
 
 
-@njit(cache=True)
+@kernel
 def turn_wheels(drive, v, w, table, noise, slip):
     """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits.
 
@@ -63,7 +64,7 @@ def turn_wheels(drive, v, w, table, noise, slip):
     drive[RIGHT] = ahead + side + (moving + jackal.WHEEL_NOISE * abs(ahead + side)) * drive[WHEEL_NOISE + 1]
 
 
-@njit(cache=True)
+@kernel
 def _rims(v, w, table):
     """Mean and half difference of the rim speeds for (v, w), bilinear in the table."""
     sign = 1.0 if v > 0.0 else -1.0
@@ -76,7 +77,7 @@ def _rims(v, w, table):
     return v + sign * more, 0.5 * jackal.TRACK * w * spread
 
 
-@njit(cache=True)
+@kernel
 def tyres(drive, u, s, w, friction, lift):
     """Change (du, ds, dw) of the body's velocity by its tyres in one step.
 
@@ -130,7 +131,7 @@ def rim_table():
     return _rim_table(rows, columns)
 
 
-@njit(cache=True)
+@kernel
 def _rim_table(n_v, n_w):
     table = np.zeros((n_v, n_w, 2))
     for i in range(n_v):
@@ -143,7 +144,7 @@ def _rim_table(n_v, n_w):
     return table
 
 
-@njit(cache=True)
+@kernel
 def _settle(v, w):
     """Drive at (v, w) and correct the rims until body and command agree: (to add to v, multiplier)."""
     drive, lift = np.zeros(SIZE), np.ones(4)

@@ -6,10 +6,11 @@ Called by both local planners.
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def wrapped(yaw):
     """An angle after its way through a quaternion: in (-pi, pi], last bits may differ."""
     z = math.sin(yaw / 2)
@@ -17,7 +18,7 @@ def wrapped(yaw):
     return math.atan2(2 * (w * z), w * w - z * z)
 
 
-@njit(cache=True)
+@kernel
 def angle_difference(a, b):
     """The angle from a to b, in (-pi, pi]."""
     r = np.fmod(b - a + math.pi, 2.0 * math.pi)

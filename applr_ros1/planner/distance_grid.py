@@ -12,8 +12,8 @@ queue: the cells in the order of their distances; ends: [next to expand, first f
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN, world_to_map
 
 
@@ -24,7 +24,7 @@ def allocate(nx, ny):
     return distance, np.zeros(nx * ny + 8, np.uint32), np.zeros(2, np.int64)
 
 
-@njit(cache=True)
+@kernel
 def reset(distance, ends, cells):
     """Walls where the costmap `cells` (ny, nx) has 253 and above, all else unseen; nothing to expand."""
     ny, nx = cells.shape
@@ -37,7 +37,7 @@ def reset(distance, ends, cells):
     ends[0] = ends[1] = 0
 
 
-@njit(cache=True)
+@kernel
 def start_at(distance, queue, ends, k):
     """Begin the flood at the cell k, wall or not."""
     distance[k] = 0
@@ -45,7 +45,7 @@ def start_at(distance, queue, ends, k):
     ends[1] += 1
 
 
-@njit(cache=True)
+@kernel
 def start_at_plan(distance, queue, ends, cells, ox, oy, resolution, plan, whole):
     """Begin the flood at the cells of the plan (n, 2) [m], made as dense as the map; returns the last one (x, y).
 
@@ -84,7 +84,7 @@ def start_at_plan(distance, queue, ends, cells, ox, oy, resolution, plan, whole)
     return goal_x, goal_y
 
 
-@njit(cache=True)
+@kernel
 def settle(distance, queue, ends, stride, unseen, cell, limit):
     """Flood on until `cell` has its value; returns it: a distance, a wall's value, or `unseen`.
 
@@ -124,7 +124,7 @@ def settle(distance, queue, ends, stride, unseen, cell, limit):
     return int(distance[wanted])
 
 
-@njit(cache=True)
+@kernel
 def complete(distance, queue, ends, nx, ny, out):
     """Flood to the end and write the grid as C++ holds it into `out` (ny, nx) int32.
 
@@ -138,7 +138,7 @@ def complete(distance, queue, ends, nx, ny, out):
             out[row, column] = final_value(distance, (row + 1) * stride + column + 1, stride, nx * ny)
 
 
-@njit(cache=True)
+@kernel
 def final_value(distance, k, stride, n):
     """What C++ holds at the cell k, once k and its four neighbours are settled."""
     value = int(distance[k])

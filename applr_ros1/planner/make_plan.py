@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
 MOST_STEPS = 100000  # along one axis; goals farther from the map than that are not looked around
@@ -61,7 +61,7 @@ def _cells(values, costmap, axis):
     return np.minimum(((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64), costmap.size[axis] - 1)
 
 
-@njit(cache=True)
+@kernel
 def _reachable(cells, sx, sy, allow_unknown):
     """(ny, nx) bool: the cells a flood can come to from (sx, sy): 4-connected, the map's border shut."""
     ny, nx = cells.shape

@@ -3,10 +3,10 @@
 Called by the local planners, which score samples in this order until no other can win.
 """
 
-from numba import njit
+from applr_ros1.common.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def sift_down(heap, keys, count, i):
     """Restore the heap of sample numbers, least (key, number) on top, after the key of heap[i] grew."""
     sample = heap[i]
@@ -21,6 +21,6 @@ def sift_down(heap, keys, count, i):
     heap[i] = sample
 
 
-@njit(cache=True)
+@kernel
 def _before(keys, a, b):
     return keys[a] < keys[b] or (keys[a] == keys[b] and a < b)

@@ -15,7 +15,8 @@ Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueue
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 WALL = 0
 SEED = 1
@@ -44,7 +45,7 @@ def tables(reach):
     return step_level.reshape(-1), tuple(distances.tolist())
 
 
-@njit(cache=True)
+@kernel
 def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
     """List in `changed` the padded cells that begin or cease to be a seed; returns their number.
 
@@ -74,7 +75,7 @@ def seed_changes(base, level, x0, y0, xn, yn, ax0, ay0, axn, ayn, changed):
     return count
 
 
-@njit(cache=True)
+@kernel
 def _any_seed(levels):
     found = np.uint8(0)
     for i in range(levels.shape[0]):
@@ -82,7 +83,7 @@ def _any_seed(levels):
     return found
 
 
-@njit(cache=True)
+@kernel
 def wipe(level, cost, x0, y0, xn, yn):
     """Nothing reaches the cells [x0, xn) x [y0, yn) any more."""
     for y in range(y0 + 1, yn + 1):
@@ -90,7 +91,7 @@ def wipe(level, cost, x0, y0, xn, yn):
         cost[y, x0 + 1 : xn + 1] = 0
 
 
-@njit(cache=True)
+@kernel
 def _enqueue(queue, used, entry, level):
     """Append an entry (4 cell + direction) to a level's queue; returns the number of entries used.
 
@@ -107,7 +108,7 @@ def _enqueue(queue, used, entry, level):
     return used + 1
 
 
-@njit(cache=True)
+@kernel
 def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, queue):
     """Spread the `count` padded cells in `seeds`, in row order, over arrays that are NONE. False: `queue` too short."""
     width = level2.shape[1]
@@ -154,7 +155,7 @@ def rebuild(seeds, count, level2, link, cost, step_level, level_cost, reach, que
     return True
 
 
-@njit(cache=True)
+@kernel
 def _earlier(level, link, steps, n1, k1, n2, k2):
     """Whether C++ enqueued the step k1 from n1 before the step k2 from n2, both of one level."""
     while True:
@@ -170,7 +171,7 @@ def _earlier(level, link, steps, n1, k1, n2, k2):
         n2 -= steps[k2]
 
 
-@njit(cache=True)
+@kernel
 def _fell(level, link, cost, steps, root, lost, count):
     """Forget `root` and all cells that were reached through it; append them to `lost`; returns the new count."""
     lost[count] = root
@@ -191,7 +192,7 @@ def _fell(level, link, cost, steps, root, lost, count):
     return count
 
 
-@njit(cache=True)
+@kernel
 def repair(changed, count, level2, link, cost, step_level, level_cost, reach, queue, lost):
     """Take the padded cells in `changed` in or out as seeds and evaluate again what depends on them.
 

@@ -7,8 +7,8 @@ import ast
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, walk_line, world_to_map
 
 OFF_MAP = -3.0
@@ -105,7 +105,7 @@ def radii(vertices):
     return inscribed, circumscribed
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def footprint_cost(cells, ox, oy, resolution, vertices, x, y, yaw):
     """Cost of the outline of `vertices` (n, 2) [m] at the pose (x, y, yaw) on `cells` (ny, nx).
 
@@ -147,7 +147,7 @@ def footprint_cost(cells, ox, oy, resolution, vertices, x, y, yaw):
     return float(worst)
 
 
-@njit(cache=True)
+@kernel
 def line_cost(cells, x0, y0, x1, y1):
     """Largest cost on the line of cells from (x0, y0) to (x1, y1); -1 / -2 at the first lethal / unknown one."""
     adx = abs(x1 - x0)
@@ -182,7 +182,7 @@ def line_cost(cells, x0, y0, x1, y1):
     return worst
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
     """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; returns success.
 
@@ -242,7 +242,7 @@ def fill_footprint(grid, value, ox, oy, resolution, vertices, x, y, yaw, whole):
     return True
 
 
-@njit(cache=True)
+@kernel
 def _draw_line(grid, value, x0, y0, x1, y1):
     n = max(abs(x1 - x0), abs(y1 - y0)) + 1
     xs = np.empty(n, np.int64)

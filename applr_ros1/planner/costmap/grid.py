@@ -7,7 +7,8 @@ multiplying by 1 / resolution instead would move points on cell borders.
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 FREE = 0
 INSCRIBED = 253
@@ -15,7 +16,7 @@ LETHAL = 254
 UNKNOWN = 255
 
 
-@njit(cache=True)
+@kernel
 def world_to_map(wx, wy, ox, oy, resolution, nx, ny):
     """Cell (mx, my) of the point (wx, wy) [m]; (-1, -1) if it is off the map. costmap_2d.cpp:208."""
     if wx < ox or wy < oy:
@@ -27,7 +28,7 @@ def world_to_map(wx, wy, ox, oy, resolution, nx, ny):
     return int(fx), int(fy)
 
 
-@njit(cache=True)
+@kernel
 def map_to_world(mx, my, ox, oy, resolution):
     """Centre (x, y) [m] of the cell (mx, my)."""
     return ox + (mx + 0.5) * resolution, oy + (my + 0.5) * resolution
@@ -57,7 +58,7 @@ def size_in_meters(n, resolution):
     return (n - 1 + 0.5) * resolution
 
 
-@njit(cache=True)
+@kernel
 def walk_line(x0, y0, x1, y1, xs, ys, start):
     """Write the cells from (x0, y0) to (x1, y1), both included, into xs, ys from index `start`; return the end.
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance
 
@@ -233,7 +233,7 @@ class InflationLayer:
         return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
 
 
-@njit(cache=True)
+@kernel
 def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
     """Inflated value of every cell [x0, xn) x [y0, yn) into the master; returns the rectangle of changes or None.
 
@@ -274,7 +274,7 @@ def _apply(master, base, cost, columns, inflate_unknown, x0, y0, xn, yn):
     return x0 + left, first, x0 + right, last + 1
 
 
-@njit(cache=True)
+@kernel
 def _inflate(master, seen, entries, bin_of, level_cost, inflate_unknown, x0, y0, xn, yn):
     """Spread costs as C++ does, through one queue per cost level.
 

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.grid import (
     FREE,
@@ -147,7 +147,7 @@ class ObstacleLayer:
         )
 
 
-@njit(cache=True)
+@kernel
 def _touch_footprint(footprint, x, y, yaw, bounds):
     c = math.cos(yaw)
     s = math.sin(yaw)
@@ -162,7 +162,7 @@ def _touch_footprint(footprint, x, y, yaw, bounds):
         bounds[3] = max(bounds[3], py)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _observe(
     cells,
     origin,
@@ -249,7 +249,7 @@ def _observe(
     bounds[3] = max_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _clear_rays(
     flat, nx, ny, ox, oy, res, points, hits, sx, sy, x0, y0, raytrace_range, reach, source_min, source_max, bounds
 ):
@@ -334,7 +334,7 @@ def _clear_rays(
     bounds[3] = max_y
 
 
-@njit(cache=True)
+@kernel
 def _merge(layer, master, base, default, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
     empty = np.uint8(default)
     for y in range(ay0, ayn):
@@ -353,7 +353,7 @@ def _merge(layer, master, base, default, merging, x0, y0, xn, yn, ax0, ay0, axn,
                 target[i] = empty
 
 
-@njit(cache=True)
+@kernel
 def _copy(source, target):
     for i in range(source.shape[0]):
         target[i] = source[i]

@@ -6,8 +6,8 @@ Called by the local planners. The numbers are those of costmap/footprint.footpri
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
 
@@ -29,7 +29,7 @@ def line_offsets(footprint, resolution, nx):
     return table
 
 
-@njit(cache=True)
+@kernel
 def _fill_offsets(table, r, nx):
     xs = np.zeros(r + 1, np.int64)
     ys = np.zeros(r + 1, np.int64)
@@ -39,13 +39,13 @@ def _fill_offsets(table, r, nx):
                 table[dy + r, dx + r, i] = ys[i] * nx + xs[i]
 
 
-@njit(cache=True)
+@kernel
 def on_border(f, margin):
     """Whether the cell coordinate f lies within `margin` cells of a border between two cells."""
     return abs(f - math.floor(f + 0.5)) < margin
 
 
-@njit(cache=True)
+@kernel
 def outline_cost(cells, flat, ox, oy, resolution, footprint, lines, x, y, c, s, cx, cy, margin):
     """Largest cost on the footprint's outline at x, y and heading (cosine c, sine s); negative if illegal.
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Tuple
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 
 @dataclass
@@ -80,7 +81,7 @@ def project(scan, inf_is_valid=False):
     return PointCloud((x, y, z), points[:count])
 
 
-@njit(cache=True)
+@kernel
 def _project(ranges, table, range_min, range_max, inf_is_valid, x, y, z, yaw, points):
     one = np.float32(1.0)
     two = np.float32(2.0)

@@ -12,7 +12,8 @@ Indices are uint64 so that numba adds no wrap-around for negative ones.
 """
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 OBSTACLE = 254
 LIST_SIZE = 10000  # cells a propagation list holds; more are lost, as in C++
@@ -45,7 +46,7 @@ def scratch(list_size=LIST_SIZE):
     return np.empty((3, list_size + 4), np.uint32), np.empty((list_size + 4) * 8, np.float32)
 
 
-@njit(cache=True)
+@kernel
 def reset(field, lines):
     """Set the potentials of all noted lines back to 1e10 and forget the notes."""
     far = np.float32(1e10)
@@ -59,7 +60,7 @@ def reset(field, lines):
             groups[g] = 0
 
 
-@njit(cache=True)
+@kernel
 def _push(field, lists, end, k, old, new):
     """List the cell at place k, whose potential was `old`, if its neighbour's `new` one asks for it; new end."""
     weight = field[k + _int(1)]
@@ -69,7 +70,7 @@ def _push(field, lists, end, k, old, new):
     return end + _int(push)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
     """Grow the potential from the cell `robot_` until `goal_` is reached.
 
@@ -170,7 +171,7 @@ def flood(field, lines, lists_, before, nx_, ny_, robot_, goal_):
         field[_int(lists[over + i]) + one] *= UNLISTED
 
 
-@njit(cache=True)
+@kernel
 def _push_carefully(field, lines, lists, before, current, improved, threshold, row, following, over, n_over, room):
     """The pushes of one cycle when a list may run full: pushes to a full list are lost."""
     n_following = _int(0)

@@ -5,8 +5,8 @@ equal to the C++ ones byte for byte.
 """
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, flood, make_field, push_weights, reset, scratch
 from applr_ros1.planner.navfn.path import trace
@@ -106,7 +106,7 @@ class Navfn:
         return plan
 
 
-@njit(cache=True)
+@kernel
 def _to_world(path, n, ox, oy, res, plan):
     """The n traced points (cells, goal first) as world points of the plan, robot first; no half cell is added."""
     for i in range(n):
@@ -114,7 +114,7 @@ def _to_world(path, n, ox, oy, res, plan):
         plan[i, 1] = oy + np.float64(path[n - 1 - i, 1]) * res
 
 
-@njit(cache=True)
+@kernel
 def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, y0, xn, yn):
     """Bring navfn's costs and weights of the cells [x0, xn) x [y0, yn) up to date; the map's border stays an obstacle.
 
@@ -156,7 +156,7 @@ def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, 
     return stale
 
 
-@njit(cache=True)
+@kernel
 def _target(potential, ox, oy, res, nx, ny, gx, gy, tolerance):
     """Cell, x, y of the reached point nearest to the goal in the square of `tolerance` [m]; cell -1 if there is none.
 

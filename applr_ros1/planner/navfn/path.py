@@ -7,10 +7,11 @@ a cell outside its arrays at the map's ends; here such cells count as unreached.
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def trace(potential, nx, ny, start, robot, path):
     """Trace from the cell `start` down to `robot`; points [cells] go into `path` (4 nx, 2) float32.
 
@@ -74,7 +75,7 @@ def trace(potential, nx, ny, start, robot, path):
     return 0
 
 
-@njit(cache=True)
+@kernel
 def _lowest_around(potential, nx, ns, c):
     """The neighbour of lowest potential, compared with truncated potentials as in C++; c itself if none is lower."""
     lowest = _truncate(potential[c])
@@ -86,7 +87,7 @@ def _lowest_around(potential, nx, ns, c):
     return best
 
 
-@njit(cache=True)
+@kernel
 def _gradient(potential, nx, ns, n):
     """Normalised gradient (gx, gy) of a cell, float32. navfn.cpp:955."""
     zero = np.float32(0.0)
@@ -126,26 +127,26 @@ def _gradient(potential, nx, ns, n):
     return gx, gy
 
 
-@njit(cache=True)
+@kernel
 def _hypot(x, y):
     a = np.float64(x)
     b = np.float64(y)
     return np.float32(math.sqrt(a * a + b * b))
 
 
-@njit(cache=True)
+@kernel
 def _round(v):
     """To the nearest integer, halves away from zero."""
     return int(math.floor(v + 0.5)) if v >= 0 else -int(math.floor(-v + 0.5))
 
 
-@njit(cache=True)
+@kernel
 def _truncate(v):
     """A float32 as a C int: what does not fit becomes the smallest one."""
     return -2147483648 if v >= np.float32(2147483648.0) else int(v)
 
 
-@njit(cache=True)
+@kernel
 def _blend(g0, g1, g2, g3, dx, dy):
     """Bilinear mean of the gradients of four cells: first products double, second ones float32, sums double."""
     a = 1.0 - np.float64(dx)

@@ -7,8 +7,7 @@ sure of it: a bound is never above the exact cost, and no result depends on the 
 
 import math
 
-from numba import njit
-
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
 from applr_ros1.planner.trajectory.scoring import advance, new_velocity, step_count
@@ -17,7 +16,7 @@ MARGIN = 1e-6  # [cells]; the closed forms are good to about 1e-10
 LARGEST_TURN = 0.5  # [rad] a step; the chord's formula fails near a full turn
 
 
-@njit(cache=True)
+@kernel
 def small_turn(a):
     """(cos a, sin a) by their series, for |a| <= .25 good to about 1e-15."""
     t = a * a
@@ -27,7 +26,7 @@ def small_turn(a):
     )
 
 
-@njit(cache=True)
+@kernel
 def ramp(p, start, c, s, vx, w, dt, moves):
     """(moves made, x, y, c, s) where the sample (vx, w) first has its velocities, or after `moves`.
 
@@ -51,7 +50,7 @@ def ramp(p, start, c, s, vx, w, dt, moves):
     return moves, x, y, c, s
 
 
-@njit(cache=True)
+@kernel
 def along_arc(x, y, c, s, length, turn, n):
     """(x, y) after n moves of `length` [m] and `turn` [rad] each: the chord of the polygon that they make.
 
@@ -65,7 +64,7 @@ def along_arc(x, y, c, s, length, turn, n):
     return x + length * ratio * (c * mc - s * ms), y + length * ratio * (s * mc + c * ms)
 
 
-@njit(cache=True)
+@kernel
 def exact_end(p, start, vx, w, steps):
     """(x, y) of the last scored point, step by step as trajectory_scoring.score_below."""
     dt = p.sim_time / steps
@@ -79,7 +78,7 @@ def exact_end(p, start, vx, w, steps):
     return x, y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
     """Cell (x, y) of the sample's last point, (-1, -1) off the map; c, s: of the heading at the start."""
     steps = step_count(p, vx, 0.0, w)
@@ -95,7 +94,7 @@ def end_cell(p, nx, ny, ox, oy, resolution, start, c, s, vx, w):
     return world_to_map(x, y, ox, oy, resolution, nx, ny)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def probe(p, scene, start, c, s, vx, w, occupied, allowed):
     """A cost that the sample (vx, w) meets, from a few of its poses; -1 if one of them is illegal.
 

@@ -6,15 +6,14 @@ scoring ends where no bound is left that beats the best cost. docs/planner.md, s
 
 import math
 
-from numba import njit
-
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.distance_grid import settle
 from applr_ros1.planner.sample_heap import sift_down
 from applr_ros1.planner.trajectory.bounds import end_cell, probe
 from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, score_below, terms
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
     """(cost, vx, w, number of points) of the best forward sample; HUGE and no points if none is legal.
 
@@ -55,7 +54,7 @@ def best_forward(p, scene, grids, scratch, start, vs, ws, occupied):
     return best, best_vx, best_w, best_points
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
     """Fill bases (lower bounds of path and goal terms), keys (of costs) and heap; returns how many may win.
 
@@ -103,7 +102,7 @@ def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
     return count
 
 
-@njit(cache=True)
+@kernel
 def _at_least(distance, queue, ends, nx, ny, k, limit):
     """The distance of the cell k, or limit + 1 where the flood would have to go beyond the limit for it."""
     value = settle(distance, queue, ends, nx + 2, nx * ny + 1, k, limit)

@@ -7,8 +7,8 @@ cheap ones come first and most turns are never rolled out.
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
 from applr_ros1.planner.distance_grid import final_value, settle
 from applr_ros1.planner.trajectory.scoring import (
@@ -24,7 +24,7 @@ from applr_ros1.planner.trajectory.scoring import (
 WIDEST = 40  # [cells] about the robot that are looked through at most
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
     """(cost, w, number of points) of the turn that replaces a sample of cost `best`; no points if none does.
 
@@ -70,7 +70,7 @@ def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
     return best, chosen, points
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _end(p, start, w):
     """(x, y, theta) of the last scored point of a turn in place: exact, for the position soon rests."""
     steps = step_count(p, 0.0, 0.0, w)
@@ -86,7 +86,7 @@ def _end(p, start, w):
     return x, y, theta
 
 
-@njit(cache=True)
+@kernel
 def _distance_ahead(p, scene, grids, x, y, theta, limit):
     """Goal distance of the cell `heading_lookahead` ahead of a pose; -1 if off the map or not below `limit`."""
     ny, nx = scene.cells.shape
@@ -115,7 +115,7 @@ def _distance_ahead(p, scene, grids, x, y, theta, limit):
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _surroundings(p, scene, start):
     """Largest cost that any turn in place from `start` can meet; NO_CEILING if not known or illegal."""
     ny, nx = scene.cells.shape

@@ -6,8 +6,8 @@ Called by MoveBase once per control cycle. Rules: base_local_planner/trajectory_
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
@@ -155,7 +155,7 @@ def cut_plan(plan, x, y, limit, prune):
     return plan[first:last].copy(), dropped
 
 
-@njit(cache=True)
+@kernel
 def _cut(plan, x, y, limit, prune):
     n = plan.shape[0]
     first = 0
@@ -174,7 +174,7 @@ def _cut(plan, x, y, limit, prune):
     return first, last, dropped
 
 
-@njit(cache=True)
+@kernel
 def _squared_distance(plan, i, x, y):
     dx = x - plan[i, 0]
     dy = y - plan[i, 1]

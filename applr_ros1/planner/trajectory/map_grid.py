@@ -7,8 +7,8 @@ import math
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
 from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.distance_grid import reset, start_at, start_at_plan
@@ -25,7 +25,7 @@ def allocate(nx, ny):
     return Grids(path, goal, path_queue, goal_queue, path_ends, goal_ends, np.zeros((ny, nx), np.uint8))
 
 
-@njit(cache=True)
+@kernel
 def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
     """Reset both grids for the costmap `cells` (ny, nx) and put 0 where the floods begin.
 
@@ -42,7 +42,7 @@ def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
     return goal_x, goal_y
 
 
-@njit(cache=True)
+@kernel
 def _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw):
     """Mark the cells within the robot and make them passable for the path grid."""
     ny, nx = grids.within.shape

@@ -7,8 +7,8 @@ import math
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
@@ -52,7 +52,7 @@ def allocate(vx_samples, vtheta_samples):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     """One cycle: floods, samples, winner, flags. params, state: one record each.
 
@@ -108,7 +108,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     return cost, best_vx, best_w, points, best_vx, wrapped(best_w)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def velocity_window(p, plan, start):
     """(least vx, most vx, least w, most w) of this cycle's samples. docs/planner.md, section 6.3."""
     most_vx = p.max_vel_x
@@ -124,7 +124,7 @@ def velocity_window(p, plan, start):
     return least_vx, most_vx, least_w, most_w
 
 
-@njit(cache=True)
+@kernel
 def fill_evenly(least, most, values):
     """Fill `values` (n,) from `least` on in equal steps by repeated addition; returns the step, 0 for one value."""
     n = values.shape[0]
@@ -136,7 +136,7 @@ def fill_evenly(least, most, values):
     return step
 
 
-@njit(cache=True)
+@kernel
 def first_pose(p, scene, grids, start):
     """Cost under the robot as it stands, COLLISION or NO_PATH: the first point of every sample."""
     cells, ox, oy, resolution, footprint, lines, _ = scene
@@ -173,7 +173,7 @@ def first_pose(p, scene, grids, start):
     return max(cost, int(cells[cy, cx]))
 
 
-@njit(cache=True)
+@kernel
 def remember(p, state, start, cost, vx, w, legal):
     """Take the cycle's choice into the flags. docs/planner.md, section 6.6.
 

@@ -8,8 +8,8 @@ import math
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
@@ -57,7 +57,7 @@ PARAMETERS = np.dtype(
 Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan")
 
 
-@njit(cache=True)
+@kernel
 def new_velocity(target, velocity, acceleration, dt):
     """The velocity after dt on its way to `target`."""
     if target - velocity >= 0:
@@ -65,7 +65,7 @@ def new_velocity(target, velocity, acceleration, dt):
     return max(target, velocity - acceleration * dt)
 
 
-@njit(cache=True)
+@kernel
 def advance(x, y, theta, vx, vy, c, s, dt):
     """The position (x, y) after dt; c and s are cosine and sine of theta."""
     if vy == 0.0:
@@ -76,7 +76,7 @@ def advance(x, y, theta, vx, vy, c, s, dt):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def step_count(p, vx, vy, w):
     """Into how many steps the sample (vx, vy, w) is divided, at least 1. The turn's term knows no sim_time."""
     if p.heading_scoring:
@@ -85,19 +85,19 @@ def step_count(p, vx, vy, w):
     return max(int(max(speed * p.sim_time / p.sim_granularity, abs(w) / p.angular_sim_granularity) + 0.5), 1)
 
 
-@njit(cache=True)
+@kernel
 def terms(p, path_distance, goal_distance):
     """The path and goal terms of a cost."""
     return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
 
 
-@njit(cache=True)
+@kernel
 def score(params, scene, grids, start, vx, vy, w):
     """(cost, number of points, end x, y, theta) of one sample, see score_below. params: one record."""
     return score_below(params[0], scene, grids, start, vx, vy, w, NO_CEILING, 0.0, np.inf)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
     """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
 
@@ -168,7 +168,7 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
     return cost, steps, end_x, end_y, end_theta
 
 
-@njit(cache=True)
+@kernel
 def roll_out(params, start, vx, w, points):
     """Write the first poses x, y, theta of the sample (vx, w) into `points` (n, 3), as score_below visits them."""
     p = params[0]
@@ -185,7 +185,7 @@ def roll_out(params, start, vx, w, points):
         theta = theta + w_i * dt
 
 
-@njit(cache=True)
+@kernel
 def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, c, s):
     """Angle [rad] between the heading and the farthest point of the plan in free sight, HUGE if none is."""
     ny, nx = cells.shape

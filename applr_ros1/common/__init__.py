@@ -1,0 +1,1 @@
+"""What several packages share and what knows none of them."""
