@@ -51,7 +51,7 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(kernel, **options)
     compiled: Any = numba.njit(**options)(function)
-    if isinstance(compiled, Dispatcher):  # NUMBA_DISABLE_JIT leaves the function as it is
+    if hasattr(compiled, "_cache"):  # NUMBA_DISABLE_JIT leaves the function as it is
         compiled._cache = KernelCache(compiled)
     return compiled
 
