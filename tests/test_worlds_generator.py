@@ -246,3 +246,21 @@ def test_validation_worlds_are_training_worlds_that_learning_leaves_out():
     assert not names["validation"] & names["learn"]
     assert not names["train"] & names["test"]
     assert len(names["validation"]) == 31
+
+
+def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
+    from worlds import loading
+
+    made = []
+    generate = generator.generate
+    monkeypatch.setattr(loading.generator, "generate", lambda number: made.append(number) or generate(number))
+    some = worlds.Worlds("generated:3, fresh:0-9999")
+    assert len(some) == 10_001
+    assert made == []
+    assert some[0].name == "generated:3"
+    assert some[5].name == "fresh:4"
+    assert some.named("fresh:4") is some[5]
+    assert len(made) == 1
+    assert some.named("fresh:10000") is None
+    with pytest.raises(IndexError):
+        some[10_001]

@@ -1,6 +1,6 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
 
-from .loading import load, load_all, specs
+from .loading import Worlds, load, load_all, specs
 from .world import Course, Mover, World, WorldError
 
-__all__ = ["Course", "Mover", "World", "WorldError", "load", "load_all", "specs"]
+__all__ = ["Course", "Mover", "World", "WorldError", "Worlds", "load", "load_all", "specs"]

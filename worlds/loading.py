@@ -8,7 +8,9 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from typing import List
+from collections import OrderedDict
+from collections.abc import Sequence
+from typing import List, Optional
 
 from . import builtin, generator, physical_course, sdf_reader
 from .world import World, WorldError
@@ -46,6 +48,46 @@ def load(spec: str) -> World:
 def load_all(spec: str) -> List[World]:
     """All worlds that `spec` names, in a fixed order: numbers rise, a folder's files in the order of their numbers."""
     return [load(one) for one in specs(spec)]
+
+
+class Worlds(Sequence):
+    """The worlds of a specification, several with commas between them, as a sequence.
+
+    Files and built-in worlds are loaded at once, so that a wrong one is heard of at the beginning. Fresh worlds are
+    generated when they are asked for, since each takes up to a tenth of a second; the last KEPT of them stay.
+
+    Raises:
+        WorldError: for a specification or a file that cannot be read.
+    """
+
+    KEPT = 256
+
+    def __init__(self, spec: str):
+        self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
+        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith(FRESH)}
+        self._fresh: "OrderedDict[int, World]" = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self.specs)
+
+    def __getitem__(self, index):
+        """World number `index`, or a list of them for a slice."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        index = range(len(self))[index]
+        if index in self._loaded:
+            return self._loaded[index]
+        if index not in self._fresh:
+            self._fresh[index] = load(self.specs[index])
+            if len(self._fresh) > self.KEPT:
+                self._fresh.popitem(last=False)
+        return self._fresh[index]
+
+    def named(self, name: str) -> Optional[World]:
+        """The first world called `name`, or None."""
+        if name in self.specs:
+            return self[self.specs.index(name)]
+        return next((world for world in self._loaded.values() if world.name == name), None)
 
 
 def specs(spec: str) -> List[str]:

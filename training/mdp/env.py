@@ -95,9 +95,12 @@ class ApplrEnv(gymnasium.Env):
             if not 0 <= which < len(self.worlds):
                 raise ValueError("world %d does not exist: there are %d" % (which, len(self.worlds)))
             return self.worlds[which]
-        for world in self.worlds:
-            if world.name == which:
-                return world
+        if isinstance(self.worlds, worlds_package.Worlds):
+            found = self.worlds.named(which)
+        else:
+            found = next((world for world in self.worlds if world.name == which), None)
+        if found is not None:
+            return found
         raise ValueError("world %r is not among this environment's %d" % (which, len(self.worlds)))
 
     def _info(self, outcome):
@@ -118,10 +121,8 @@ class ApplrEnv(gymnasium.Env):
 
 
 def load_worlds(spec):
-    """[World, ...] of a specification, several with commas between them; a list stays as it is."""
-    if not isinstance(spec, str):
-        return list(spec)
-    return [world for part in spec.split(",") for world in worlds_package.load_all(part.strip())]
+    """The worlds of a specification, several with commas between them; a list of World stays as it is."""
+    return worlds_package.Worlds(spec) if isinstance(spec, str) else list(spec)
 
 
 if ID not in gymnasium.registry:
