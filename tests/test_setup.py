@@ -5,6 +5,7 @@ from a copy in another folder, with stand-ins for the system's programs first on
 import os
 import shutil
 import subprocess
+import sys
 
 import pytest
 
@@ -82,6 +83,36 @@ def test_no_python_is_refused(clone):
     assert code == 1
     assert len(lines) == 1
     assert "/no/such/python" in lines[0]
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
+    """As in a container image of Debian: apt brings python3, as root or through sudo, then the set-up goes on."""
+    python, calls = tmp_path / "python3", tmp_path / "calls"
+    script = tmp_path / "applr"
+    script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
+    apt = "echo $* >>%s; case $* in *' python3') ln -s %s %s ;; *rospy*) echo E: full >&2; exit 100 ;; esac"
+    stand_ins = {
+        "id": "echo %d" % (0 if root else 1000),
+        "apt-get": apt % (calls, sys.executable, python),
+        "sudo": 'if [ "$2" = true ]; then exit 0; fi; echo as root >>%s; shift; exec "$@"' % calls,
+    }
+    code, lines = clone("setup", stand_ins=dict(NOTHING, **stand_ins))
+    done = calls.read_text().splitlines()
+    assert ("as root" in done) is not root
+    installed = [line for line in done if "install" in line]
+    assert installed[0].split()[-1] == "python3"
+    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]  # it went on to the other packages
+    assert code == 1
+    assert lines[-1].startswith("applr: apt-get could not install")
+
+
+def test_a_missing_python_is_named_where_nothing_may_be_installed(clone, tmp_path):
+    script = tmp_path / "applr"
+    script.write_text(script.read_text().replace("/usr/bin/python3", str(tmp_path / "python3")))
+    code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"))
+    assert (code, len(lines)) == (1, 1)
+    assert lines[0].endswith("apt-get install -y --no-install-recommends python3")
 
 
 def test_without_network_pip_says_so(clone):
