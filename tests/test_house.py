@@ -265,6 +265,12 @@ def test_citations_of_the_documents_hold():
                     assert page in known, "%s cites %s, which is not here" % (name, page)
 
 
+@pytest.mark.parametrize("name", tracked(".md"))
+def test_lines_of_the_documents_are_120_columns(name):
+    for number, line in enumerate(text_of(name).splitlines(), 1):
+        assert len(line) <= 120 or line.startswith("|"), "%s:%d has %d columns" % (name, number, len(line))
+
+
 def test_every_folder_and_file_of_the_guide_is_there():
     """docs/finding_your_way.md lists each folder of the repository once, and the files that it names exist."""
     guide = text_of("docs/finding_your_way.md")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
+from typing import List
+
 from applr_ros1.policy.parameter_space import SPACE
 from training.baselines.appld.classifier import HIDDEN
 
 SCRIPT = "python -m training.demonstrate {bag} --world {world} --simulator {simulator} --seed {seed}"
-SCRIPTED = "A demonstration by a script is no person's: it knows the map, and its taste in speed is ours."
+SCRIPTED = "A scripted demonstration is not a person's: the script knows the map, and its choice of speed is ours."
 
 
 def card(log) -> str:
@@ -15,30 +18,41 @@ def card(log) -> str:
     lines = [
         "# APPLD: contexts and parameters from demonstrations",
         "",
-        "Method `appld:FILE` of evaluate.py, and launch mode `appld`. Made by",
+        "For the method `appld:FILE` of evaluate.py and the launch mode `appld`. Made by",
         "",
     ]
     lines += ["    " + command for command in scripts + [log["command"]]]
-    lines += ["", "from:", ""] + ["- " + _shown(d) for d in log["demonstrations"]] + [""]
+    lines += (
+        ["", "from:", ""] + [line for d in log["demonstrations"] for line in _wrapped("- " + _shown(d), "  ")] + [""]
+    )
     lines += [SCRIPTED, ""] if scripts else []
     lines += ["| context | %s | rms of v, w (θ₀) |" % " | ".join(SPACE.names), "|---" * (len(SPACE) + 2) + "|"]
     lines += [_row(c) for c in log["contexts"]]
     lines += [
         "",
-        "A context's name tells it from the others by the medians of speed and room, no more. rms: the "
-        "planner's commands about the demonstrated ones, over %s instants of 50 ms, the planner put in the "
-        "demonstrator's place each time." % " + ".join(str(c["instants"]) for c in log["contexts"]),
+        *_wrapped(
+            "The name of a context says how the medians of its speed and free space differ from those of the others. "
+            "rms is the root mean square difference between the planner's commands and the demonstrated ones, with the "
+            "default parameters in parentheses, over %s instants of 50 ms; at each instant the planner is put in the "
+            "demonstrator's place." % " + ".join(str(c["instants"]) for c in log["contexts"])
+        ),
         "",
     ]
     found = log["classifier"]
-    unseen = "none" if found["held_out"] is None else "%.1f %%" % (100.0 * found["held_out"])
+    unseen = "no part" if found["held_out"] is None else "%.1f %%" % (100.0 * found["held_out"])
     lines += [
-        "Classifier: 720 beams → %d → %d, numpy at run time. It is right in %.1f %% of the instants it learnt "
-        "from; trained without every fifth two seconds, in %s of those."
-        % (HIDDEN, len(log["contexts"]), 100.0 * found["accuracy"], unseen),
+        *_wrapped(
+            "The classifier has 720 inputs (beams), %d hidden units and %d outputs. It recognises the context in "
+            "%.1f %% of the instants that it was trained on, and in %s of those of every fifth two seconds when it is "
+            "trained without them." % (HIDDEN, len(log["contexts"]), 100.0 * found["accuracy"], unseen)
+        ),
         "",
     ]
     return "\n".join(lines)
+
+
+def _wrapped(text: str, indent: str = "") -> List[str]:
+    return textwrap.wrap(text, 119, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def _shown(demonstration) -> str:
