@@ -284,6 +284,15 @@ def test_every_folder_and_file_of_the_guide_is_there():
         assert any(os.path.exists(os.path.join(ROOT, place)) for place in places), "the guide names " + file
 
 
+@pytest.mark.parametrize("name", python_files(PACKAGES) + tracked(".md"))
+def test_modules_named_in_the_text_are_there(name):
+    """A module that a comment, docstring or page names, with or without its folder, exists."""
+    there = ["/" + other for other in tracked(".py")]
+    for named in set(re.findall(r"(?<![\w./])[\w/]+\.py\b", text_of(name))):
+        known = any(other.endswith("/" + named) for other in there) or os.path.basename(named).startswith("my_")
+        assert known, "%s names %s, which is not here" % (name, named)
+
+
 @pytest.mark.parametrize("name", tracked(".md"))
 def test_links_of_the_documents_hold(name):
     """Each relative link leads to a file of the repository, and to a heading that is there."""

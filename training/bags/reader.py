@@ -1,6 +1,6 @@
 """Reads what a bag recorded of a drive: ROS 1 bags and ROS 2 / mcap folders alike, through rosbags.
 
-bag_episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds
+episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds
 (/applr/decision, /applr/observation) says exactly which messages a decision saw, and is compared where it is there.
 """
 

@@ -1,6 +1,6 @@
 """What a forward sample costs at least, without rolling it out step by step.
 
-Called by trajectory_forward.py to leave out samples that cannot win. Poses come from closed forms and differ from
+Called by forward.py to leave out samples that cannot win. Poses come from closed forms and differ from
 the exact ones by rounding errors, so a cell is used only where the pose is far enough from a cell border to be
 sure of it: a bound is never above the exact cost, and no result depends on the closed forms.
 """

@@ -1,6 +1,6 @@
 """Finds the best forward sample of a cycle without rolling out those that cannot be it.
 
-Called by trajectory_sampling.py. Samples wait in a heap by a lower bound of their cost; the lowest is scored, and
+Called by sampling.py. Samples wait in a heap by a lower bound of their cost; the lowest is scored, and
 scoring ends where no bound is left that beats the best cost. docs/planner.md, section 6.4.
 """
 

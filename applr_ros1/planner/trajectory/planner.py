@@ -1,6 +1,6 @@
 """The trajectory planner (findBestPath of base_local_planner, with dwa): one velocity for one cycle.
 
-Called by local_planner.py, which makes a controller of it. The arithmetic is in trajectory_sampling.py and its kernels.
+Called by local_planner.py, which makes a controller of it. The arithmetic is in sampling.py and its kernels.
 """
 
 import math

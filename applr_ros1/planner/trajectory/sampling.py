@@ -1,6 +1,6 @@
 """Chooses the velocity of a cycle (TrajectoryPlanner::createTrajectories): window, samples, winner, flags.
 
-Called by trajectory_planner.py once per control cycle. The choice is the C++ planner's to the last bit.
+Called by planner.py once per control cycle. The choice is the C++ planner's to the last bit.
 """
 
 import math
