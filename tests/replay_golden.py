@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
-from applr_ros1.planner.costmap.costmap import Costmap  # noqa: E402
-from applr_ros1.planner.costmap.footprint import pad, radii  # noqa: E402
-from applr_ros1.planner.costmap.inflation_layer import InflationParameters  # noqa: E402
-from applr_ros1.planner.navfn.navfn import Navfn  # noqa: E402
-from applr_ros1.planner.trajectory.planner import TrajectoryPlanner  # noqa: E402
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.footprint import pad, radii
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.navfn.navfn import Navfn
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
 FORMAT = "planner-golden-1"
 FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")

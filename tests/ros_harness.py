@@ -126,7 +126,6 @@ def session():
         for key in ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR"):
             os.environ[key] = _session.env[key]
         os.environ.pop("ROS_HOSTNAME", None)
-        use_generated()
         import rospy
 
         rospy.init_node("pytest", anonymous=True, disable_signals=True)
@@ -141,6 +140,9 @@ def use_generated():
     if GENERATED.is_dir() and str(GENERATED) not in sys.path:
         sys.path.append(str(GENERATED))
     applr_ros1.__path__ = pkgutil.extend_path(applr_ros1.__path__, "applr_ros1")
+
+
+use_generated()
 
 
 def free_port():

@@ -7,17 +7,14 @@ import time
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("gymnasium")
-
-from training.experience.trajectory import Layout, Trajectory  # noqa: E402
-from training.gorila import actor_pool  # noqa: E402
-from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool, start_ray  # noqa: E402
-from training.gorila.config import TrainConfig  # noqa: E402
-from training.gorila.learner import Learner, LearnerConfig  # noqa: E402
-from training.gorila.tasks import Tasks, easiest_first  # noqa: E402
-from training.td3.td3 import TD3Config  # noqa: E402
-from training.train import main  # noqa: E402
+from training.experience.trajectory import Layout, Trajectory
+from training.gorila import actor_pool
+from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool, start_ray
+from training.gorila.config import TrainConfig
+from training.gorila.learner import Learner, LearnerConfig
+from training.gorila.tasks import Tasks, easiest_first
+from training.td3.td3 import TD3Config
+from training.train import main
 
 TOY = {"env": "tests.toy_env:Line", "train": {}, "evaluate": {}}
 SLOW = dict(TOY, env="tests.toy_env:Slow")

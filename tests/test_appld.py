@@ -8,22 +8,20 @@ import json
 import numpy as np
 import pytest
 
-pytest.importorskip("ruptures")
-pytest.importorskip("torch")
-import sim_bridge  # noqa: E402
-import worlds  # noqa: E402
-from applr_ros1.policy import appld as runtime  # noqa: E402
-from applr_ros1.policy import methods as modes  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE  # noqa: E402
-from training import appld  # noqa: E402
-from training.bags.reader import BagError  # noqa: E402
-from training.baselines.appld import classifier as appld_classifier  # noqa: E402
-from training.baselines.appld import demonstration  # noqa: E402
-from training.baselines.appld import fit as appld_fit  # noqa: E402
-from training.baselines.appld import scripted_driver as demonstrator  # noqa: E402
-from training.baselines.appld import segmentation as contexts  # noqa: E402
-from training.demonstrate import demonstrate  # noqa: E402
-from training.evaluation import methods  # noqa: E402
+import sim_bridge
+import worlds
+from applr_ros1.policy import appld as runtime
+from applr_ros1.policy import methods as modes
+from applr_ros1.policy.parameter_space import SPACE
+from training import appld
+from training.bags.reader import BagError
+from training.baselines.appld import classifier as appld_classifier
+from training.baselines.appld import demonstration
+from training.baselines.appld import fit as appld_fit
+from training.baselines.appld import scripted_driver as demonstrator
+from training.baselines.appld import segmentation as contexts
+from training.demonstrate import demonstrate
+from training.evaluation import methods
 
 
 @pytest.fixture(scope="module")

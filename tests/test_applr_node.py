@@ -4,15 +4,13 @@ import time
 
 import numpy as np
 import pytest
+from fake_robot import Robot
+from ros_harness import session, wait_for
+from test_policy import make_weights
 
-pytest.importorskip("rospy")
-from fake_robot import Robot  # noqa: E402
-from ros_harness import session, wait_for  # noqa: E402
-from test_policy import make_weights  # noqa: E402
-
-from applr_ros1.policy.actor import save  # noqa: E402
-from applr_ros1.policy.observation import goal_angle, local_goal, observe  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE, THETA_0  # noqa: E402
+from applr_ros1.policy.actor import save
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
 
 pytestmark = pytest.mark.ros
 PERIOD = 0.2

@@ -8,16 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("rosbags")
-from applr_ros1.policy.observation import goal_angle, local_goal, observe  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE, THETA_0  # noqa: E402
-from training import bags_to_dataset  # noqa: E402
-from training.bags.episodes import Report, trajectories  # noqa: E402
-from training.bags.reader import BagError, find, read  # noqa: E402
-from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds  # noqa: E402
-from training.experience.dataset import Dataset  # noqa: E402
-from training.experience.trajectory import Layout  # noqa: E402
-from training.storage import StorageError  # noqa: E402
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from training import bags_to_dataset
+from training.bags.episodes import Report, trajectories
+from training.bags.reader import BagError, find, read
+from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
+from training.experience.dataset import Dataset
+from training.experience.trajectory import Layout
+from training.storage import StorageError
 
 SERVERS = {
     "planner": "TrajectoryPlannerROS",

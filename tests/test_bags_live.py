@@ -9,10 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rospy")
-pytest.importorskip("rosbags")
-from ros_harness import ROOT, session, wait_for  # noqa: E402
+from ros_harness import ROOT, session, wait_for
 
 pytestmark = pytest.mark.ros
 WORLD = "generated:0"

@@ -4,17 +4,15 @@ import io
 import math
 from types import SimpleNamespace
 
+import genpy
 import numpy as np
 import pytest
+from geometry_msgs.msg import Quaternion
+from nav_msgs.msg import OccupancyGrid, Path
+from sensor_msgs.msg import LaserScan
 
-genpy = pytest.importorskip("genpy")
-
-from geometry_msgs.msg import Quaternion  # noqa: E402
-from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
-from sensor_msgs.msg import LaserScan  # noqa: E402
-
-from applr_ros1.nodes import conversions  # noqa: E402
-from applr_ros1.nodes.conversions import MessageError  # noqa: E402
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.conversions import MessageError
 
 STAMP = genpy.Time(12, 345)
 

@@ -3,17 +3,16 @@
 import math
 from dataclasses import replace
 
+import gymnasium
 import numpy as np
 import pytest
 
-gymnasium = pytest.importorskip("gymnasium")
-
-import sim_bridge  # noqa: E402
-from applr_ros1.planner.move_base import MoveBase  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE  # noqa: E402
-from training.mdp.episode import Episode, Outcome, nearest  # noqa: E402
-from training.mdp.reward import STANDING, Reward, failed  # noqa: E402
-from worlds import Course, World  # noqa: E402
+import sim_bridge
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import SPACE
+from training.mdp.episode import Episode, Outcome, nearest
+from training.mdp.reward import STANDING, Reward, failed
+from worlds import Course, World
 
 
 class Cycle:

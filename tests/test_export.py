@@ -5,12 +5,10 @@ import json
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-
-from applr_ros1.policy import actor as actors  # noqa: E402
-from applr_ros1.policy.methods import Fixed  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE  # noqa: E402
-from training import export  # noqa: E402
+from applr_ros1.policy import actor as actors
+from applr_ros1.policy.methods import Fixed
+from applr_ros1.policy.parameter_space import SPACE
+from training import export
 
 
 @pytest.fixture

@@ -1,13 +1,11 @@
 """The action protocol by itself: which goal wins, what the others are told, what a cancel reaches."""
 
+import genpy
 import pytest
+from actionlib_msgs.msg import GoalID, GoalStatus
+from move_base_msgs.msg import MoveBaseActionGoal
 
-genpy = pytest.importorskip("genpy")
-
-from actionlib_msgs.msg import GoalID, GoalStatus  # noqa: E402
-from move_base_msgs.msg import MoveBaseActionGoal  # noqa: E402
-
-from applr_ros1.nodes.goal_server import REPLACED, TOO_OLD, GoalServer  # noqa: E402
+from applr_ros1.nodes.goal_server import REPLACED, TOO_OLD, GoalServer
 
 RECALLED, PREEMPTED, SUCCEEDED = GoalStatus.RECALLED, GoalStatus.PREEMPTED, GoalStatus.SUCCEEDED
 

@@ -4,12 +4,8 @@ import math
 import time
 
 import pytest
-
-pytest.importorskip("rospy")
-pytest.register_assert_rewrite("move_base_stack")
-
-from move_base_stack import ABORTED, PLANNER, POSTS, SCRIPT, SUCCEEDED, finish, goal, start  # noqa: E402
-from ros_harness import wait_for  # noqa: E402
+from move_base_stack import ABORTED, PLANNER, POSTS, SCRIPT, SUCCEEDED, finish, goal, start
+from ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
 pytest_plugins = ("move_base_stack",)

@@ -5,12 +5,8 @@ import time
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rospy")
-pytest.register_assert_rewrite("move_base_stack")
-
-from move_base_stack import ABORTED, PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal  # noqa: E402
-from ros_harness import wait_for  # noqa: E402
+from move_base_stack import ABORTED, PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal
+from ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
 pytest_plugins = ("move_base_stack",)

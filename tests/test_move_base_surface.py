@@ -8,12 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("rospy")
-pytest.register_assert_rewrite("move_base_stack")
-
-from move_base_stack import PLANNER, goal  # noqa: E402
-from ros_harness import wait_for  # noqa: E402
+from move_base_stack import PLANNER, goal
+from ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
 pytest_plugins = ("move_base_stack",)

@@ -7,17 +7,11 @@ import time
 from types import SimpleNamespace
 
 import pytest
+import rospy
+from dynamic_reconfigure.msg import DoubleParameter
 
-pytest.importorskip("rospy")
-
-import ros_harness  # noqa: E402
-import rospy  # noqa: E402
-from dynamic_reconfigure.msg import DoubleParameter  # noqa: E402
-
-ros_harness.use_generated()
-
-from applr_ros1.nodes import reconfigure_server  # noqa: E402
-from applr_ros1.nodes.planner_thread import PlannerThread, RequestTimeout  # noqa: E402
+from applr_ros1.nodes import reconfigure_server
+from applr_ros1.nodes.planner_thread import PlannerThread, RequestTimeout
 
 
 @pytest.fixture

@@ -7,14 +7,12 @@ import json
 
 import numpy as np
 import pytest
+from worlds_sdf import cylinder, put, sdf
 
-pytest.importorskip("tqdm")
-from worlds_sdf import cylinder, put, sdf  # noqa: E402
-
-import worlds  # noqa: E402
-from training import evaluate  # noqa: E402
-from training.evaluation.store import read_trace  # noqa: E402
-from worlds import sdf_writer  # noqa: E402
+import worlds
+from training import evaluate
+from training.evaluation.store import read_trace
+from worlds import sdf_writer
 
 SIMULATORS = ("kinematic", "pybullet")
 WALL = (

@@ -6,13 +6,11 @@ import time
 
 import numpy as np
 import pytest
+from ros_harness import session, wait_for
 
-pytest.importorskip("rospy")
-from ros_harness import session, wait_for  # noqa: E402
-
-from applr_ros1.nodes.reconfigure_client import ReconfigureClient  # noqa: E402
-from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE, THETA_0, SpaceError  # noqa: E402
+from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, SpaceError
 
 pytestmark = pytest.mark.ros
 PLANNER = "/move_base/TrajectoryPlannerROS"

@@ -7,13 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-pytest.importorskip("torch")
-
-from training.experience.journal import Journal  # noqa: E402
-from training.experience.replay import Replay  # noqa: E402
-from training.experience.trajectory import Layout, Trajectory, TrajectoryError  # noqa: E402
-from training.gorila.batch import draw_batch  # noqa: E402
-from training.storage import StorageError  # noqa: E402
+from training.experience.journal import Journal
+from training.experience.replay import Replay
+from training.experience.trajectory import Layout, Trajectory, TrajectoryError
+from training.gorila.batch import draw_batch
+from training.storage import StorageError
 
 SMALL = Layout(scan=4, rest=2, action=2)
 

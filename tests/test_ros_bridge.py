@@ -5,22 +5,20 @@ from math import hypot, pi
 
 import numpy as np
 import pytest
+import rospy
+import tf2_ros
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
+from ros_harness import ROOT, session, wait_for
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Imu, JointState, LaserScan
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Empty, EmptyResponse, Trigger
+from visualization_msgs.msg import Marker, MarkerArray
 
-pytest.importorskip("rospy")
+import worlds
+
 pytestmark = pytest.mark.ros
-
-import rospy  # noqa: E402
-import tf2_ros  # noqa: E402
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist  # noqa: E402
-from nav_msgs.msg import Odometry  # noqa: E402
-from ros_harness import ROOT, session, wait_for  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import Imu, JointState, LaserScan  # noqa: E402
-from std_msgs.msg import Bool, String  # noqa: E402
-from std_srvs.srv import Empty, EmptyResponse, Trigger  # noqa: E402
-from visualization_msgs.msg import Marker, MarkerArray  # noqa: E402
-
-import worlds  # noqa: E402
 
 SCRIPT = ROOT / "applr_ros1" / "scripts" / "sim_bridge.py"
 HEARD = {

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from training.experience.replay import Replay  # noqa: E402
-from training.experience.trajectory import Layout, Trajectory  # noqa: E402
-from training.gorila.batch import draw_batch  # noqa: E402
-from training.td3.td3 import TD3, Batch, LearnerError, TD3Config  # noqa: E402
+from training.experience.replay import Replay
+from training.experience.trajectory import Layout, Trajectory
+from training.gorila.batch import draw_batch
+from training.td3.td3 import TD3, Batch, LearnerError, TD3Config
 
 
 def _batch(rng, size, n, m, gamma=0.95):

@@ -5,8 +5,7 @@ import struct
 
 import pytest
 
-pytest.importorskip("termios")
-from applr_ros1.nodes.teleop_input import Joystick, Keyboard, VelocitySmoother  # noqa: E402
+from applr_ros1.nodes.teleop_input import Joystick, Keyboard, VelocitySmoother
 
 
 def drive(smoother, seconds, now=0.0, dt=0.05, key=""):

@@ -14,19 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("gymnasium")
-
-from training import dataset  # noqa: E402
-from training.evaluation.periodic import Rounds  # noqa: E402
-from training.experience.dataset import Dataset, DatasetError, Writer, export_replay  # noqa: E402
-from training.experience.journal import Journal  # noqa: E402
-from training.experience.trajectory import Layout, Trajectory, unpack  # noqa: E402
-from training.gorila import config as options  # noqa: E402
-from training.gorila.config import ConfigError, TrainConfig, parse  # noqa: E402
-from training.gorila.learner import Learner  # noqa: E402
-from training.gorila.worker import Policy  # noqa: E402
-from training.train import Training, main  # noqa: E402
+from training import dataset
+from training.evaluation.periodic import Rounds
+from training.experience.dataset import Dataset, DatasetError, Writer, export_replay
+from training.experience.journal import Journal
+from training.experience.trajectory import Layout, Trajectory, unpack
+from training.gorila import config as options
+from training.gorila.config import ConfigError, TrainConfig, parse
+from training.gorila.learner import Learner
+from training.gorila.worker import Policy
+from training.train import Training, main
 
 ROOT = Path(__file__).resolve().parents[1]
 TOY = [

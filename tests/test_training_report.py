@@ -14,7 +14,6 @@ from training.report import ReportError, data, paper, statistics, tables, tables
 from training.report.regions import clearance, region_of
 from training.report.table import Table
 
-pytest.importorskip("matplotlib")
 METHODS = ("dwa", "applr", "applr-without-max_vel_x")
 
 

@@ -9,8 +9,6 @@ import pytest
 import worlds
 from worlds import sdf_writer
 
-pytest.importorskip("matplotlib")
-
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-import sim_bridge  # noqa: E402
-import worlds  # noqa: E402
-from sim_bridge import jackal  # noqa: E402
-from sim_bridge.lidar import Lidar  # noqa: E402
+import sim_bridge
+import worlds
+from sim_bridge import jackal
+from sim_bridge.lidar import Lidar
 
 WORLD = "generated:0"
 CYCLE = 0.05  # simulated seconds between commands, and between scans
