@@ -2,7 +2,8 @@
 """Replays a set of golden vectors from the C++ planner through ours: `python tests/replay_golden.py DIR`.
 
 Prints a line per kind with scenarios, mismatches (scenarios with any difference) and the largest difference; exit
-status 0 only if everything matches to the last bit. Format: tests/golden/FORMAT.md. test_golden.py runs it too.
+status 0 only if everything matches to the last bit. Formats: tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md,
+whose kinds are in replay_dwa.py; a set names its own. test_golden.py runs it too.
 """
 
 import argparse
@@ -21,6 +22,7 @@ from applr_ros1.planner.costmap.footprint import pad, radii
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from tests import replay_dwa
 
 FORMAT = "planner-golden-1"
 FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")
@@ -53,8 +55,9 @@ def load(folder):
             raise GoldenError("%s is not there: name a folder with manifest.json and arrays.npz" % path)
     try:
         content = json.loads(manifest.read_text(encoding="utf-8"))
-        if not isinstance(content, dict) or content.get("format") != FORMAT:
-            raise GoldenError("%s is not of the format %s" % (manifest, FORMAT))
+        kinds = FORMATS.get(content.get("format")) if isinstance(content, dict) else None
+        if kinds is None:
+            raise GoldenError("%s is not of a format %s" % (manifest, " or ".join(FORMATS)))
         opened = np.load(arrays, allow_pickle=False)
         if not hasattr(opened, "files"):
             raise GoldenError("%s is a single array: an .npz archive is needed" % arrays)
@@ -66,7 +69,8 @@ def load(folder):
     if not scenarios:
         raise GoldenError("%s holds no scenarios" % manifest)
     for scenario in scenarios:
-        if scenario.kind not in KINDS:
+        scenario.compare = kinds.get(scenario.kind)
+        if scenario.compare is None:
             raise GoldenError("%s: scenario %s is of the unknown kind %r" % (manifest, scenario.id, scenario.kind))
     return scenarios
 
@@ -212,7 +216,10 @@ def rollout(scenario):
     yield "commands, costs, winners, states, poses used", np.array(ours).reshape(-1, 22), wanted
 
 
-KINDS = {"dwa": dwa, "dwa_edge": dwa, "inflation": inflation, "navfn": navfn, "rollout": rollout}
+FORMATS = {
+    FORMAT: {"dwa": dwa, "dwa_edge": dwa, "inflation": inflation, "navfn": navfn, "rollout": rollout},
+    replay_dwa.FORMAT: replay_dwa.KINDS,
+}
 
 
 def difference(ours, expected):
@@ -231,9 +238,9 @@ def replay(scenario):
     """{what: largest difference} of everything in which the scenario differs. Raises GoldenError."""
     found = {}
     try:
-        for what, ours, expected in KINDS[scenario.kind](scenario):
+        for what, ours, expected, *tolerance in scenario.compare(scenario):
             worst = difference(ours, expected)
-            if worst:
+            if worst > (tolerance[0] if tolerance else 0.0):
                 found[what] = worst
     except KeyError as problem:
         raise GoldenError("scenario %s lacks %s" % (scenario.id, problem))  # noqa: B904
@@ -254,7 +261,7 @@ def main(arguments=None):
             differing = {scenario.id: found for scenario in mine for found in [replay(scenario)] if found}
             worst = max([value for found in differing.values() for value in found.values()], default=0.0)
             print(
-                "%-10s %4d scenarios, %4d mismatches, largest difference %g" % (kind, len(mine), len(differing), worst),
+                "%-13s %4d scenarios, %4d mismatches, largest difference %g" % (kind, len(mine), len(differing), worst),
                 flush=True,
             )
             for name, found in list(differing.items())[:5]:

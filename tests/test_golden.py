@@ -47,7 +47,7 @@ def test_a_line_per_kind_and_status_0(tmp_path, capsys):
     assert replay_golden.main([small_set(tmp_path)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
-        "%-10s    1 scenarios,    0 mismatches, largest difference 0" % kind for kind in ("dwa", "inflation", "navfn")
+        "%-13s    1 scenarios,    0 mismatches, largest difference 0" % kind for kind in ("dwa", "inflation", "navfn")
     ]
 
 
@@ -57,7 +57,7 @@ def test_one_changed_byte_is_found(tmp_path, capsys):
 
     assert replay_golden.main([small_set(tmp_path, change_arrays=change)]) == 1
     out, err = capsys.readouterr()
-    assert "inflation     1 scenarios,    1 mismatches, largest difference 1" in out
+    assert "inflation        1 scenarios,    1 mismatches, largest difference 1" in out
     assert "infl_001: costmap by 1" in err
 
 

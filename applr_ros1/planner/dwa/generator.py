@@ -1,0 +1,98 @@
+"""Makes the trajectory of one velocity sample (SimpleTrajectoryGenerator). docs/planner_dwa.md, One trajectory.
+
+Every pose and velocity is rounded to float32 when it is stored; what lies between is double.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from applr_ros1.planner.dwa.velocities import single
+
+SLACK = 1e-4  # [m/s] and [rad/s]
+
+
+@njit(cache=True)
+def ground_speed(vx, vy):
+    """The speed over ground [m/s]."""
+    return abs(vx) if vy == 0.0 else math.hypot(vx, vy)
+
+
+@njit(cache=True, error_model="numpy")
+def step_count(p, vx, vy, w):
+    """Into how many steps the sample (vx, vy, w) is divided; 0 refuses it."""
+    speed = ground_speed(vx, vy)
+    slow = p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans
+    if slow and p.min_vel_theta >= 0 and abs(w) + SLACK < p.min_vel_theta:
+        return 0
+    if p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans:
+        return 0
+    return int(
+        math.ceil(max(speed * p.sim_time / p.sim_granularity, abs(w) * p.sim_time / p.angular_sim_granularity))
+    )
+
+
+@njit(cache=True)
+def ramp(target, velocity, change):
+    """The velocity on its way to `target`, at most `change` nearer."""
+    if velocity < target:
+        return single(min(target, velocity + change))
+    return single(max(target, velocity - change))
+
+
+@njit(cache=True)
+def ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt):
+    """All three velocities after dt on their way from the present ones to the sample."""
+    return (
+        ramp(vx, vx_now, p.acc_lim_x * dt),
+        ramp(vy, vy_now, p.acc_lim_y * dt),
+        ramp(w, w_now, p.acc_lim_theta * dt),
+    )
+
+
+@njit(cache=True)
+def commanded(p, start, vx, vy, w, steps):
+    """The velocity that the trajectory of a sample stands for: the sample, or one step of the ramp towards it."""
+    if p.use_dwa:
+        return vx, vy, w
+    return ramped(p, vx, vy, w, start[3], start[4], start[5], p.sim_time / steps)
+
+
+@njit(cache=True)
+def move(x, y, theta, c, s, vx, vy, w, dt):
+    """The pose after dt; c and s are cosine and sine of theta."""
+    if vy == 0.0:
+        return single(x + vx * c * dt), single(y + vx * s * dt), single(theta + w * dt)
+    return (
+        single(x + (vx * c + vy * math.cos(math.pi / 2 + theta)) * dt),
+        single(y + (vx * s + vy * math.sin(math.pi / 2 + theta)) * dt),
+        single(theta + w * dt),
+    )
+
+
+@njit(cache=True)
+def roll_out(p, start, vx, vy, w, points):
+    """Write the poses x, y, theta before each step into `points` (steps, 3): the first is the robot's own."""
+    steps = points.shape[0]
+    dt = p.sim_time / steps if steps > 0 else 0.0
+    x, y, theta = start[0], start[1], start[2]
+    vx_now, vy_now, w_now = commanded(p, start, vx, vy, w, steps) if steps > 0 else (vx, vy, w)
+    for i in range(steps):
+        points[i, 0] = x
+        points[i, 1] = y
+        points[i, 2] = theta
+        if not p.use_dwa:
+            vx_now, vy_now, w_now = ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt)
+        x, y, theta = move(x, y, theta, math.cos(theta), math.sin(theta), vx_now, vy_now, w_now, dt)
+
+
+@njit(cache=True)
+def take_start(start, x, y, yaw, vx, vy, w):
+    """Pose and velocity (6,) as the planner uses them: float32, angle and turn rate already through a quaternion."""
+    start[0] = np.float32(x)
+    start[1] = np.float32(y)
+    start[2] = np.float32(yaw)
+    start[3] = np.float32(vx)
+    start[4] = np.float32(vy)
+    start[5] = np.float32(w)

@@ -1,0 +1,122 @@
+"""The part of the global plan that the robot follows now (LocalPlannerUtil). docs/planner_dwa.md, Cutting the plan."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+NEAR = 1.0  # [m]: leading points of the cut that are not nearer than this are dropped
+EMPTY = np.zeros((0, 3))
+
+
+class LocalPlan:
+    """The stored plan: cut anew in every cycle, and with `prune` shortened at the front for good."""
+
+    def __init__(self):
+        self.poses = EMPTY
+
+    def set(self, plan):
+        """Take a plan (n, 3) x, y [m], yaw [rad], n may be 0."""
+        self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
+
+    def goal(self, frame=None):
+        """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. frame: see cut."""
+        if len(self.poses) == 0:
+            return None
+        return tuple(_transformed(self.poses[-1:], _inverse(frame))[0].tolist())
+
+    def cut(self, x, y, limit, prune, frame=None):
+        """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
+
+        prune: without the leading ones that are NEAR or farther away; as many go from the front of the stored plan, even
+        where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are one.
+        """
+        in_plan = (x, y) if frame is None else _placed(x, y, frame)
+        first, last = _within(self.poses, in_plan[0], in_plan[1], limit)
+        cut = _transformed(self.poses[first:last], _inverse(frame))
+        if prune:
+            far = _leading_far(cut, x, y)
+            cut = cut[far:]
+            self.poses = self.poses[far:]
+        return cut
+
+
+def _placed(x, y, frame):
+    fx, fy, yaw = frame
+    c, s = math.cos(yaw), math.sin(yaw)
+    return fx + x * c - y * s, fy + x * s + y * c
+
+
+def _inverse(frame):
+    """The pose of the plan's frame in the costmap's; None stands for the same frame."""
+    if frame is None:
+        return None
+    x, y, yaw = frame
+    c, s = math.cos(yaw), math.sin(yaw)
+    return -x * c - y * s, x * s - y * c, -yaw
+
+
+def _transformed(poses, frame):
+    """The poses (n, 3) as they are, or moved by a pose; their angles go through quaternions and a matrix."""
+    moved = poses.copy()
+    if frame is not None:
+        moved[:, 0], moved[:, 1] = _placed(poses[:, 0], poses[:, 1], frame)
+    _through_matrix(moved[:, 2], 0.0 if frame is None else frame[2])
+    return moved
+
+
+@njit(cache=True)
+def _through_matrix(yaws, turn):
+    """Turn the angles (n,) in place, on the way that tf takes: quaternion, matrix, quaternion."""
+    for i in range(yaws.shape[0]):
+        z = math.sin(yaws[i] / 2)
+        w = math.cos(yaws[i] / 2)
+        if turn != 0.0:
+            tz = math.sin(turn / 2)
+            tw = math.cos(turn / 2)
+            z, w = tw * z + tz * w, tw * w - tz * z
+        scale = 2 / (z * z + w * w)
+        a = w * (z * scale)
+        m = 1 - z * (z * scale)
+        trace = m + m + 1.0
+        if trace > 0:
+            r = math.sqrt(trace + 1.0)
+            w = r / 2
+        else:
+            r = math.sqrt(1.0 - m - m + 1.0)
+        back = (a + a) * (0.5 / r)
+        if trace > 0:
+            z = back
+        else:
+            z, w = r / 2, back
+        yaws[i] = math.atan2(2 * (w * z), w * w - z * z)
+
+
+@njit(cache=True)
+def _within(plan, x, y, limit):
+    n = plan.shape[0]
+    first = 0
+    while first < n and _squared_distance(plan, first, x, y) > limit * limit:
+        first += 1
+    last = first
+    while last < n:
+        last += 1
+        if _squared_distance(plan, last - 1, x, y) > limit * limit:
+            break
+    return first, last
+
+
+@njit(cache=True)
+def _leading_far(plan, x, y):
+    """How many of the first points are NEAR or farther away."""
+    far = 0
+    while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
+        far += 1
+    return far
+
+
+@njit(cache=True)
+def _squared_distance(plan, i, x, y):
+    dx = x - plan[i, 0]
+    dy = y - plan[i, 1]
+    return dx * dx + dy * dy

@@ -1,0 +1,128 @@
+"""The local planner (DWAPlannerROS): follows a plan with the DWA planner, stops and turns at its end.
+
+Called by MoveBase once per control cycle. docs/planner_dwa.md, One cycle.
+"""
+
+import math
+from typing import NamedTuple, Tuple
+
+import numpy as np
+
+from applr_ros1.planner.angles import wrapped
+from applr_ros1.planner.dwa.local_plan import EMPTY, LocalPlan
+from applr_ros1.planner.dwa.planner import DWAPlanner
+from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate
+
+NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
+
+
+class Step(NamedTuple):
+    """What one cycle did."""
+
+    ok: bool
+    command: Tuple[float, float, float]  # vx, vy [m/s], w [rad/s]; zero if not ok
+    phase: str
+    cut: np.ndarray  # (k, 3), the part of the plan that was followed
+    cost: float = 0.0  # of the trajectory that was chosen or checked; negative if illegal
+    count: int = 0  # of its points
+    checked: Tuple[float, float, float] = STANDING  # the command that was checked at the goal's place
+
+
+class DWALocalPlanner:
+    """params: the values of the server and the static parameters of DWAPlannerROS by name.
+
+    The server's values are all in force at once after `reconfigure`; the control period, sum_scores, cheat_factor and
+    the latch change with a restart. The footprint is the costmap's of each cycle.
+    """
+
+    def __init__(self, params):
+        frequency = params["controller_frequency"]
+        period = 1.0 / frequency if frequency > 0 else 0.05
+        self.planner = DWAPlanner(params, period, params["sum_scores"], params["cheat_factor"])
+        self.stop_rotate = StopRotate(params, period, params["latch_xy_goal_tolerance"])
+        self._prunes = bool(params["prune_plan"])
+        self.stored_plan = LocalPlan()
+        self.reset()
+
+    def reset(self):
+        """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
+        self.planner.reset()
+        self.stop_rotate.reset()
+        self._choice = None
+        self.cropped_plan = EMPTY
+        self.set_plan(EMPTY)
+
+    def reconfigure(self, params):
+        """New values of the server by name. Flags, latches and the plan stay."""
+        self.planner.reconfigure(params)
+        self.stop_rotate.reconfigure(params)
+        self._prunes = bool(params["prune_plan"])
+
+    def set_plan(self, plan):
+        """The global plan (n, 3) x, y [m], yaw [rad] in the costmap's frame, from now on."""
+        self.stored_plan.set(plan)
+        self.planner.clear_flags()
+        self.stop_rotate.new_plan()
+        self.goal_reached = False
+
+    @property
+    def local_plan(self):
+        """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
+        return EMPTY if self._choice is None else self._choice.points
+
+    def compute_velocity(self, pose, twist, costmap):
+        """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
+
+        ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached, before
+        any command.
+        """
+        pose = tuple(float(v) for v in pose)
+        v, w = (float(v) for v in twist)
+        if not all(math.isfinite(v) for v in pose + (v, w)):
+            return False, STANDING[:2]
+        if self.is_goal_reached(pose, (v, 0.0, w)):
+            self.goal_reached = True
+            self.cropped_plan, self._choice = EMPTY, None
+            return True, STANDING[:2]
+        step = self.command(pose, (v, 0.0, w), costmap)
+        return step.ok, (step.command[0], step.command[2])
+
+    def is_goal_reached(self, pose, velocity):
+        """Whether place and heading are reached and the robot stands; False without a plan. Sets the latch."""
+        goal = self.stored_plan.goal()
+        return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
+
+    def command(self, pose, velocity, costmap):
+        """One cycle's Step: the search's choice, or at the goal's place the command to stop or turn.
+
+        pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured.
+        """
+        self.cropped_plan, self._choice = EMPTY, None
+        cut = self.stored_plan.cut(pose[0], pose[1], _half_size(costmap), self._prunes)
+        if len(cut) == 0:
+            return Step(False, STANDING, NO_PLAN, cut)
+        goal = self.stored_plan.goal()
+        if not self.stop_rotate.is_position_reached(pose, goal):
+            choice = self.planner.find_best_path(costmap, cut, pose, velocity)
+            ok = choice.cost >= 0
+            if ok:
+                self.cropped_plan, self._choice = cut, choice
+            return Step(ok, choice.drive, DRIVING, cut, choice.cost, choice.count)
+        self.planner.prepare(costmap, cut, pose, velocity)
+        phase, wanted = self.stop_rotate.command(_wrapped(pose), velocity, goal)
+        if phase == TURNED:
+            return Step(True, STANDING, phase, cut)
+        cost, count = self.planner.check(wanted)
+        ok = cost >= 0
+        return Step(ok, wanted if ok else STANDING, phase, cut, cost, count, wanted)
+
+
+def _wrapped(pose):
+    """The pose with its angle gone through a quaternion."""
+    return pose[0], pose[1], wrapped(pose[2])
+
+
+def _half_size(costmap):
+    """The larger half [m] of the map's two sides."""
+    ny, nx = costmap.cells.shape
+    return max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0)

@@ -1,0 +1,106 @@
+"""The records that the kernels of the DWA planner share: parameters, memory, surroundings, grids and room to work in."""
+
+from collections import namedtuple
+
+import numpy as np
+
+from applr_ros1.planner import distance_grid
+
+# What the planner works with, one record; m, rad, s. acc_lim_* are float32 values. path_scale and goal_scale are the
+# two distance weights per cell; alignment_scale is path_scale or, near the goal, 0.
+PARAMETERS = np.dtype(
+    [
+        (name, np.float64)
+        for name in (
+            "max_vel_trans",
+            "min_vel_trans",
+            "max_vel_x",
+            "min_vel_x",
+            "max_vel_y",
+            "min_vel_y",
+            "max_vel_theta",
+            "min_vel_theta",
+            "acc_lim_x",
+            "acc_lim_y",
+            "acc_lim_theta",
+            "sim_time",
+            "sim_granularity",
+            "angular_sim_granularity",
+            "path_distance_bias",
+            "goal_distance_bias",
+            "occdist_scale",
+            "twirling_scale",
+            "oscillation_reset_dist",
+            "oscillation_reset_angle",
+            "forward_point_distance",
+            "scaling_speed",
+            "max_scaling_factor",
+            "path_scale",
+            "goal_scale",
+            "alignment_scale",
+            "sim_period",
+            "cheat_factor",
+        )
+    ]
+    + [(name, np.int64) for name in ("vx_samples", "vy_samples", "vth_samples", "use_dwa", "sum_scores")]
+)
+
+# The oscillation flags and the pose (float32 values) at which one was last set. For each axis: which sign alone is
+# allowed, and which sign was driven last.
+FLAGS = (
+    "forward_pos_only",
+    "forward_neg_only",
+    "strafe_pos_only",
+    "strafe_neg_only",
+    "rot_pos_only",
+    "rot_neg_only",
+    "forward_pos",
+    "forward_neg",
+    "strafing_pos",
+    "strafing_neg",
+    "rotating_pos",
+    "rotating_neg",
+)
+STATE = np.dtype(
+    [(name, np.int64) for name in FLAGS] + [(name, np.float64) for name in ("prev_x", "prev_y", "prev_theta")]
+)
+
+# What is around the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
+# resolution [m]; the padded footprint (n, 2) [m] and its line_offsets; the plan (k, 2 or 3) [m], and the plan of the
+# last cycle in which the nose-on-path critic was on.
+Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan aligned_plan")
+
+PATH, GOAL, FRONT, ALIGNMENT = range(4)
+
+# The four distance grids of distance_grid.py, one a row: distances (4, size), queues (4, size), ends (4, 2).
+# facts: [whether there was a search yet, the row that nose-on-path reads: PATH while it is on, for both grids are then
+# the same].
+Grids = namedtuple("Grids", "distances queues ends facts")
+
+# Room for one cycle. xs, ys, ws: the values of each axis; of every sample a lower bound of its cost (keys), of its
+# four grid values (bounds) and of its obstacle cost (occupied), the heap, and whether it was probed; start (6,): pose
+# and velocity as used.
+Scratch = namedtuple("Scratch", "xs ys ws keys bounds occupied heap probed start")
+
+
+def allocate_grids(nx, ny):
+    """Grids for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
+    distance, queue, _ = distance_grid.allocate(nx, ny)
+    return Grids(np.tile(distance, (4, 1)), np.tile(queue, (4, 1)), np.zeros((4, 2), np.int64), np.zeros(2, np.int64))
+
+
+def allocate_scratch(vx_samples, vy_samples, vth_samples):
+    """Scratch for so many samples; each axis can have one value more than asked for, and has two at least."""
+    axes = [max(n, 2) + 1 for n in (vx_samples, vy_samples, vth_samples)]
+    n = axes[0] * axes[1] * axes[2]
+    return Scratch(
+        np.zeros(axes[0]),
+        np.zeros(axes[1]),
+        np.zeros(axes[2]),
+        np.zeros(n),
+        np.zeros((n, 4), np.int32),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.uint8),
+        np.zeros(6),
+    )
