@@ -38,6 +38,7 @@ class Scenario:
     def __init__(self, fields, arrays):
         self.id, self.kind = fields["id"], fields["kind"]
         self.inputs, self.expected = fields["inputs"], fields["expected"]
+        self.robot = fields.get("meta", {}).get("robot", "")
         self._names, self._arrays = fields.get("arrays", ()), arrays
 
     def __contains__(self, name):

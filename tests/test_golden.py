@@ -8,29 +8,44 @@ import numpy as np
 import pytest
 import replay_golden
 
-GOLDEN = os.path.join(os.path.dirname(os.path.abspath(__file__)), "golden")
-COUNTS = {"dwa": 150, "dwa_edge": 54, "inflation": 30, "navfn": 30, "rollout": 15}
+HERE = os.path.dirname(os.path.abspath(__file__))
+GOLDEN, GOLDEN_DWA = os.path.join(HERE, "golden"), os.path.join(HERE, "golden_dwa")
+COUNTS = {
+    GOLDEN: {"dwa": 150, "dwa_edge": 54, "inflation": 30, "navfn": 30, "rollout": 15},
+    GOLDEN_DWA: {
+        "dwa": 25,
+        "dwa_edge": 44,
+        "rollout": 4,
+        "drive": 8,
+        "stop_rotate": 44,
+        "local_plan": 7,
+        "local_plan_tf": 1,
+    },
+}
 
 
 @pytest.fixture(scope="module")
 def scenarios():
-    return replay_golden.load(GOLDEN)
+    return {folder: replay_golden.load(folder) for folder in COUNTS}
 
 
-@pytest.mark.parametrize("kind", sorted(COUNTS))
-def test_every_number_equals_the_cpp_one(kind, scenarios):
-    mine = [scenario for scenario in scenarios if scenario.kind == kind]
-    assert len(mine) == COUNTS[kind]
+@pytest.mark.parametrize(("folder", "kind"), [(folder, kind) for folder in COUNTS for kind in COUNTS[folder]])
+def test_every_number_equals_the_cpp_one(folder, kind, scenarios):
+    mine = [scenario for scenario in scenarios[folder] if scenario.kind == kind]
+    assert len(mine) == COUNTS[folder][kind]
     differing = {scenario.id: found for scenario in mine for found in [replay_golden.replay(scenario)] if found}
     assert not differing
 
 
-def small_set(folder, change_json=lambda m: None, change_arrays=lambda a: None):
-    """A set of three scenarios, changed as asked for."""
-    with open(os.path.join(GOLDEN, "manifest.json"), encoding="utf-8") as file:
+THREE = ("dwa_000", "infl_001", "nav_000")
+
+
+def small_set(folder, change_json=lambda m: None, change_arrays=lambda a: None, source=GOLDEN, chosen=THREE):
+    """A set of some scenarios, changed as asked for."""
+    with open(os.path.join(source, "manifest.json"), encoding="utf-8") as file:
         manifest = json.load(file)
-    manifest["scenarios"] = [s for s in manifest["scenarios"] if s["id"] in ("dwa_000", "infl_001", "nav_000")]
-    with np.load(os.path.join(GOLDEN, "arrays.npz")) as archive:
+    manifest["scenarios"] = [s for s in manifest["scenarios"] if s["id"] in chosen]
+    with np.load(os.path.join(source, "arrays.npz")) as archive:
         arrays = {
             "%s/%s" % (s["id"], name): archive["%s/%s" % (s["id"], name)]
             for s in manifest["scenarios"]
@@ -67,6 +82,33 @@ def test_another_winner_is_found(tmp_path, field, value):
         manifest["scenarios"][0]["expected"]["best"][field] = value
 
     assert replay_golden.main([small_set(tmp_path, change)]) == 1
+
+
+DWA_CHANGES = {  # scenario, array, place: a number that is changed a little
+    "a sample": ("dwa_000", "samples", (3, 2)),
+    "a critic": ("dwa_000", "critics", (400, 4)),
+    "a grid": ("dwa_000", "goal_front_dist", (5, 5)),
+    "where scoring ended": ("dwa_000", "cut", (100,)),
+    "a command of a free run": ("roll_001", "rollout", (30, 5)),
+    "a flag of a free run": ("roll_001", "rollout_state", (30, 6)),
+    "a command of a drive": ("drive_000", "steps_out", (40, 9)),
+    "the rotating mark": ("stop_000_plain", "steps_out", (2, 17)),
+    "a point of the cut plan": ("plan_000_along", "local_plans", (7, 2)),
+    "a point in another frame": ("plantf_001", "local_plans", (7, 0)),
+}
+
+
+@pytest.mark.parametrize("what", DWA_CHANGES)
+def test_one_number_of_the_dwa_planner_is_found(tmp_path, what):
+    """Every kind looks at its numbers: the scenario as it is passes, with one of them changed it does not."""
+    scenario, name, place = DWA_CHANGES[what]
+
+    def change(arrays):
+        array = arrays["%s/%s" % (scenario, name)]
+        array[place] += 1 if array.dtype.kind in "iu" else 2e-9 + 4e-6 * (array.dtype == np.float32)
+
+    assert replay_golden.main([small_set(tmp_path, source=GOLDEN_DWA, chosen=(scenario,))]) == 0
+    assert replay_golden.main([small_set(tmp_path, lambda m: None, change, GOLDEN_DWA, (scenario,))]) == 1
 
 
 def test_one_last_bit_of_a_sample_is_found(tmp_path):

@@ -1,1 +1,1 @@
-"""The local planner of dwa_local_planner/DWAPlannerROS: sampled velocities, seven critics, and a controller at the goal."""
+"""The local planner of dwa_local_planner/DWAPlannerROS: sampled velocities, seven critics, stop and turn."""

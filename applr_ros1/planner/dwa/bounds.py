@@ -12,7 +12,7 @@ from numba import njit
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
 from applr_ros1.planner.distance_grid import settle
-from applr_ros1.planner.dwa.generator import commanded, ground_speed, move, ramped
+from applr_ros1.planner.dwa.generator import commanded, move, ramped
 from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH
 from applr_ros1.planner.trajectory.bounds import LARGEST_TURN, small_turn
 
@@ -22,9 +22,9 @@ FORMULA = 1e-9  # [m]; the closed forms by themselves are good to about 1e-12
 
 @njit(cache=True)
 def arc(start, c, s, vx, vy, turn, dt, moves):
-    """(x, y, cos, sin) of position and heading after so many equal moves of dt and `turn` [rad], |turn| <= LARGEST_TURN.
+    """(x, y, cos, sin) of position and heading after so many equal moves of dt [s] and `turn` [rad].
 
-    c, s: cosine and sine of the heading at the start.
+    c, s: cosine and sine of the heading at the start; |turn| <= LARGEST_TURN.
     """
     half = 0.5 * turn
     dc, ds = small_turn(half)
@@ -146,7 +146,7 @@ def _reach(footprint):
 
 @njit(cache=True)
 def at_least(grids, row, k, nx, ny, limit):
-    """The value of the cell k in one grid, walls as N; or limit + 1 where the flood would have to go beyond the limit."""
+    """The value of the cell k in one grid, walls as N; limit + 1 where the flood would have to go beyond the limit."""
     n = nx * ny
     value = int(grids.distances[row, k])
     if value <= n:

@@ -1,7 +1,7 @@
 """The critics of one trajectory, each over all its points, in the order of the C++ planner.
 
 Called for single trajectories and for what is shown of a cycle (every_sample.py); the search finds the same costs with
-less work. A negative value refuses the trajectory. docs/planner_dwa.md, Critics.
+less work. A negative value refuses the trajectory. docs/planner_dwa.md section 6.
 """
 
 import math
@@ -123,7 +123,20 @@ def _obstacle(p, scene, points, speed):
         if cx < 0:
             return COLLIDES
         cost = outline_cost(
-            cells, cells.reshape(-1), ox, oy, resolution, scaled, lines, x, y, math.cos(theta), math.sin(theta), cx, cy, 0.0
+            cells,
+            cells.reshape(-1),
+            ox,
+            oy,
+            resolution,
+            scaled,
+            lines,
+            x,
+            y,
+            math.cos(theta),
+            math.sin(theta),
+            cx,
+            cy,
+            0.0,
         )
         if cost < 0:
             return COLLIDES

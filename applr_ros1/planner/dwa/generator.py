@@ -1,4 +1,4 @@
-"""Makes the trajectory of one velocity sample (SimpleTrajectoryGenerator). docs/planner_dwa.md, One trajectory.
+"""Makes the trajectory of one velocity sample (SimpleTrajectoryGenerator). docs/planner_dwa.md section 5.
 
 Every pose and velocity is rounded to float32 when it is stored; what lies between is double.
 """
@@ -28,9 +28,7 @@ def step_count(p, vx, vy, w):
         return 0
     if p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans:
         return 0
-    return int(
-        math.ceil(max(speed * p.sim_time / p.sim_granularity, abs(w) * p.sim_time / p.angular_sim_granularity))
-    )
+    return int(math.ceil(max(speed * p.sim_time / p.sim_granularity, abs(w) * p.sim_time / p.angular_sim_granularity)))
 
 
 @njit(cache=True)

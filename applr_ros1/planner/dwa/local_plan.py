@@ -1,4 +1,4 @@
-"""The part of the global plan that the robot follows now (LocalPlannerUtil). docs/planner_dwa.md, Cutting the plan."""
+"""The part of the global plan that the robot follows now (LocalPlannerUtil). docs/planner_dwa.md section 2."""
 
 import math
 
@@ -28,8 +28,9 @@ class LocalPlan:
     def cut(self, x, y, limit, prune, frame=None):
         """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
 
-        prune: without the leading ones that are NEAR or farther away; as many go from the front of the stored plan, even
-        where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are one.
+        prune: without the leading ones that are NEAR or farther away; as many go from the front of the stored plan,
+        even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are
+        one.
         """
         in_plan = (x, y) if frame is None else _placed(x, y, frame)
         first, last = _within(self.poses, in_plan[0], in_plan[1], limit)

@@ -118,7 +118,7 @@ class DWAPlanner:
 
     @property
     def state(self):
-        """The memory between cycles, fifteen values that can also be assigned: the twelve FLAGS and the pose of a change."""
+        """The memory between cycles, which can be assigned: the twelve FLAGS, then the pose of the last change."""
         return list(self._state[0].item())
 
     @state.setter
@@ -204,7 +204,7 @@ class DWAPlanner:
         return cost, steps
 
     def every_sample(self):
-        """All samples of the last search with what each critic says: every_sample.Samples. Slow; for display and tests."""
+        """All samples of the last search with what each critic says (every_sample.Samples), for display and tests."""
         return every_sample(self._record, self._flags_before, self._grids, self._scratch, self._scene)
 
     def grids(self):

@@ -1,6 +1,6 @@
 """What a cycle begins with: the pose as used, the targets of the four distance grids, and where their floods start.
 
-docs/planner_dwa.md, Preparing a cycle and Grids.
+docs/planner_dwa.md section 3.
 """
 
 import math
@@ -14,7 +14,7 @@ from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
 
 @njit(cache=True)
 def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
-    """Take pose and velocity, and switch the nose-on-path critic: it is off near the plan's end. Returns whether it is on.
+    """Take pose and velocity, and switch the nose-on-path critic, off near the plan's end; returns whether it is on.
 
     plan: (k, 2 or 3) [m], not empty. yaw and w have already gone through a quaternion.
     """
@@ -32,7 +32,7 @@ def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
 
 @njit(cache=True)
 def begin_floods(p, grids, start, scene, aligned):
-    """Reset the grids for the scene's costmap and put 0 where each flood begins. aligned: whether nose-on-path is on."""
+    """Reset the grids for the scene's costmap and put 0 where each flood begins. aligned: nose-on-path is on."""
     cells, ox, oy, resolution, _, _, plan, aligned_plan = scene
     distances, queues, ends, facts = grids
     stride = cells.shape[1] + 2

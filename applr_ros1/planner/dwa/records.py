@@ -1,4 +1,4 @@
-"""The records that the kernels of the DWA planner share: parameters, memory, surroundings, grids and room to work in."""
+"""The records that the kernels of the DWA planner share: parameters, memory, surroundings, grids, room to work in."""
 
 from collections import namedtuple
 

@@ -17,7 +17,7 @@ from applr_ros1.planner.dwa.critics import HUGE, NOTHING_LEGAL, final_distance, 
 from applr_ros1.planner.dwa.generator import commanded, ground_speed, move, ramped, step_count
 from applr_ros1.planner.dwa.oscillation import is_barred, remember
 from applr_ros1.planner.dwa.preparation import begin_floods, prepare
-from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
+from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH
 from applr_ros1.planner.dwa.velocities import sample_axes
 from applr_ros1.planner.sample_heap import sift_down
 
