@@ -7,8 +7,7 @@ never above the exact cost, and no result depends on the closed forms.
 
 import math
 
-from numba import njit
-
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
 from applr_ros1.planner.distance_grid import settle
@@ -20,7 +19,7 @@ ROUNDING = 1.01 * 2.0**-24  # of one float32 value, with something for the close
 FORMULA = 1e-9  # [m]; the closed forms by themselves are good to about 1e-12
 
 
-@njit(cache=True)
+@kernel
 def arc(start, c, s, vx, vy, turn, dt, moves):
     """(x, y, cos, sin) of position and heading after so many equal moves of dt [s] and `turn` [rad].
 
@@ -45,7 +44,7 @@ def arc(start, c, s, vx, vy, turn, dt, moves):
     )
 
 
-@njit(cache=True)
+@kernel
 def arc_errors(p, start, speed, w, steps):
     """How far the float32 trajectory may be from the closed form, at most: position [m] and heading [rad]."""
     length = speed * p.sim_time
@@ -53,7 +52,7 @@ def arc_errors(p, start, speed, w, steps):
     return steps * ROUNDING * (max(abs(start[0]), abs(start[1])) + length) + length * heading + FORMULA, heading
 
 
-@njit(cache=True)
+@kernel
 def exact_end(p, start, vx, vy, w, steps):
     """(x, y, theta) of the last point, step by step as generator.roll_out."""
     dt = p.sim_time / steps
@@ -66,13 +65,13 @@ def exact_end(p, start, vx, vy, w, steps):
     return x, y, theta
 
 
-@njit(cache=True)
+@kernel
 def _near_border(x, y, ox, oy, resolution, error):
     margin = error / resolution + 1e-9
     return on_border((x - ox) / resolution, margin) or on_border((y - oy) / resolution, margin)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def end_cells(p, scene, start, c, s, vx, vy, w, speed, steps):
     """Cells (x, y) of the last point and of its nose, each (-1, -1) off the map. c, s: of the heading at the start."""
     cells, ox, oy, resolution, _, _, _, _ = scene
@@ -102,7 +101,7 @@ def end_cells(p, scene, start, c, s, vx, vy, w, speed, steps):
     return cx, cy, nose_x, nose_y
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def probe(p, scene, scaled, start, c, s, vx, vy, w, speed, steps, occupied, allowed):
     """An obstacle cost that the sample meets, from a few of its poses; -1 if one of them is illegal.
 
@@ -135,7 +134,7 @@ def probe(p, scene, scaled, start, c, s, vx, vy, w, speed, steps, occupied, allo
     return occupied
 
 
-@njit(cache=True)
+@kernel
 def _reach(footprint):
     """The largest coordinate [m] of the vertices (n, 2), doubled: more than any vertex is away from the centre."""
     reach = 0.0
@@ -144,7 +143,7 @@ def _reach(footprint):
     return 2.0 * reach
 
 
-@njit(cache=True)
+@kernel
 def at_least(grids, row, k, nx, ny, limit):
     """The value of the cell k in one grid, walls as N; limit + 1 where the flood would have to go beyond the limit."""
     n = nx * ny
@@ -157,7 +156,7 @@ def at_least(grids, row, k, nx, ny, limit):
     return value
 
 
-@njit(cache=True)
+@kernel
 def flood_limits(p, grids, scene, start, cx, cy):
     """How far the floods of path, goal and front may go for bounds: not much farther than the robot gets.
 

@@ -7,8 +7,8 @@ less work. A negative value refuses the trajectory. docs/planner_dwa.md section 
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
 from applr_ros1.planner.distance_grid import final_value, settle
@@ -23,7 +23,7 @@ CRITICS = 7
 HUGE = float(np.finfo(np.float64).max)
 
 
-@njit(cache=True)
+@kernel
 def weight(p, critic):
     """The weight of a critic by its place in the order; one of weight 0 is not asked."""
     if critic == 0:
@@ -39,7 +39,7 @@ def weight(p, critic):
     return p.goal_scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def footprint_scale(p, speed):
     """How much larger the footprint counts at this speed [m/s]."""
     if speed <= p.scaling_speed:
@@ -47,7 +47,7 @@ def footprint_scale(p, speed):
     return p.max_scaling_factor * ((speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)) + 1.0
 
 
-@njit(cache=True)
+@kernel
 def scale_footprint(footprint, scale, scaled):
     """Write the vertices (n, 2), each coordinate times `scale`, into `scaled`."""
     for i in range(footprint.shape[0]):
@@ -55,7 +55,7 @@ def scale_footprint(footprint, scale, scaled):
         scaled[i, 1] = footprint[i, 1] * scale
 
 
-@njit(cache=True)
+@kernel
 def final_distance(grids, row, k, stride, n):
     """The value that C++ holds at the cell k of one grid: a distance, n for a wall, n + 1 where no flood comes."""
     distance, queue, ends = grids.distances[row], grids.queues[row], grids.ends[row]
@@ -68,7 +68,7 @@ def final_distance(grids, row, k, stride, n):
     return value
 
 
-@njit(cache=True)
+@kernel
 def critique(p, state, scene, grids, points, vx, vy, w, critic):
     """The value of one critic for a trajectory: its points (k, 3) and its velocity. No points: 0."""
     if critic == 0:
@@ -87,7 +87,7 @@ def critique(p, state, scene, grids, points, vx, vy, w, critic):
     return abs(w)
 
 
-@njit(cache=True)
+@kernel
 def total_cost(p, state, scene, grids, points, vx, vy, w, best):
     """(cost, critic): the weighted sum of the critics, and the one that ended it, CRITICS if none did.
 
@@ -109,7 +109,7 @@ def total_cost(p, state, scene, grids, points, vx, vy, w, best):
     return total, CRITICS
 
 
-@njit(cache=True)
+@kernel
 def _obstacle(p, scene, points, speed):
     """The largest cost under the scaled outline and the centre, or the sum over the points."""
     cells, ox, oy, resolution, footprint, lines, _, _ = scene
@@ -146,7 +146,7 @@ def _obstacle(p, scene, points, speed):
     return float(total if p.sum_scores else worst)
 
 
-@njit(cache=True)
+@kernel
 def _on_grid(scene, grids, row, points, ahead, stops):
     """The grid's value `ahead` [m] of the last point. Every point must be on the map and, if it stops, reachable."""
     cells, ox, oy, resolution, _, _, _, _ = scene

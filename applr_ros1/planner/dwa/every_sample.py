@@ -6,8 +6,8 @@ The search (search.py) finds the same winner with less work.
 from collections import namedtuple
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.dwa.critics import CRITICS, REFUSED, critique, total_cost
 from applr_ros1.planner.dwa.generator import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.velocities import sample_axes
@@ -20,7 +20,7 @@ from applr_ros1.planner.dwa.velocities import sample_axes
 Samples = namedtuple("Samples", "velocities stored counts ends critics costs shown ended points")
 
 
-@njit(cache=True)
+@kernel
 def every_sample(params, flags, grids, scratch, scene):
     """Samples of the cycle last searched. flags: those before that search; one record."""
     p, state, start = params[0], flags[0], scratch.start

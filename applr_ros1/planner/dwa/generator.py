@@ -6,20 +6,20 @@ Every pose and velocity is rounded to float32 when it is stored; what lies betwe
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.dwa.velocities import single
 
 SLACK = 1e-4  # [m/s] and [rad/s]
 
 
-@njit(cache=True)
+@kernel
 def ground_speed(vx, vy):
     """The speed over ground [m/s]."""
     return abs(vx) if vy == 0.0 else math.hypot(vx, vy)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def step_count(p, vx, vy, w):
     """Into how many steps the sample (vx, vy, w) is divided; 0 refuses it."""
     speed = ground_speed(vx, vy)
@@ -31,7 +31,7 @@ def step_count(p, vx, vy, w):
     return int(math.ceil(max(speed * p.sim_time / p.sim_granularity, abs(w) * p.sim_time / p.angular_sim_granularity)))
 
 
-@njit(cache=True)
+@kernel
 def ramp(target, velocity, change):
     """The velocity on its way to `target`, at most `change` nearer."""
     if velocity < target:
@@ -39,7 +39,7 @@ def ramp(target, velocity, change):
     return single(max(target, velocity - change))
 
 
-@njit(cache=True)
+@kernel
 def ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt):
     """All three velocities after dt on their way from the present ones to the sample."""
     return (
@@ -49,7 +49,7 @@ def ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt):
     )
 
 
-@njit(cache=True)
+@kernel
 def commanded(p, start, vx, vy, w, steps):
     """The velocity that the trajectory of a sample stands for: the sample, or one step of the ramp towards it."""
     if p.use_dwa:
@@ -57,7 +57,7 @@ def commanded(p, start, vx, vy, w, steps):
     return ramped(p, vx, vy, w, start[3], start[4], start[5], p.sim_time / steps)
 
 
-@njit(cache=True)
+@kernel
 def move(x, y, theta, c, s, vx, vy, w, dt):
     """The pose after dt; c and s are cosine and sine of theta."""
     if vy == 0.0:
@@ -69,7 +69,7 @@ def move(x, y, theta, c, s, vx, vy, w, dt):
     )
 
 
-@njit(cache=True)
+@kernel
 def roll_out(p, start, vx, vy, w, points):
     """Write the poses x, y, theta before each step into `points` (steps, 3): the first is the robot's own."""
     steps = points.shape[0]
@@ -85,7 +85,7 @@ def roll_out(p, start, vx, vy, w, points):
         x, y, theta = move(x, y, theta, math.cos(theta), math.sin(theta), vx_now, vy_now, w_now, dt)
 
 
-@njit(cache=True)
+@kernel
 def take_start(start, x, y, yaw, vx, vy, w):
     """Pose and velocity (6,) as the planner uses them: float32, angle and turn rate already through a quaternion."""
     start[0] = np.float32(x)

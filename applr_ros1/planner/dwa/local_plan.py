@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 NEAR = 1.0  # [m]: leading points of the cut that are not nearer than this are dropped
 EMPTY = np.zeros((0, 3))
@@ -66,7 +67,7 @@ def _transformed(poses, frame):
     return moved
 
 
-@njit(cache=True)
+@kernel
 def _through_matrix(yaws, turn):
     """Turn the angles (n,) in place, on the way that tf takes: quaternion, matrix, quaternion."""
     for i in range(yaws.shape[0]):
@@ -93,7 +94,7 @@ def _through_matrix(yaws, turn):
         yaws[i] = math.atan2(2 * (w * z), w * w - z * z)
 
 
-@njit(cache=True)
+@kernel
 def _within(plan, x, y, limit):
     n = plan.shape[0]
     first = 0
@@ -107,7 +108,7 @@ def _within(plan, x, y, limit):
     return first, last
 
 
-@njit(cache=True)
+@kernel
 def _leading_far(plan, x, y):
     """How many of the first points are NEAR or farther away."""
     far = 0
@@ -116,7 +117,7 @@ def _leading_far(plan, x, y):
     return far
 
 
-@njit(cache=True)
+@kernel
 def _squared_distance(plan, i, x, y):
     dx = x - plan[i, 0]
     dy = y - plan[i, 1]

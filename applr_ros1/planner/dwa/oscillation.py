@@ -4,10 +4,11 @@ OscillationCostFunction; docs/planner_dwa.md section 7.
 """
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def is_barred(state, vx, vy, w):
     """Whether the flags bar this velocity; zero always passes."""
     return (
@@ -20,7 +21,7 @@ def is_barred(state, vx, vy, w):
     )
 
 
-@njit(cache=True)
+@kernel
 def remember(p, state, x, y, theta, vx, vy, w):
     """Take the chosen velocity into the flags, and clear them once the robot has moved on from the pose of the last.
 
@@ -84,7 +85,7 @@ def remember(p, state, x, y, theta, vx, vy, w):
             clear(state)
 
 
-@njit(cache=True)
+@kernel
 def clear(state):
     """Forget all directions; the pose of the last change stays."""
     state.forward_pos_only = state.forward_neg_only = 0

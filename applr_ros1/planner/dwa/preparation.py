@@ -5,14 +5,13 @@ docs/planner_dwa.md section 3.
 
 import math
 
-from numba import njit
-
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.distance_grid import reset, start_at, start_at_plan
 from applr_ros1.planner.dwa.generator import take_start
 from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
 
 
-@njit(cache=True)
+@kernel
 def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
     """Take pose and velocity, and switch the nose-on-path critic, off near the plan's end; returns whether it is on.
 
@@ -30,7 +29,7 @@ def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
     return aligned
 
 
-@njit(cache=True)
+@kernel
 def begin_floods(p, grids, start, scene, aligned):
     """Reset the grids for the scene's costmap and put 0 where each flood begins. aligned: nose-on-path is on."""
     cells, ox, oy, resolution, _, _, plan, aligned_plan = scene

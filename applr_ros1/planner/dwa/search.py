@@ -7,8 +7,8 @@ where no bound is left that beats the best cost. The choice is the C++ planner's
 import math
 
 import numpy as np
-from numba import njit
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import wrapped
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
@@ -24,7 +24,7 @@ from applr_ros1.planner.sample_heap import sift_down
 NO_LIMIT = 1 << 60
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     """One cycle: preparation, floods, samples, winner, flags. params, state: one record each.
 
@@ -47,7 +47,7 @@ def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     return cost, sample, steps, (vx, vy, w), stored, wrapped(stored[2]), aligned
 
 
-@njit(cache=True)
+@kernel
 def total(p, occupied, front, alignment, path, goal, w):
     """The weighted sum of the critics, in their order."""
     cost = occupied * p.occdist_scale
@@ -58,7 +58,7 @@ def total(p, occupied, front, alignment, path, goal, w):
     return cost + abs(w) * p.twirling_scale
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _lowest(p, state, grids, scratch, scene, nx, ny, nw):
     """(cost, number) of the first sample of lowest cost, (HUGE, -1) if none is legal."""
     xs, ys, ws, keys, bounds, occupied, heap, probed, start = scratch
@@ -103,7 +103,7 @@ def _lowest(p, state, grids, scratch, scene, nx, ny, nw):
     return best, winner
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bound(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
     """Fill bounds, occupied, keys and heap; returns how many samples may win."""
     xs, ys, ws, keys, bounds, occupied, heap, probed, start = scratch
@@ -189,7 +189,7 @@ def _bound(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
     return count
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _score(p, grids, scene, start, scaled, vx, vy, w, stored_w, steps, bounds, i, best):
     """The cost of one sample, rolled out; HUGE if it is illegal, or above `best` already on the way."""
     cells, ox, oy, resolution, _, lines, _, _ = scene

@@ -3,16 +3,17 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def single(value):
     """`value` rounded to float32, as a double."""
     return np.float64(np.float32(value))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sample_axes(p, scratch, plan):
     """Fill the values of the axes; returns how many there are of vx, vy and w. Samples run over w first, vx last.
 
@@ -34,13 +35,13 @@ def sample_axes(p, scratch, plan):
     return nx, ny, nw
 
 
-@njit(cache=True)
+@kernel
 def _window(least, most, velocity, change, n, values):
     """The values of one axis between its limits and what can be reached from `velocity`."""
     return spread(single(max(least, velocity - change)), single(min(most, velocity + change)), n, values)
 
 
-@njit(cache=True)
+@kernel
 def spread(bottom, top, n, values):
     """Fill `values` from bottom to top in equal steps, zero between them included; returns how many there are.
 
