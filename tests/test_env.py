@@ -28,7 +28,7 @@ class FakeMoveBase:
         self.goals, self.requests, self.steps, self.scans = [], [], [], []
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
-    def reset(self, now):
+    def reset(self, now, seed=None):
         self.steps.clear()
 
     def set_goal(self, goal, now):

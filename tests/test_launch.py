@@ -68,6 +68,7 @@ def test_which_nodes_start(arguments, nodes):
         "real_time_factor:=nan",
         "simulator:=gazebo",
         "move_base:=fortran",
+        "weights:=heavy",
         "goal:=1 2",
         "record:=/no/such/folder/a.bag",
         "policy:=/no/such.safetensors mode:=applr",

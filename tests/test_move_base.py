@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from toy_robot import ToyRobot, quick, ring, run, start
 
-from applr_ros1.planner import move_base as module
+from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.timer import Timer
 

@@ -17,6 +17,7 @@ import pytest
 from training import evaluate
 from training.evaluation import methods, trials
 from training.evaluation import store as trial_store
+from training.mdp.episode import TIME_LIMIT
 from training.storage import StorageError
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -355,13 +356,15 @@ def test_trial_depends_on_its_task_only():
     (tmp_set, other) = ("frozen:inflation_radius:fast_dwa", "generated:64")
     task = trials.Task("generated:19", "m", 0, 11, "generated:19", tmp_set, False)
     fresh = trials.Driver("kinematic", "paper").run(task)
-    used = trials.Driver("kinematic", "barn-challenge")
-    used.protocol = "paper"
-    used.episode.end_on_contact = False
-    used.episode.limit = 4
-    used.run(task._replace(world=other, world_spec=other, method_spec="random", seed=3))
-    used.episode.limit = trials.LIMIT
+    used = trials.Driver("kinematic", "paper")
+    before = task._replace(world=other, world_spec=other, method_spec="random", seed=3)
+    for weights in ("per_cell", "per_metre"):
+        episode = used.episode(weights, "ours")
+        episode.time_limit = 6.0
+        used.run(before._replace(weights=weights))
+        episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
+    assert used.run(task._replace(weights="per_metre"))["row"] != fresh["row"]
 
 
 def test_protocols():

@@ -14,6 +14,7 @@ from typing import Any, Dict, List
 
 import numpy as np
 
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, WEIGHTS
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags.reader import BagError, Topics, find
@@ -64,7 +65,7 @@ def _fits(demonstrations, found, options, say) -> List[appld_fit.Fit]:
     copies: List[List[appld_fit.Stretch]] = [[] for _ in found.names]
     for number, d in enumerate(demonstrations):
         spans = [s for s in found.segments if s.demonstration == number]
-        for s, stretch in zip(spans, appld_fit.stretches(d, spans, options.longest)):
+        for s, stretch in zip(spans, appld_fit.stretches(d, spans, options.longest, options.weights)):
             copies[s.context].append(stretch)
     fits = []
     for k, (name, own) in enumerate(zip(found.names, copies)):
@@ -141,6 +142,12 @@ def parse(arguments) -> argparse.Namespace:
     p.add_argument("--penalty", type=float, default=3.0, help="of a changepoint: more gives fewer segments")
     p.add_argument("--evaluations", type=int, default=150, help="replays of each context in the search")
     p.add_argument("--longest", type=int, default=100, help="instants of 50 ms of a segment that are replayed")
+    p.add_argument(
+        "--weights",
+        default=DEFAULT_WEIGHTS,
+        choices=WEIGHTS,
+        help="how the distance biases of the planner that is fitted count (default: %(default)s)",
+    )
     p.add_argument("--steps", type=int, default=500, help="of the classifier's training")
     p.add_argument("--seed", type=int, default=0, help="of everything drawn")
     p.add_argument("--scan", default=Topics.scan, help="topic of the scans")

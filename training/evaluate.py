@@ -12,6 +12,7 @@ import sys
 import time
 from typing import Any, Dict, List, Sequence
 
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from training.evaluation import methods
 from training.evaluation.store import TRIALS, Store
 from training.evaluation.trial_pool import Processes, RayActors
@@ -44,7 +45,8 @@ def main(arguments: Sequence[str] = None) -> int:
 def run(options: argparse.Namespace) -> int:
     worlds = world_list(options.worlds, options.protocol)
     chosen = methods.parse(options.methods)
-    tasks = plan([w[:2] for w in worlds], chosen, options.trials, options.seed, options.traces)
+    names = [w[:2] for w in worlds]
+    tasks = plan(names, chosen, options.trials, options.seed, options.traces, options.weights, options.planner)
     store = Store(options.out, settings(options, worlds, chosen), tasks)
     try:
         if store.done < len(tasks):
@@ -73,6 +75,8 @@ def settings(options, worlds, chosen) -> Dict[str, Any]:
         "methods": {name: methods.make(spec).describe() for name, spec in chosen},
         "simulator": options.simulator,
         "protocol": options.protocol,
+        "weights": options.weights,
+        "planner": options.planner,
         "seed": options.seed,
     }
 
@@ -169,6 +173,20 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     p.add_argument("--trials", type=_whole(1, 100_000), default=20, help="of each method in each world (default: 20)")
     p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet")
     p.add_argument("--protocol", choices=tuple(PROTOCOLS), default="paper")
+    p.add_argument(
+        "--weights",
+        type=_kinds,
+        default=[DEFAULT_WEIGHTS],
+        help="how the planner's distance biases count: %s or %s (one of them by world and trial); several with commas "
+        "drive everything with each, and trials.csv gets a column weights (default: %s)"
+        % (", ".join(WEIGHTS), DRAWN, DEFAULT_WEIGHTS),
+    )
+    p.add_argument(
+        "--planner",
+        choices=PLANNERS + (DRAWN,),
+        default=OURS,
+        help="cpp-like: with the defects of the C++ move_base that success depends on (default: %s)" % OURS,
+    )
     p.add_argument("--workers", type=_whole(1, 4096), default=2, help="processes, or Ray actors (default: 2)")
     p.add_argument("--ray-address", default="", help="drive on this Ray cluster instead (host:port, or auto)")
     p.add_argument("--out", default="results", help="folder for trials.csv, tables and figures (default: results)")
@@ -187,6 +205,18 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 class _Parser(argparse.ArgumentParser):
     def error(self, message):
         raise UsageError("%s; --help lists all options" % message)
+
+
+def _kinds(text: str) -> List[str]:
+    kinds = text.split(",")
+    for kind in kinds:
+        if kind not in WEIGHTS + (DRAWN,):
+            raise argparse.ArgumentTypeError(
+                "%r is no kind of weights: give %s or %s" % (kind, ", ".join(WEIGHTS), DRAWN)
+            )
+    if len(set(kinds)) < len(kinds):
+        raise argparse.ArgumentTypeError("%r names one twice" % text)
+    return kinds
 
 
 def _whole(low: int, high: int):

@@ -15,6 +15,7 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from applr_ros1.policy.methods import read_parameters
 from applr_ros1.policy.parameter_space import SPACE
 from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool
@@ -187,6 +188,18 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--worlds", default="generated:train", help="to search over")
     p.add_argument("--simulator", default="kinematic", choices=("kinematic", "pybullet"), help="to drive in")
+    p.add_argument(
+        "--weights",
+        default=DEFAULT_WEIGHTS,
+        choices=WEIGHTS + (DRAWN,),
+        help="how the planner's distance biases count; drawn: by world and trial",
+    )
+    p.add_argument(
+        "--planner",
+        default=OURS,
+        choices=PLANNERS + (DRAWN,),
+        help="to drive with; cpp-like: with the defects of the C++ move_base",
+    )
     p.add_argument("--generations", type=int, default=40, help="of CMA-ES")
     p.add_argument("--population", type=int, default=16, help="candidates of a generation")
     p.add_argument("--worlds-per-set", type=int, default=25, help="worlds that each candidate drives")
@@ -227,7 +240,12 @@ def main(arguments: Optional[List[str]] = None) -> int:
         settings = {
             "env": "training.mdp.env:ApplrEnv",
             "train": {},
-            "evaluate": {"worlds": options.worlds, "simulator": options.simulator},
+            "evaluate": {
+                "worlds": options.worlds,
+                "simulator": options.simulator,
+                "weights": options.weights,
+                "planner": options.planner,
+            },
         }
         trials = Trials(settings, options.actors, options.pool, options.ray_address, options.contact_seconds)
         found = search(trials, count, options, lambda lines: write_json(partial, {"command": command, "log": lines}))

@@ -60,7 +60,7 @@ class Training:
             config.eval_every,
             config.seed,
             config.contact_seconds,
-            setting="%s, %s" % (config.eval_worlds, config.eval_simulator or config.simulator),
+            setting=", ".join([config.eval_worlds, *config.evaluation().values()]),
         )
         order = easiest_first(train_worlds) if config.curriculum and train_worlds else None
         self.tasks = Tasks(config, len(train_worlds) if train_worlds else None, order, self.learner.replay.episodes_of)
@@ -354,8 +354,16 @@ def prepare(config: TrainConfig):
     shared = {"reward": config.reward(), "period": config.period}
     settings = {
         "env": config.env,
-        "train": dict(shared, worlds=config.worlds, simulator=config.simulator, randomisation=config.randomisation()),
-        "evaluate": dict(shared, worlds=config.eval_worlds, simulator=config.eval_simulator or config.simulator),
+        "train": dict(
+            shared,
+            worlds=config.worlds,
+            simulator=config.simulator,
+            weights=config.weights,
+            planner=config.planner,
+            planner_frequency=config.planner_frequency,
+            randomisation=config.randomisation(),
+        ),
+        "evaluate": dict(shared, worlds=config.eval_worlds, **config.evaluation()),
     }
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env = ApplrEnv(**dict(settings["train"], worlds=train[:1], limit=1))

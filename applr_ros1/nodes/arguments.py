@@ -10,6 +10,7 @@ import xml.etree.ElementTree as xml
 
 import sim_bridge
 import worlds
+from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 
 MOVE_BASES = ("python", "cpp")
@@ -64,6 +65,7 @@ def check(values):
     if ":" not in values["simulator"]:  # module:Class is a person's own
         one_of("simulator", values["simulator"], sim_bridge.NAMES)
     one_of("move_base", values["move_base"], MOVE_BASES)
+    one_of("weights", values["weights"], WEIGHTS + (DRAWN,))
     factor = number("real_time_factor", values["real_time_factor"])
     if factor < 0:
         raise ArgumentError("real_time_factor is %g: give 0 (as fast as it goes) or more" % factor)

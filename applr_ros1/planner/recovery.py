@@ -24,11 +24,12 @@ def angle_difference(a: float, b: float) -> float:
 class ClearCostmapRecovery:
     """Forgets obstacles outside a square of `side` metres about the robot, in both maps, global first.
 
-    Unlike C++ it clears the obstacle layer whatever its name is. The last scan stays and marks again.
+    Unlike C++ it clears the obstacle layer whatever its name is. The last scan stays and marks again. like_cpp: it
+    looks for a layer named "obstacles", does not find it (the Jackal's is "obstacles_layer"), and clears nothing.
     """
 
-    def __init__(self, name: str, side: float):
-        self.name, self.side = name, side
+    def __init__(self, name: str, side: float, like_cpp: bool = False):
+        self.name, self.side, self._clears = name, side, not like_cpp
 
     def start(self, now: float, pose: Pose) -> None:
         """Begin at time `now` [s]; nothing has to be remembered."""
@@ -36,28 +37,33 @@ class ClearCostmapRecovery:
 
     def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:
         """Always None: over within its first turn."""
-        global_costmap.clear_outside(pose, self.side)
-        local_costmap.clear_outside(pose, self.side)
+        if self._clears:
+            global_costmap.clear_outside(pose, self.side)
+            local_costmap.clear_outside(pose, self.side)
         return None
 
 
 class RotateRecovery:
-    """One turn anticlockwise in place (rotate_recovery.cpp:93). Its limits are read once."""
+    """One turn anticlockwise in place (rotate_recovery.cpp:93). Its limits are read once.
 
-    def __init__(self, name: str, planner: dict, sim_granularity: float = 0.017):
+    like_cpp: a turn that does not come round goes on for ever.
+    """
+
+    def __init__(self, name: str, planner: dict, sim_granularity: float = 0.017, like_cpp: bool = False):
         self.name = name
         self.acc = planner["acc_lim_theta"]
         self.fastest, self.slowest = planner["max_vel_theta"], planner["min_in_place_vel_theta"]
         self.tolerance = planner["yaw_goal_tolerance"]
         self.granularity = sim_granularity
         self._start = self._angle = self._until = 0.0
+        self._patience = math.inf if like_cpp else PATIENCE
         self._half = False
 
     def start(self, now: float, pose: Pose) -> None:
         """Remember where the turn begins."""
         self._start = self._angle = pose[2]
         self._half = False
-        self._until = now + PATIENCE * 2.0 * math.pi / max(self.fastest, 1e-3)
+        self._until = now + self._patience * 2.0 * math.pi / max(self.fastest, 1e-3)
 
     def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:
         """The next command (0, w); None when the turn is complete, blocked or takes too long."""
@@ -81,11 +87,11 @@ class RotateRecovery:
         return 0.0, min(max(w, self.slowest), self.fastest)
 
 
-def build(parameters: dict) -> list:
+def build(parameters: dict, like_cpp: bool = False) -> list:
     """The behaviours in order, from a complete parameter tree. Read at start-up only, as in C++.
 
     Without `recovery_behaviors`: conservative reset, rotation, aggressive reset, rotation; no rotations
-    without `clearing_rotation_allowed`.
+    without `clearing_rotation_allowed`. like_cpp: as the C++ behaviours, which clear nothing on the Jackal.
     """
     listed = parameters["recovery_behaviors"]
     usual = not listed
@@ -98,9 +104,9 @@ def build(parameters: dict) -> list:
         if name not in made:
             own = parameters[name]
             made[name] = (
-                ClearCostmapRecovery(name, own["reset_distance"])
+                ClearCostmapRecovery(name, own["reset_distance"], like_cpp)
                 if clears
-                else RotateRecovery(name, parameters["TrajectoryPlannerROS"], own["sim_granularity"])
+                else RotateRecovery(name, parameters["TrajectoryPlannerROS"], own["sim_granularity"], like_cpp)
             )
         behaviours.append(made[name])
     return behaviours

@@ -13,9 +13,10 @@ import re
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
-from training.evaluation.trials import COLUMNS, KEY, MEASURES, Task
+from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, Task
 from training.storage import Lock, StorageError, make_folder, read_bytes, read_json, reason, write_bytes, write_json
 
+OLDER = {"weights": ["per_metre"], "planner": "ours"}  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"
 
 
@@ -24,12 +25,15 @@ class Store:
 
     def __init__(self, out, settings: Dict[str, Any], plan: Sequence[Task]):
         self.folder = make_folder(out)
+        self._plan = plan
+        self._several = len({task.weights for task in plan}) > 1  # then the last column names each trial's weights
+        more = (WEIGHTS_COLUMN,) if self._several else ()
         self._lock = Lock(self.folder, "evaluate.py")
         try:
             self.done = self._check(settings, plan)
             self._files = [
-                _Table(self.folder / TRIALS, COLUMNS, self.done),
-                _Table(self.folder / MEASURES_FILE, MEASURES, self.done),
+                _Table(self.folder / TRIALS, COLUMNS + more, self.done),
+                _Table(self.folder / MEASURES_FILE, MEASURES + more, self.done),
             ]
         except BaseException:
             self._lock.release()
@@ -44,7 +48,7 @@ class Store:
         if path.exists():
             stored = read_json(path)
             for name in settings:
-                there = stored.get(name) if isinstance(stored, dict) else None
+                there = stored.get(name, OLDER.get(name)) if isinstance(stored, dict) else None
                 if json.loads(json.dumps(settings[name])) != there:
                     raise StorageError(
                         "%s: was begun with another %s (%s, now %s); give another --out, or the same "
@@ -68,11 +72,12 @@ class Store:
 
     def append(self, answer: Dict[str, Any]) -> None:
         """The next trial of the plan. Its row in trials.csv comes last: what is there is whole."""
+        more = [self._plan[self.done].weights] if self._several else []
         if answer["trace"]:
             folder = make_folder(self.folder / TRACES)
-            write_bytes(folder / trace_name(*answer["row"][:3]), base64.b64decode(answer["trace"]))
-        self._files[1].append(answer["measures"])
-        self._files[0].append(answer["row"])
+            write_bytes(folder / trace_name(*answer["row"][:3], *more), base64.b64decode(answer["trace"]))
+        self._files[1].append(answer["measures"] + more)
+        self._files[0].append(answer["row"] + more)
         self.done += 1
 
     def finish(self, seconds: float, **more: Any) -> None:
@@ -117,8 +122,9 @@ class _Table:
 
 
 def read_rows(path, columns: Sequence[str]) -> List[List[str]]:
-    """The whole rows of a CSV of ours; a torn tail is left out. [] where there is no file. StorageError when the file
-    is of another kind, or damaged before its end.
+    """The whole rows of a CSV of ours; a torn tail is left out. [] where there is no file. A row is as long as
+    `columns`, or one longer where its last cell names the weights (WEIGHTS_COLUMN). StorageError when the file is of
+    another kind, or damaged before its end.
     """
     path = Path(path)
     if not path.exists():
@@ -128,6 +134,8 @@ def read_rows(path, columns: Sequence[str]) -> List[List[str]]:
     rows = list(csv.reader(io.StringIO(whole.replace("\0", "?"))))
     if not rows:
         return []
+    if rows[0] == [*columns, WEIGHTS_COLUMN]:
+        columns = rows[0]
     if rows[0] != list(columns):
         raise StorageError(
             "%s: its columns are %s, expected %s; give another folder"
@@ -141,16 +149,17 @@ def read_rows(path, columns: Sequence[str]) -> List[List[str]]:
     return rows[1:good]
 
 
-def trace_name(world: str, method: str, trial) -> str:
-    """File name of a trial's trace."""
-    return "%s__%s__%s.npz" % tuple(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial))
+def trace_name(world: str, method: str, trial, weights: str = "") -> str:
+    """File name of a trial's trace; weights: given where several are driven."""
+    parts = [world, method, trial] + [weights] * bool(weights)
+    return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in parts) + ".npz"
 
 
-def read_trace(folder, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
+def read_trace(folder, world: str, method: str, trial: int, weights: str = "") -> Optional[Dict[str, Any]]:
     """{"time", "pose", "twist", "theta"} of a trial whose trace was kept, else None."""
     import numpy as np
 
-    path = Path(folder) / TRACES / trace_name(world, method, trial)
+    path = Path(folder) / TRACES / trace_name(world, method, trial, weights)
     try:
         with np.load(path, allow_pickle=False) as data:
             return {name: data[name] for name in ("time", "pose", "twist", "theta")}

@@ -8,13 +8,14 @@ import base64
 import dataclasses
 import io
 import zlib
-from typing import Any, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy.parameter_space import SPACE
 from training.evaluation import methods
 from training.mdp.episode import LIMIT, Episode
@@ -22,6 +23,7 @@ from worlds import World, WorldError, field
 
 KEY = ("world", "method", "trial", "seed")
 COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
+WEIGHTS_COLUMN = "weights"  # the last one, in both tables, where several kinds of weights are driven
 MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
 
 
@@ -50,7 +52,9 @@ PROTOCOLS = {
 
 
 class Task(NamedTuple):
-    """A trial to drive. world and method are the names in trials.csv; *_spec say how to get them."""
+    """A trial to drive. world and method are the names in trials.csv; *_spec say how to get them; weights and planner
+    are MoveBase's (planner/variant.py).
+    """
 
     world: str
     method: str
@@ -59,6 +63,8 @@ class Task(NamedTuple):
     world_spec: str
     method_spec: str
     trace: bool
+    weights: str = DEFAULT_WEIGHTS
+    planner: str = OURS
 
     @property
     def key(self) -> Tuple[str, str, str, str]:
@@ -71,18 +77,26 @@ def seed_of(base: int, world: str, trial: int) -> int:
 
 
 def plan(
-    worlds: List[Tuple[str, str]], chosen: List[Tuple[str, str]], trials: int, seed: int, traces: int = 1
+    worlds: List[Tuple[str, str]],
+    chosen: List[Tuple[str, str]],
+    trials: int,
+    seed: int,
+    traces: int = 1,
+    weights: Sequence[str] = (DEFAULT_WEIGHTS,),
+    planner: str = OURS,
 ) -> List[Task]:
     """All tasks in the order of trials.csv: first every world's first trial with each method, then every second one, so
     that a run that is stopped has seen all worlds, and more trials of the same evaluation only append.
 
     worlds, chosen  [(name, specification), ...]
     traces          of so many trials a world and method the driven path is kept
+    weights         kinds of distance weights; each drives every method with the same seeds
     """
     return [
-        Task(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces)
+        Task(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces, kind, planner)
         for trial in range(trials)
         for world, world_spec in worlds
+        for kind in weights
         for method, method_spec in chosen
     ]
 
@@ -99,14 +113,12 @@ def under(protocol: str, world: World) -> World:
 
 
 class Driver:
-    """Drives tasks one after the other, with one simulator and one planner."""
+    """Drives tasks one after the other, with one simulator, and one planner of each kind that the tasks name."""
 
     def __init__(self, simulator: str, protocol: str):
         self.protocol = protocol
-        rules = PROTOCOLS[protocol]
-        self.episode = Episode(
-            sim_bridge.make(simulator), MoveBase(), limit=rules.limit, end_on_contact=rules.end_on_contact, record=True
-        )
+        self.simulator = sim_bridge.make(simulator)
+        self._episodes: Dict[Tuple[str, str], Episode] = {}
         self._worlds: Dict[str, World] = {}
         self._methods: Dict[str, methods.Method] = {}
 
@@ -114,14 +126,13 @@ class Driver:
         """{"row": values of COLUMNS, "measures": of MEASURES, "trace": npz in base64 or None}: all of it JSON."""
         world, method = self._world(task.world_spec), self._method(task.method_spec)
         method.reset(task.seed)
-        outcome = self.episode.reset(world, task.seed)
+        episode = self.episode(task.weights, task.planner)
+        outcome = episode.reset(world, task.seed)
         changes: List[float] = []
         while not outcome.over:
-            context = methods.Context(
-                self.episode.observation(), outcome.ranges, outcome.phi, outcome.theta, outcome.time_s
-            )
+            context = methods.Context(episode.observation(), outcome.ranges, outcome.phi, outcome.theta, outcome.time_s)
             before = SPACE.to_action(outcome.theta)
-            outcome = self.episode.decide(method.theta(context))
+            outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(SPACE.to_action(outcome.theta) - before).mean()))
         row = [
             bool(outcome.success),
@@ -143,8 +154,19 @@ class Driver:
         return {
             "row": key + [str(v) for v in row],
             "measures": key + [str(v) for v in measures],
-            "trace": pack_trace(self.episode.trace) if task.trace else None,
+            "trace": pack_trace(episode.trace) if task.trace else None,
         }
+
+    def episode(self, weights: str, planner: str) -> Episode:
+        """The loop that drives this kind of planner, made when first asked for."""
+        key = weights, planner
+        if key not in self._episodes:
+            rules = PROTOCOLS[self.protocol]
+            move_base = MoveBase(weights=weights, planner=planner)
+            self._episodes[key] = Episode(
+                self.simulator, move_base, limit=rules.limit, end_on_contact=rules.end_on_contact, record=True
+            )
+        return self._episodes[key]
 
     def _world(self, spec: str) -> World:
         if spec not in self._worlds:

@@ -15,6 +15,7 @@ from typing import Any, Dict, List, Optional, get_type_hints
 
 import yaml
 
+from applr_ros1.planner.variant import PER_METRE
 from training.gorila.learner import LearnerConfig
 from training.gorila.options import PAPER_STEPS, Options
 from training.mdp.reward import Reward
@@ -102,6 +103,12 @@ class TrainConfig(Options):
             **{name: self._span(name) for name in ("scan_noise", "latency", "friction", "slip")},
         )
 
+    def evaluation(self) -> Dict[str, str]:
+        """What the periodic evaluation drives with: simulator, weights and planner, always at the robot's own rates."""
+        return {
+            name: getattr(self, "eval_" + name) or getattr(self, name) for name in ("simulator", "weights", "planner")
+        }
+
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""
         fall = (self.noise_start - self.noise_end) * transitions / self.noise_steps
@@ -131,6 +138,7 @@ _BOUNDS = (
     ("actors", 0, 10_000),
     ("publish_every", 1, 10**9),
     ("max_staleness", 0, 10**9),
+    ("planner_frequency", 1, 20),
     ("curriculum", 0.0, 1.0),
     ("start_xy", 0.0, 10.0),
     ("start_yaw", 0.0, math.pi),
@@ -268,7 +276,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     path = Path(out) / "config.json"
     if not path.exists():
         raise ConfigError("--resume: %s holds no run (no config.json); check --out, or leave --resume out" % out)
-    stored = from_dict(read_json(path), str(path))
+    stored = {"weights": PER_METRE, **from_dict(read_json(path), str(path))}  # older runs had no choice
     for name in FIXED & set(given):
         if given[name] != stored[name]:
             raise ConfigError(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from training.gorila.learner import LearnerConfig
 from training.mdp.episode import PERIOD
 from training.mdp.reward import Reward
@@ -72,6 +73,15 @@ class Options:
         "or a folder of them; several are separated by commas. generated:learn are the training worlds without those "
         "of generated:validation.")
     simulator: str = option("kinematic", "Simulator to train in.", choices=("kinematic", "pybullet"))
+    weights: str = option(DEFAULT_WEIGHTS,
+        "How the two distance biases of the planner's cost count during training: per_cell, per_metre, or drawn, which "
+        "takes one of the two at each reset.", choices=WEIGHTS + (DRAWN,))
+    planner: str = option(OURS,
+        "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
+        "drawn, which takes one of the two at each reset.", choices=PLANNERS + (DRAWN,))
+    planner_frequency: int = option(20,
+        "Global plans per simulated second during training. 10 or 5 make the simulation faster and less exact; "
+        "evaluations always plan 20 times per second, as the robot does.")
     curriculum: float = option(0.0,
         "Share of --steps over which the harder worlds are added to the easiest quarter. 0 uses all worlds from the "
         "beginning.")
@@ -164,6 +174,12 @@ class Options:
     eval_simulator: str = option("",
         "Simulator of the evaluations. Without it they use the one of the training.",
         choices=("", "kinematic", "pybullet"))
+    eval_weights: str = option("",
+        "How the two distance biases count in the evaluations: per_cell, per_metre, or drawn by world and trial. "
+        "Without it they count as in the training.", choices=("",) + WEIGHTS + (DRAWN,))
+    eval_planner: str = option("",
+        "Planner of the evaluations: ours, cpp-like, or drawn by world and trial. Without it they use the one of the "
+        "training.", choices=("",) + PLANNERS + (DRAWN,))
     contact_seconds: float = option(5.0,
         "Time [s] that a trial with a contact is charged in addition when the best actor is chosen.")
     tensorboard: bool = option(True, "Write TensorBoard event files into the run's folder.")

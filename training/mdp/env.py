@@ -16,6 +16,7 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import observation
 from applr_ros1.policy.parameter_space import SPACE
 from training.mdp.episode import PERIOD, Episode
@@ -34,6 +35,9 @@ class ApplrEnv(gymnasium.Env):
     limit          decisions until the episode is truncated; None: as many as fit into 100 s
     period         decision period [s]; the paper's is 2 s
     params         the planner's parameter tree
+    weights        how the planner's distance biases count: "per_cell", "per_metre", or "drawn" at each reset
+    planner        "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset
+    planner_frequency  global plans a second, instead of the parameter tree's; fewer make the simulation faster
     """
 
     metadata = {"render_modes": []}
@@ -49,6 +53,9 @@ class ApplrEnv(gymnasium.Env):
         period: float = PERIOD,
         end_on_contact: bool = False,
         params=JACKAL,
+        weights: str = DEFAULT_WEIGHTS,
+        planner: str = OURS,
+        planner_frequency: Optional[float] = None,
         record: bool = False,
         render_mode: Optional[str] = None,
     ):
@@ -57,8 +64,11 @@ class ApplrEnv(gymnasium.Env):
         if isinstance(simulator, str):
             simulator = sim_bridge.make(simulator, **(randomisation or {}))
         self.reward = reward if isinstance(reward, Reward) else Reward(**(reward or {}))
+        if planner_frequency is not None:
+            params = dict(params, planner_frequency=float(planner_frequency))
+        move_base = MoveBase(params, weights, planner)
         self.episode = Episode(
-            simulator, MoveBase(params), limit=limit, period=period, end_on_contact=end_on_contact, record=record
+            simulator, move_base, limit=limit, period=period, end_on_contact=end_on_contact, record=record
         )
         self.space = self.episode.space
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (observation.SIZE,), np.float32)

@@ -7,6 +7,7 @@ searches all drive through it.
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass, field, replace
 from typing import List, Optional, Tuple
 
@@ -92,7 +93,7 @@ class Episode:
     """Drives courses, one after the other, with one planner in one simulator.
 
     simulator       sim_bridge.Simulator
-    move_base       applr_ros1.planner.move_base.MoveBase
+    move_base       applr_ros1.planner.move_base.MoveBase; what it draws, it draws at each reset
     limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
     period          decision period [s]; the paper's is 2 s
     end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
@@ -150,7 +151,8 @@ class Episode:
         """
         self.world = world
         state = self.simulator.reset(world, seed, start)
-        self.move_base.reset(state.time)
+        # drawn weights and planners differ from world to world, whatever the seeds are
+        self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
         self.trace = Trace()
         self._acceleration = None
         self._jerks = self._turns = 0.0

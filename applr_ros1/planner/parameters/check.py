@@ -20,6 +20,7 @@ from applr_ros1.planner.parameters.declarations import (
     Parameter,
     ParameterError,
 )
+from applr_ros1.planner.variant import Variant
 
 
 def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Optional[Dict[str, Any]]:
@@ -164,6 +165,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
 
 def _check_whole(full):
     """What only shows when several parameters are looked at together, and the plugins there are."""
+    Variant(full["applr"]["weights"] or None).checked()
     for p in SERVERS[""]:
         if p.name in ("base_global_planner", "base_local_planner") and full[p.name] != p.default:
             raise ParameterError("%s is %s: only %s is built in, give that" % (p.name, full[p.name], p.default))

@@ -5,7 +5,7 @@ Joined in declarations.py. Pure standard library: the .cfg files import this at 
 
 from __future__ import annotations
 
-from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, listing, real, text, whole
+from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, listing, real, text, whole
 
 # Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -102,4 +102,8 @@ APPLR_NODE = (
     real("period", 2.0, 0.0, INF, None, "s",
         "Decision period of the applr node. If no heartbeat of that node arrives for three periods, the start-up "
         "parameters are restored."),
+    text("weights", "", None,
+        "How the two distance biases of the local planner count: per_metre, per_cell, or drawn, which takes one of the "
+        "two by the seed. Empty: as meter_scoring says."),
+    whole("seed", 0, 0, INT_MAX, None, "", "Seed by which the weights are drawn."),
 )

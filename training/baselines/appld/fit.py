@@ -12,6 +12,7 @@ import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS
 from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 from training.baselines.appld.demonstration import Demonstration
@@ -74,11 +75,13 @@ def clock(i: int) -> float:
     return 1.0 + i * CONTROL_PERIOD
 
 
-def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[Stretch]:
+def stretches(
+    d: Demonstration, spans: Sequence[Segment], longest: int, weights: str = DEFAULT_WEIGHTS
+) -> List[Stretch]:
     """The planner is taken along the whole demonstration on theta_0 and copied where each span begins. longest:
-    instants of a span that are used.
+    instants of a span that are used; weights: how the planner's distance biases count, "per_cell" or "per_metre".
     """
-    planner, found = MoveBase(), []
+    planner, found = MoveBase(weights=weights), []
     apply(planner, SPACE.theta0)
     step(planner, d, 0)
     planner.set_goal(d.goal, clock(0))

@@ -1,0 +1,261 @@
+"""move_base's states for one goal: planning turns, control turns, recoveries. MoveBase holds one and steps it.
+
+Rules: move_base/move_base.cpp (planThread, executeCycle). Where C++ has a defect that is not copied, a comment says so;
+with planner "cpp-like" (variant.py) those that success depends on are copied:
+
+- A plan that is found sets the state to controlling even from clearing. As long as plans keep succeeding, a robot that
+  is stuck comes to its due recovery only in the rare cycle without a plan before it.
+- Each new plan clears "goal reached" before it is read: the robot stands at its goal until such a cycle comes.
+- A goal in a frame that cannot be transformed is begun anew in every cycle, and so stays active for ever.
+- The rotation ends without a zero command.
+- recovery.py: clearing recoveries look for a layer named "obstacles", and a blocked rotation has no time limit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from random import Random
+from typing import Optional, Tuple, Union
+
+import numpy as np
+
+from applr_ros1.planner.recovery import ClearCostmapRecovery, RotateRecovery
+from applr_ros1.planner.timer import Timer
+
+Pose = Tuple[float, float, float]
+Twist = Tuple[float, float]
+Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
+STOP = (0.0, 0.0)
+PLANNING, CONTROLLING, CLEARING, IDLE = "planning", "controlling", "clearing", "idle"
+NO_PLAN = np.zeros((0, 3))
+REACHED = "Goal reached."
+NO_CONTROL, NO_PATH, OSCILLATING = (
+    what + " Even after executing recovery behaviors."
+    for what in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
+)
+# "cpp-like": the share of control cycles that no plan precedes. C++ plans and controls in two threads of 20 Hz each;
+# there a due recovery was skipped for 6 to 11 s, and success reported 12 to 18 s late: about one cycle in 200.
+LATE = 1.0 / 200.0
+
+
+@dataclass
+class Cycle:
+    """What one step did. `command` (v [m/s], w [rad/s]) or None: then nothing is published."""
+
+    command: Optional[Twist] = None
+    state: str = IDLE
+    result: Optional[Tuple[str, str]] = None  # ("succeeded" | "aborted" | "preempted", text)
+    recovery: Optional[Tuple[int, int, str]] = None  # (index, total, name) of a recovery that begins
+    planned: bool = False  # the global planner ran
+    new_plan: bool = False  # it found a plan: .global_plan
+    controlled: bool = False  # the local planner ran
+    updated: Tuple[bool, bool] = (False, False)  # the (local, global) costmap had an update
+    stale: bool = False  # no scan for scan_timeout: standing still
+
+
+class StateMachine:
+    """The goal under way, the state it is in, and how long it has been without a plan or a command.
+
+    base: the MoveBase, for its planners, maps, recoveries and the parameters in force. random: for the timing of a
+    C++-like planner; None for ours.
+    """
+
+    def __init__(self, base, random: Optional[Random] = None):
+        self._base = base
+        self._random = random
+        self._like_cpp = random is not None
+        self._planner_timer, self._control_timer = Timer(), Timer()
+        self.goal: Optional[Pose] = None
+        self.goal_number = 0  # grows with every goal: a plan belongs to the goal it was made for
+        self.global_plan = NO_PLAN
+        self.state = PLANNING
+        self._trigger = PLANNING
+        self._index = 0  # of the next recovery
+        self._behaviour: Optional[Behaviour] = None  # the recovery under way
+        self._run_planner = self._woken = self._new_plan = False
+        self._cancelled = self._announce_stop = self._lost = False
+        self._refused: Optional[str] = None
+        self._retries = 0
+        self._oscillation_pose = (0.0, 0.0)
+        self._last_plan = self._last_control = self._last_oscillation = 0.0
+
+    def set_frequencies(self, planner: float, controller: float) -> None:
+        """How often plans and commands are made [Hz]."""
+        self._planner_timer.set_frequency(planner)
+        self._control_timer.set_frequency(controller)
+
+    # -- goals -----------------------------------------------------------------------------------------------
+    def set_goal(self, goal: Pose, now: float) -> None:
+        """A finite goal (x, y, yaw) in the global frame; replaces the present one."""
+        if self.goal is None:
+            self._announce_stop = True
+        else:
+            self._index, self.state, self._behaviour = 0, PLANNING, None
+        self.goal = goal
+        self.goal_number += 1
+        self._new_plan = False  # what was planned for another goal is never driven for this one
+        self._cancelled, self._refused, self._lost = False, None, False
+        self._run_planner = self._woken = True
+        self._restart_patience(now)
+
+    def lose_goal(self, text: str, now: float) -> None:
+        """A goal in a frame that cannot be transformed: aborted with `text`; as in C++ active until it is cancelled."""
+        if not self._like_cpp:
+            self.refuse_goal(text)
+            return
+        self.set_goal((math.nan, math.nan, math.nan), now)
+        self._lost = True
+
+    def refuse_goal(self, text: str) -> None:
+        """End as aborted, with `text`, at the next step."""
+        self._refused, self._cancelled = text, False
+
+    def cancel(self) -> None:
+        """Give up the goal at the next step."""
+        self._cancelled = self.goal is not None
+
+    def _restart_patience(self, now: float) -> None:
+        self._last_plan = self._last_control = self._last_oscillation = now
+        self._retries = 0
+
+    def step(self, now: float, pose: Optional[Pose], twist: Twist, stale: bool, cycle: Cycle) -> None:
+        """The planner's and the controller's turns, where they are due, written into `cycle`. stale: no usable scan."""
+        if self._refused is not None:
+            self._end(cycle, "aborted", self._refused)
+        elif self._cancelled:
+            self._end(cycle, "preempted", "")
+        elif self.goal is not None:
+            self._take_turns(now, pose, twist, stale, cycle)
+
+    def _take_turns(self, now, pose, twist, stale, cycle) -> None:
+        if self._announce_stop:
+            cycle.command, self._announce_stop = STOP, False
+        if self._lost:
+            self._index, self.state = 0, PLANNING
+            self._restart_patience(now)
+        own = self._base.configuration_of("")
+        late = self._random is not None and self._random.random() < LATE
+        if not late:
+            self._planning_turn(now, pose, own, cycle)
+        if self._control_timer.due(now):
+            self._control(now, pose, twist, own, stale, cycle)
+        if late and self.goal is not None:
+            self._planning_turn(now, pose, own, cycle)
+        cycle.state = self.state if self.goal is not None else IDLE
+
+    # -- the planner's turn ----------------------------------------------------------------------------------
+    def _planning_turn(self, now, pose, own, cycle) -> None:
+        if not self._run_planner:
+            return
+        # with planner_frequency 0 a failing planner waits for the control turn (C++ spins)
+        due = own["planner_frequency"] > 0.0 and self._planner_timer.due(now)
+        if self._woken or due:
+            if not due:
+                self._planner_timer.restart(now)
+            self._plan(now, pose, own, cycle)
+
+    def _plan(self, now, pose, own, cycle) -> None:
+        """Planner thread, one round."""
+        self._woken, cycle.planned = False, True
+        plan = NO_PLAN if pose is None or self._lost else self._base.plan(pose, self.goal)
+        if len(plan):
+            self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
+            self._last_plan, self._retries = now, 0
+            skipped = self._like_cpp and self.state == CLEARING and self._behaviour is None
+            if self.state == PLANNING or skipped:  # C++ also leaves "clearing" here and so skips a due recovery
+                self.state = CONTROLLING
+            if own["planner_frequency"] <= 0.0:
+                self._run_planner = False
+        elif self.state == PLANNING:
+            self._retries += 1
+            limit = own["max_planning_retries"]
+            if now > self._last_plan + own["planner_patience"] or 0 <= limit < self._retries:
+                self.state, self._trigger, self._run_planner = CLEARING, PLANNING, False
+                cycle.command = STOP
+
+    # -- the controller's turn -------------------------------------------------------------------------------
+    def _control(self, now, pose, twist, own, stale, cycle) -> None:
+        """executeCycle, in its order."""
+        if pose is not None and _distance(pose, self._oscillation_pose) >= own["oscillation_distance"]:
+            self._last_oscillation, self._oscillation_pose = now, (pose[0], pose[1])
+            if self._trigger == "oscillation":
+                self._index = 0
+        if stale:
+            cycle.command, cycle.stale = STOP, True
+            return
+        if self._new_plan:
+            self._new_plan = False
+            self._base.local_planner.set_plan(self.global_plan)
+            if self._trigger == PLANNING:
+                self._index = 0
+        if self.state == PLANNING:
+            self._run_planner = self._woken = True
+        elif self.state == CONTROLLING:
+            self._drive(now, pose, twist, own, cycle)
+        else:
+            self._recover(now, pose, own, cycle)
+
+    def _drive(self, now, pose, twist, own, cycle) -> None:
+        local_planner = self._base.local_planner
+        if self._like_cpp and local_planner.goal_reached:
+            self._end(cycle, "succeeded", REACHED)
+            return
+        timeout = own["oscillation_timeout"]
+        if timeout > 0.0 and self._last_oscillation + timeout < now:
+            cycle.command = STOP
+            self.state, self._trigger = CLEARING, "oscillation"
+        ok, command = False, STOP
+        if pose is not None:
+            ok, command = local_planner.compute_velocity(pose, twist, self._base.local_costmap)
+            cycle.controlled = True
+        if ok:
+            self._last_control, cycle.command = now, command
+            if self._trigger == CONTROLLING:
+                self._index = 0
+            # read in the cycle that finds it: in C++ the next new plan clears it before it is read
+            if local_planner.goal_reached and not self._like_cpp:
+                self._end(cycle, "succeeded", REACHED)
+            return
+        cycle.command = STOP
+        if now > self._last_control + own["controller_patience"]:
+            self.state, self._trigger = CLEARING, CONTROLLING
+        else:
+            self._last_plan, self._retries = now, 0
+            self.state, self._run_planner, self._woken = PLANNING, True, True
+
+    def _recover(self, now, pose, own, cycle) -> None:
+        """One turn of the recovery under way, or the next one; aborts when there is none left."""
+        base = self._base
+        if pose is None:
+            cycle.command = STOP
+            return
+        behaviour = self._behaviour
+        if behaviour is None:
+            if not own["recovery_behavior_enabled"] or self._index >= len(base.recoveries):
+                texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
+                self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
+                return
+            self._behaviour = behaviour = base.recoveries[self._index]
+            cycle.recovery = self._index, len(base.recoveries), behaviour.name
+            behaviour.start(now, pose)
+        command = behaviour.step(now, pose, base.local_costmap, base.global_costmap)
+        if command is not None:
+            cycle.command = command
+            return
+        self._behaviour = None
+        if not self._like_cpp:
+            cycle.command = STOP  # C++ leaves the base with the rotation's last command
+        self._last_oscillation = self._last_plan = now
+        self._retries, self.state, self._index = 0, PLANNING, self._index + 1
+
+    def _end(self, cycle, status, text) -> None:
+        """Reset: the goal is over, the robot stands."""
+        cycle.command, cycle.result, cycle.state = STOP, (status, text), IDLE
+        self.goal, self._behaviour, self._refused = None, None, None
+        self._run_planner = self._cancelled = self._announce_stop = self._new_plan = self._lost = False
+        self.state, self._trigger, self._index = PLANNING, PLANNING, 0
+
+
+def _distance(a, b) -> float:
+    return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -1,0 +1,207 @@
+"""Weights and planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
+
+import csv
+import json
+import math
+from dataclasses import asdict
+
+import pytest
+from toy_robot import ToyRobot, quick, ring, run
+
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.state_machine import NO_PATH, NO_PLAN, OSCILLATING
+from applr_ros1.planner.variant import Variant, VariantError
+
+
+def biases(made):
+    effective = made.local_planner.planner.effective
+    return effective["path_distance_bias"], effective["goal_distance_bias"]
+
+
+def look(made, robot=None):
+    """One step, after which the local planner knows its costmap."""
+    made.set_goal((3.0, 0.0, 0.0), 0.0)
+    run(made, robot or ToyRobot(), 0.1)
+    return made
+
+
+# -- weights ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("weights", "scoring", "expected"),
+    [
+        ("per_cell", True, (0.75, 1.0)),
+        ("per_metre", False, (0.0375, 0.05)),
+        (None, True, (0.0375, 0.05)),
+        (None, False, (0.75, 1.0)),
+    ],
+)
+def test_the_weights_asked_for_overrule_the_parameter_and_none_obeys_it(weights, scoring, expected):
+    tree = quick()
+    tree["TrajectoryPlannerROS"] = dict(tree["TrajectoryPlannerROS"], meter_scoring=scoring)
+    made = look(MoveBase(tree, weights))
+    assert biases(made) == pytest.approx(expected)
+    made.reconfigure("TrajectoryPlannerROS", {"path_distance_bias": 1.5})
+    assert biases(made) == pytest.approx((2.0 * expected[0], expected[1]))
+    made.reset(0.0)
+    assert biases(look(made)) == pytest.approx(expected)
+
+
+def test_what_is_drawn_depends_on_the_seed_alone_and_both_choices_on_streams_of_their_own():
+    both = [Variant("drawn", "drawn").draw(seed) for seed in range(200)]
+    assert both == [Variant("drawn", "drawn").draw([seed]) for seed in range(200)]
+    assert [v.weights for v in both] == [Variant("drawn").draw(seed).weights for seed in range(200)]
+    for words in ({"per_cell", "per_metre"}, {"ours", "cpp-like"}):
+        column = [next(w for w in v if w in words) for v in both]
+        assert set(column) == words
+        assert 70 < column.count(min(words)) < 130
+    assert len(set(both)) == 4
+    made, found = MoveBase(quick(), "drawn"), set()
+    for seed in range(8):
+        made.reset(0.0, seed=seed)
+        assert made.variant == Variant("drawn").draw(seed)
+        found.add(made.variant)
+        made.reset(0.0)
+        assert made.variant == Variant("drawn").draw(seed), "no seed: it stays"
+    assert len(found) == 2
+
+
+@pytest.mark.parametrize("words", [("per_meter", "ours"), ("per_cell", "cpp"), ("per_cell", None)])
+def test_unknown_words_are_one_line(words):
+    with pytest.raises(VariantError, match=r"^(weights|planner) is .*: give .* or drawn$"):
+        MoveBase(quick(), *words)
+
+
+# -- the defects of C++, driven --------------------------------------------------------------------------------------
+class Standing:
+    """A local planner that finds the zero command valid: the robot oscillates on the spot."""
+
+    goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
+
+    def set_plan(self, plan):
+        pass
+
+    def compute_velocity(self, pose, twist, costmap):
+        return True, (0.0, 0.0)
+
+
+def first_recovery(planner, seed, **changes):
+    tree = quick(oscillation_timeout=1.0, clearing_rotation_allowed=False, **changes)
+    made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
+    run(made, robot, 0.1)
+    made.set_goal((3.0, 0.0, 0.0), robot.time)
+    made.local_planner = Standing()
+    result = run(made, robot, 60.0, cycles=cycles)
+    assert result in (("aborted", OSCILLATING), None)
+    return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
+
+
+def test_a_due_recovery_is_skipped_while_plans_succeed():
+    assert first_recovery("ours", 0) == pytest.approx(1.0, abs=0.16)
+    late = [first_recovery("cpp-like", seed) for seed in range(3)]
+    assert len(set(late)) == 3
+    assert min(late) > 1.5
+    assert max(late) > 5.0
+    assert first_recovery("cpp-like", 0) == late[0], "the same seed, the same drive"
+    # where one plan is enough, C++ recovers in time, too
+    assert first_recovery("cpp-like", 0, planner_frequency=0.0) == pytest.approx(1.0, abs=0.16)
+
+
+def test_clearing_recoveries_find_no_layer_of_their_name():
+    """Obstacles that are gone, behind which nothing is seen: only a recovery takes them out of the maps."""
+    results = {}
+    for planner in ("ours", "cpp-like"):
+        made = MoveBase(quick(), planner=planner)
+        robot, cycles = ToyRobot(circles=ring(0.0, 0.0, 2.2, posts=80, size=0.1)), []
+        for yaw in (2.0, 4.0, 0.0):
+            robot.pose = (0.0, 0.0, yaw)
+            run(made, robot, 0.1)
+        robot.circles = robot.circles[:0]
+        made.set_goal((4.0, 0.0, 0.0), robot.time)
+        results[planner] = run(made, robot, 60.0, cycles=cycles)
+    after_turn = [b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state]
+    assert after_turn[0] is None, "C++ leaves the rotation's last command in force; ours: test_move_base.py"
+    assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
+
+
+def test_success_waits_for_a_cycle_without_a_new_plan():
+    times = {}
+    for planner in ("ours", "cpp-like"):
+        made, robot = MoveBase(quick(), planner=planner, seed=4), ToyRobot()
+        made.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(made, robot, 120.0) == ("succeeded", "Goal reached.")
+        assert abs(robot.pose[0] - 1.0) < 0.3
+        times[planner] = robot.time
+    assert times["cpp-like"] > times["ours"] + 2.0
+
+
+def test_a_goal_whose_frame_is_unknown_is_refused_and_kept_for_ever_by_cpp():
+    made, robot = MoveBase(quick()), ToyRobot()
+    made.lose_goal("no transform", 0.0)
+    assert run(made, robot, 1.0) == ("aborted", "no transform")
+    made, robot, cycles = MoveBase(quick(), planner="cpp-like"), ToyRobot(), []
+    made.lose_goal("no transform", 0.0)
+    assert run(made, robot, 10.0, cycles=cycles) is None  # patience is 1 s
+    assert not any(c.new_plan or c.recovery or (c.command or (0.0, 0.0)) != (0.0, 0.0) for _, c in cycles)
+    made.cancel(robot.time)
+    assert run(made, robot, 1.0) == ("preempted", "")
+    made.set_goal((1.0, 0.0, 0.0), robot.time)
+    assert run(made, robot, 120.0) == ("succeeded", "Goal reached.")
+
+
+# -- evaluation and training -----------------------------------------------------------------------------------------
+def test_several_kinds_of_weights_are_a_last_column(tmp_path, capsys):
+    """Each kind drives every method with the same seeds; one kind alone leaves the pinned columns."""
+    from training import evaluate
+    from training.evaluation.trials import COLUMNS
+
+    command = ["--worlds", "generated:0,generated:7", "--methods", "dwa,random", "--trials", "2", "--workers", "1"]
+    command += ["--driver", "toy_driver:ToyDriver", "--no-report", "--out", str(tmp_path), "--planner", "cpp-like"]
+    both = [*command, "--weights", "per_cell,per_metre"]
+    assert evaluate.main(both) == 0
+    table = tmp_path / "trials.csv"
+    lines = table.read_text().splitlines()
+    assert lines[0] == ",".join(COLUMNS) + ",weights"
+    rows = list(csv.DictReader(lines))
+    assert len(rows) == 2 * 2 * 2 * 2
+    assert [(r["weights"], r["method"]) for r in rows[:4]] == [
+        (kind, method) for kind in ("per_cell", "per_metre") for method in ("dwa", "random")
+    ]
+    assert rows[0]["seed"] == rows[2]["seed"]
+    settings = json.loads((tmp_path / "evaluation.json").read_text())
+    assert (settings["weights"], settings["planner"]) == (["per_cell", "per_metre"], "cpp-like")
+    table.write_text("\n".join(lines[:12]) + "\n")
+    assert evaluate.main(both) == 0
+    assert table.read_text().splitlines() == lines
+    for wrong, words in (
+        ("per_cell", "was begun with another weights"),
+        ("heavy", "'heavy' is no kind of weights: give per_metre, per_cell or drawn"),
+        ("per_cell,per_cell", "names one twice"),
+    ):
+        assert evaluate.main([*command, "--weights", wrong]) == 1
+        assert words in capsys.readouterr().err
+
+
+def test_weights_and_planner_reach_training_and_evaluation(tmp_path):
+    pytest.importorskip("torch")
+    pytest.importorskip("gymnasium")
+    from training.gorila.config import TrainConfig, parse
+    from training.mdp.env import ApplrEnv
+    from training.train import prepare
+
+    config = TrainConfig(
+        worlds="generated:0", eval_worlds="generated:1", weights="drawn", planner_frequency=5, eval_planner="cpp-like"
+    )
+    settings = prepare(config)[0]
+    env, held_out = (ApplrEnv(**settings[which]) for which in ("train", "evaluate"))
+    kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
+    assert {(v.weights, v.planner) for v in kinds} == {("per_cell", "ours"), ("per_metre", "ours")}
+    env.reset(seed=0)
+    assert env.episode.move_base.variant == kinds[0]
+    held_out.reset(seed=0)
+    assert held_out.episode.move_base.variant.planner == "cpp-like"
+    frequencies = [e.episode.move_base.configuration("")["planner_frequency"] for e in (env, held_out)]
+    assert frequencies == [5.0, 20.0]
+    # a run of before the choice existed drove per_metre, and goes on so
+    older = {name: value for name, value in asdict(config).items() if name != "weights"}
+    (tmp_path / "config.json").write_text(json.dumps(older))
+    assert parse(["--resume", "--out", str(tmp_path)]).weights == "per_metre"
