@@ -1,0 +1,121 @@
+"""What the scanner saw near the robot, kept where it cannot look now. CollisionMonitor holds one ObstacleMemory.
+
+A scanner that covers 270 degrees does not look behind, and one near the front edge does not see what lies beside the
+rear wheels. The points that it measured there before are kept in the odometry frame until they are measured anew, seen
+through, too far away or too old.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+CAPACITY = 4096  # points
+SPACING = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
+TOLERANCE = 0.08  # [m]: a measured range that differs less from a point's distance is that point
+
+
+class ObstacleMemory:
+    """Points (x, y) [m] in the odometry frame with the time at which they were measured.
+
+    Args:
+        radius: distance [m] from the robot beyond which points are forgotten.
+        seconds: age [s] at which points that are not measured again are forgotten.
+    """
+
+    def __init__(self, radius=2.0, seconds=20.0):
+        self.radius, self.seconds = float(radius), float(seconds)
+        self._points = np.zeros((CAPACITY, 3))
+        self._count = 0
+
+    @property
+    def points(self):
+        """(n, 2) float64 x, y [m] of all remembered points, in the odometry frame."""
+        return self._points[: self._count, :2]
+
+    def clear(self):
+        """Forgets everything, for instance after the odometry was reset."""
+        self._count = 0
+
+    def update(self, scan, pose):
+        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) measured at the robot's pose (x, y, yaw).
+
+        Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
+        NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
+        """
+        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        x, y, yaw = (float(v) for v in scan.sensor_pose)
+        beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min), float(scan.range_max)
+        limits = self.radius, float(scan.stamp) - self.seconds, float(scan.stamp)
+        self._count = _update(self._points, self._count, ranges, beams, (x, y, yaw), (pose[0], pose[1]), limits)
+
+    def around(self, pose, reach):
+        """(k, 2) points in the frame of a robot at pose (x, y, yaw) [m], those at most `reach` [m] from its origin."""
+        dx, dy = self._points[: self._count, 0] - pose[0], self._points[: self._count, 1] - pose[1]
+        near = dx * dx + dy * dy <= reach * reach
+        dx, dy = dx[near], dy[near]
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        return np.column_stack((c * dx + s * dy, c * dy - s * dx))
+
+
+@njit(cache=True)
+def _update(points, count, ranges, beams, sensor, robot, limits):
+    count = _keep(points, count, ranges, beams, sensor, robot, limits)
+    angle_min, increment, range_min, range_max = beams
+    sx, sy, syaw = sensor
+    radius, _, now = limits
+    last_x, last_y = np.inf, np.inf
+    for i in range(ranges.shape[0]):
+        r = ranges[i]
+        if not range_min <= r < range_max:
+            continue
+        angle = syaw + angle_min + i * increment
+        x, y = sx + r * math.cos(angle), sy + r * math.sin(angle)
+        if (x - robot[0]) ** 2 + (y - robot[1]) ** 2 > radius * radius:
+            continue
+        if (x - last_x) ** 2 + (y - last_y) ** 2 < SPACING * SPACING:
+            continue
+        if count < points.shape[0]:
+            points[count, 0], points[count, 1], points[count, 2] = x, y, now
+            count += 1
+        last_x, last_y = x, y
+    return count
+
+
+@njit(cache=True)
+def _keep(points, count, ranges, beams, sensor, robot, limits):
+    """Move the points that stay to the front of the array and return how many they are."""
+    radius, oldest, _ = limits
+    kept = 0
+    for k in range(count):
+        x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
+        if stamp < oldest or (x - robot[0]) ** 2 + (y - robot[1]) ** 2 > radius * radius:
+            continue
+        if _is_measured(x, y, ranges, beams, sensor):
+            continue
+        points[kept, 0], points[kept, 1], points[kept, 2] = x, y, stamp
+        kept += 1
+    return kept
+
+
+@njit(cache=True)
+def _is_measured(x, y, ranges, beams, sensor):
+    """Whether a beam and its neighbours reach to the point or beyond: it is measured anew, or it is gone."""
+    angle_min, increment, range_min, _ = beams
+    dx, dy = x - sensor[0], y - sensor[1]
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < range_min:
+        return False
+    bearing = math.atan2(dy, dx) - sensor[2] - angle_min
+    if increment > 0.0:
+        bearing %= 2.0 * math.pi
+    else:
+        bearing = -((-bearing) % (2.0 * math.pi))
+    i = int(math.floor(bearing / increment + 0.5))
+    if i < 1 or i >= ranges.shape[0] - 1:
+        return False
+    for j in range(i - 1, i + 2):
+        r = ranges[j]
+        if not r >= range_min or r < distance - TOLERANCE:
+            return False
+    return True

@@ -1,0 +1,159 @@
+"""The collision monitor itself: joins scanner check, obstacle memory and stopping distance.
+
+Called by nodes/collision_monitor_node.py between move_base and the base, and by training's Episode in process.
+"""
+
+import math
+from dataclasses import dataclass, field
+from typing import Tuple
+
+import numpy as np
+
+from applr_ros1.monitor.memory import ObstacleMemory
+from applr_ros1.monitor.scanner import ScannerCheck
+from applr_ros1.monitor.stopping import free_share, half_planes
+
+PASS, SLOW, STOP = "pass", "slow", "stop"
+JACKAL_BODY = ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))  # wheels included
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """What the monitor must know of the base.
+
+    Attributes:
+        body: convex outline of everything that can touch an obstacle, (x, y) [m] in the robot's frame.
+        margin: distance kept from every obstacle point [m].
+        reaction_time: from a command until the base follows the next one [s]: control period, latency, age of the scan.
+        deceleration: braking on which one can rely [m/s^2].
+        yaw_deceleration: the same of the turn rate [rad/s^2].
+        scan_timeout: age of the newest scan at which the base must stand [s].
+        memory_radius: distance within which obstacles are remembered [m].
+        memory_seconds: how long an obstacle is remembered that the scanner does not see any more [s].
+    """
+
+    body: Tuple[Tuple[float, float], ...] = JACKAL_BODY
+    margin: float = 0.03
+    reaction_time: float = 0.15
+    deceleration: float = 4.0
+    yaw_deceleration: float = 12.0
+    scan_timeout: float = 0.5
+    memory_radius: float = 2.0
+    memory_seconds: float = 20.0
+
+    def __post_init__(self):
+        for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise ValueError("collision monitor: %s is %r; give a positive number" % (name, getattr(self, name)))
+        for name in ("margin", "memory_seconds"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise ValueError("collision monitor: %s is %r; give a number >= 0" % (name, getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the monitor made of a command.
+
+    Attributes:
+        command: (v [m/s], w [rad/s]) for the base.
+        action: PASS (as it came), SLOW (a share of it) or STOP.
+        share: the share of the command that was let through, 0 to 1.
+        reason: in one line, why it is not the whole command; "" where it is.
+    """
+
+    command: Tuple[float, float]
+    action: str = PASS
+    share: float = 1.0
+    reason: str = field(default="")
+
+
+class CollisionMonitor:
+    """Lets through the fastest command after which the base can still stop before it touches anything.
+
+    see() takes the scans, filter() the commands. Time is an argument [s]; nothing here reads a clock. Without a scan
+    yet, with an old one, or with one that cannot be believed (ScannerCheck), every command becomes a stop.
+    """
+
+    def __init__(self, settings=None):
+        self.settings = settings or MonitorSettings()
+        self._planes = half_planes(self.settings.body)
+        self._radius = float(np.hypot(*np.asarray(self.settings.body, dtype=np.float64).T).max())
+        self.memory = ObstacleMemory(self.settings.memory_radius, self.settings.memory_seconds)
+        self.scanner = ScannerCheck()
+        self.reset()
+
+    def reset(self):
+        """As a new object: no scan, no memory. To be called when time or odometry jumps."""
+        self.memory.clear()
+        self.scanner.clear()
+        self._stamp = None
+        self._fault = "no scan has come yet"
+
+    def see(self, scan, pose):
+        """Takes a scan.
+
+        Args:
+            scan: planner.costmap.scan.LaserScan, its sensor_pose and `pose` in the odometry frame.
+            pose: the robot's (x, y, yaw) [m, rad] when the scan was measured.
+
+        Returns:
+            What is wrong with it in one line, or "".
+        """
+        if self._stamp is not None and scan.stamp < self._stamp:
+            return ""  # out of order: a newer one is known
+        self._fault = self.scanner.fault(scan, pose)
+        if not self._fault:
+            self._stamp = scan.stamp
+            self.memory.update(scan, pose)
+        return self._fault
+
+    def filter(self, now, pose, twist, command):
+        """What of a command the base may be given.
+
+        Args:
+            now: time [s] on the scans' clock.
+            pose: the robot's (x, y, yaw) [m, rad] in the odometry frame.
+            twist: its measured (v, w) [m/s, rad/s].
+            command: (v, w) asked for.
+
+        Returns:
+            A Verdict. Commands that are not finite become a stop.
+        """
+        problem = self._problem(now, pose, twist, command)
+        if problem:
+            return Verdict((0.0, 0.0), STOP, 0.0, problem)
+        v, w = (float(value) for value in command)
+        if v == 0.0 and w == 0.0:
+            return Verdict((v, w))
+        settings = self.settings
+        speed, turn = max(abs(v), abs(twist[0])), max(abs(w), abs(twist[1]))
+        longest = settings.reaction_time + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
+        points = self.memory.around(pose, self._radius + settings.margin + speed * longest + 0.05)
+        if not len(points):
+            return Verdict((v, w))
+        share, free = free_share(
+            points,
+            self._planes,
+            settings.margin,
+            (float(twist[0]), float(twist[1])),
+            (v, w),
+            settings.reaction_time,
+            (settings.deceleration, settings.yaw_deceleration),
+        )
+        if share >= 1.0:
+            return Verdict((v, w))
+        if share <= 0.0:
+            reason = (
+                "an obstacle is within the stopping distance" if free else "braking: an obstacle is too near to stop"
+            )
+            return Verdict((0.0, 0.0), STOP, 0.0, reason)
+        return Verdict((share * v, share * w), SLOW, share, "slowed for an obstacle within the stopping distance")
+
+    def _problem(self, now, pose, twist, command):
+        if not all(math.isfinite(value) for value in (*pose, *twist, *command)):
+            return "the command, the pose or the velocity is not finite"
+        if self._fault:
+            return self._fault
+        if not -self.settings.scan_timeout <= now - self._stamp <= self.settings.scan_timeout:
+            return "the newest scan is %.2f s old; the limit is %g s" % (now - self._stamp, self.settings.scan_timeout)
+        return ""

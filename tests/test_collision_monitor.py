@@ -1,0 +1,189 @@
+"""The collision monitor without ROS: what passes, what is remembered, which scanners are not believed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, MonitorSettings
+from applr_ros1.monitor.scanner import FROZEN_SCANS
+from applr_ros1.monitor.stopping import free_share, half_planes, penetration
+from applr_ros1.planner.costmap.scan import LaserScan
+
+BEAMS, ANGLE = 720, 2.35619
+LASER = 0.12
+
+
+def scan_of(points, pose, stamp=0.0, **changes):
+    """What a Jackal's laser at `pose` sees of discs of 5 cm radius at points (n, 2) in the odometry frame."""
+    x = pose[0] + LASER * math.cos(pose[2])
+    y = pose[1] + LASER * math.sin(pose[2])
+    angles = np.linspace(-ANGLE, ANGLE, BEAMS)
+    ranges = np.full(BEAMS, np.inf, np.float32)
+    for px, py in points:
+        distance, bearing = math.hypot(px - x, py - y), math.atan2(py - y, px - x) - pose[2]
+        off = np.abs([math.remainder(a - bearing, 2 * math.pi) for a in angles])
+        hit = off < math.asin(min(1.0, 0.05 / distance))
+        ranges[hit] = np.minimum(ranges[hit], distance - 0.05)
+    fields = {
+        "stamp": stamp,
+        "angle_min": -ANGLE,
+        "angle_increment": 2 * ANGLE / (BEAMS - 1),
+        "range_min": 0.1,
+        "range_max": 30.0,
+        "ranges": ranges,
+        "sensor_pose": (x, y, pose[2]),
+    }
+    return LaserScan(**dict(fields, **changes))
+
+
+def wall(x, half_width=1.0):
+    return [(x, y) for y in np.arange(-half_width, half_width, 0.04)]
+
+
+def test_nothing_near_changes_no_command():
+    monitor = CollisionMonitor()
+    assert monitor.see(scan_of([(4.0, 0.0)] * 2, (0, 0, 0)), (0, 0, 0)) == ""
+    assert monitor.filter(0.0, (0, 0, 0), (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
+def test_drives_up_to_a_wall_and_stands_before_it(speed):
+    """A base that accelerates at once and brakes as the settings promise never touches the wall, and gets near it."""
+    monitor, x, v = CollisionMonitor(), 0.0, 0.0
+    obstacles = wall(2.0)
+    for step in range(400):
+        now = 0.05 * step
+        monitor.see(scan_of(obstacles, (x, 0, 0), now), (x, 0, 0))
+        verdict = monitor.filter(now, (x, 0, 0), (v, 0.0), (speed, 0.0))
+        target = verdict.command[0]
+        v = target if target > v else max(target, v - monitor.settings.deceleration * 0.05)
+        x += 0.05 * v
+    front = x + 0.229
+    assert 1.95 - 0.15 < front < 1.95
+    assert verdict.action == STOP
+    assert verdict.reason
+
+
+def test_a_tighter_turn_is_let_through_where_straight_on_is_not():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of(wall(0.55, 0.1), pose), pose)
+    assert monitor.filter(0.0, pose, (1.0, 0.0), (1.0, 0.0)).action == SLOW
+    assert monitor.filter(0.0, pose, (0.0, 0.0), (0.0, 2.0)).action == PASS
+
+
+def test_backs_out_only_as_far_as_what_was_seen_behind_allows():
+    """The laser does not look behind: what it saw there before the robot turned is remembered."""
+    monitor, behind = CollisionMonitor(), [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.see(scan_of(behind, (0, 0, math.pi)), (0, 0, math.pi))
+    pose = (0.0, 0.0, 0.0)
+    monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, 8.0, np.float32)), pose)
+    assert monitor.filter(0.1, pose, (0, 0), (-0.5, 0.0)).action == PASS
+    assert monitor.filter(0.1, (-0.2, 0, 0), (-0.5, 0), (-0.5, 0.0)).action != PASS
+    assert monitor.filter(0.1, (-0.2, 0, 0), (0, 0), (0.5, 0.0)).action == PASS
+
+
+def test_what_has_gone_is_forgotten_when_it_is_looked_at():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of(wall(0.38, 0.3), pose), pose)
+    assert monitor.filter(0.0, pose, (0, 0), (0.5, 0.0)).action != PASS
+    monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, 8.0, np.float32)), pose)
+    assert len(monitor.memory.points) == 0
+    assert monitor.filter(0.1, pose, (0, 0), (0.5, 0.0)).action == PASS
+
+
+def test_a_robot_in_touch_may_leave_and_not_press():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)], pose), pose)
+    assert monitor.filter(0.0, pose, (0, 0), (0.3, 0.0)).action == STOP
+    assert monitor.filter(0.0, pose, (0, 0), (-0.3, 0.0)).action == PASS
+
+
+def blind(kind):
+    ranges = np.full(BEAMS, {"too near": 0.05, "zero": 0.0, "nan": np.nan, "minus inf": -np.inf, "empty": np.inf}[kind])
+    return ranges.astype(np.float32)
+
+
+@pytest.mark.parametrize("kind", ["too near", "zero", "nan", "minus inf", "empty"])
+def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it(kind):
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    good = scan_of(wall(5.0, 2.0), pose)
+    monitor.see(good, pose)
+    assert monitor.filter(0.0, pose, (1.0, 0), (1.0, 0)).action == PASS
+    assert "scanner" in monitor.see(scan_of([], pose, 0.1, ranges=blind(kind)), pose)
+    assert monitor.filter(0.1, pose, (1.0, 0), (1.0, 0)).command == (0.0, 0.0)
+    good.stamp = 0.2
+    monitor.see(good, pose)
+    assert monitor.filter(0.2, pose, (1.0, 0), (1.0, 0)).action == PASS
+
+
+def test_open_space_is_no_blindness():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    assert monitor.see(scan_of([], pose), pose) == ""
+    assert monitor.filter(0.0, pose, (1.0, 0), (1.0, 0)).action == PASS
+
+
+def test_a_frozen_image_under_new_stamps_stops_the_robot_that_moves():
+    monitor = CollisionMonitor()
+    image = scan_of(wall(3.0), (0, 0, 0)).ranges
+    faults = []
+    for step in range(FROZEN_SCANS + 3):
+        pose = (0.05 * step, 0, 0)
+        faults.append(monitor.see(scan_of([], pose, 0.05 * step, ranges=image), pose))
+    assert faults[0] == ""
+    assert "frozen" in faults[-1]
+    standing = CollisionMonitor()
+    assert not any(standing.see(scan_of([], (0, 0, 0), 0.05 * k, ranges=image), (0, 0, 0)) for k in range(50))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"angle_increment": 0.0},
+        {"angle_increment": math.nan},
+        {"angle_increment": 0.5},
+        {"range_max": 0.0},
+        {"range_min": -1.0},
+        {"sensor_pose": (0.0, math.inf, 0.0)},
+        {"ranges": np.zeros(0, np.float32)},
+    ],
+)
+def test_absurd_geometry_stops_the_robot(changes):
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    assert monitor.see(scan_of([], pose, **changes), pose)
+    assert monitor.filter(0.0, pose, (1, 0), (1, 0)).action == STOP
+
+
+def test_no_scan_old_scan_and_nonsense_commands_stop():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    assert monitor.filter(0.0, pose, (0, 0), (1, 0)).action == STOP
+    monitor.see(scan_of([], pose), pose)
+    assert monitor.filter(0.4, pose, (0, 0), (1, 0)).action == PASS
+    assert "old" in monitor.filter(0.6, pose, (0, 0), (1, 0)).reason
+    assert monitor.filter(0.1, pose, (0, 0), (math.nan, 0)).command == (0.0, 0.0)
+
+
+def test_share_is_the_largest_free_one():
+    """Against plain sampling: a share a little larger is not free, for random points and commands."""
+    rng = np.random.default_rng(5)
+    planes, brake = half_planes(MonitorSettings().body), (4.0, 12.0)
+    shares = []
+    for _ in range(60):
+        points = rng.uniform(-1.2, 1.2, (30, 2))
+        points = points[[penetration(planes, 0.05, x, y) < 0 for x, y in points]]
+        command = (float(rng.uniform(-0.5, 2.0)), float(rng.uniform(-2, 2)))
+        share, free = free_share(points, planes, 0.03, (0.0, 0.0), command, 0.15, brake)
+        assert free
+        shares.append(share)
+        scaled = (share * command[0], share * command[1])
+        assert free_share(points, planes, 0.03, (0.0, 0.0), scaled, 0.15, brake)[0] == 1.0
+        more = (min(1.0, share + 0.05) * command[0], min(1.0, share + 0.05) * command[1])
+        assert share == 1.0 or free_share(points, planes, 0.03, (0.0, 0.0), more, 0.15, brake)[0] < 1.0
+    assert 0 < sum(share < 1.0 for share in shares) < 60
+
+
+def test_settings_are_checked():
+    with pytest.raises(ValueError, match="deceleration is 0"):
+        MonitorSettings(deceleration=0.0)
+    with pytest.raises(ValueError, match="three"):
+        CollisionMonitor(MonitorSettings(body=((0, 0), (1, 1))))
