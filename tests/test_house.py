@@ -64,6 +64,7 @@ MAY_KNOW = (
     ("applr_ros1/common/", {"numpy", "numba"}),
     ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib"}),
     ("applr_ros1/planner/", NUMBERS | {"dynamic_reconfigure"}),  # the latter when catkin runs cfg_generator.py
+    ("applr_ros1/monitor/", NUMBERS | {"scipy", "applr_ros1.planner"}),
     ("applr_ros1/policy/", NUMBERS | {"safetensors", "scipy", "applr_ros1.planner"}),
     ("applr_ros1/nodes/", None),
     ("applr_ros1/scripts/", None),
