@@ -76,9 +76,9 @@ MAY_KNOW = (
     ("training/experience/", {"numpy", "safetensors", "training.storage"}),
     (
         "training/mdp/",
-        {"numpy", "gymnasium", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"},
+        {"numpy", "gymnasium", "applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"},
     ),
-    ("training/", LEARNING | {"applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}),
+    ("training/", LEARNING | {"applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}),
 )
 
 

@@ -8,7 +8,8 @@ through, too far away or too old.
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 CAPACITY = 4096  # points
 SPACING = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
@@ -58,7 +59,7 @@ class ObstacleMemory:
         return np.column_stack((c * dx + s * dy, c * dy - s * dx))
 
 
-@njit(cache=True)
+@kernel
 def _update(points, count, ranges, beams, sensor, robot, limits):
     count = _keep(points, count, ranges, beams, sensor, robot, limits)
     angle_min, increment, range_min, range_max = beams
@@ -82,7 +83,7 @@ def _update(points, count, ranges, beams, sensor, robot, limits):
     return count
 
 
-@njit(cache=True)
+@kernel
 def _keep(points, count, ranges, beams, sensor, robot, limits):
     """Move the points that stay to the front of the array and return how many they are."""
     radius, oldest, _ = limits
@@ -98,7 +99,7 @@ def _keep(points, count, ranges, beams, sensor, robot, limits):
     return kept
 
 
-@njit(cache=True)
+@kernel
 def _is_measured(x, y, ranges, beams, sensor):
     """Whether a beam and its neighbours reach to the point or beyond: it is measured anew, or it is gone."""
     angle_min, increment, range_min, _ = beams

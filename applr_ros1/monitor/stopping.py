@@ -7,7 +7,8 @@ outline widened by a margin, must not touch any point on the way.
 import math
 
 import numpy as np
-from numba import njit
+
+from applr_ros1.common.kernels import kernel
 
 STEP = 0.02  # [s] between two checked poses ...
 SHORTEST = 0.01  # ... or where the body moves less than this in a step [m], farther apart
@@ -32,7 +33,7 @@ def half_planes(outline):
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
-@njit(cache=True)
+@kernel
 def penetration(planes, margin, x, y):
     """How deep a point [m] lies inside the widened body; negative outside."""
     depth = np.inf
@@ -41,7 +42,7 @@ def penetration(planes, margin, x, y):
     return depth
 
 
-@njit(cache=True)
+@kernel
 def free_share(points, planes, margin, twist, command, reaction, brake):
     """The largest share of a command after which the base can still stop freely, and whether braking now is free.
 
@@ -74,12 +75,12 @@ def free_share(points, planes, margin, twist, command, reaction, brake):
     return low, True
 
 
-@njit(cache=True)
+@kernel
 def _towards(value, target, change):
     return min(max(target, value - change), value + change)
 
 
-@njit(cache=True)
+@kernel
 def _is_free(points, before, planes, margin, twist, command, share, reaction, brake):
     """Whether the body meets nothing while the base takes share * command, and brakes after the reaction time."""
     v, w = twist

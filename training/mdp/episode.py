@@ -13,6 +13,7 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
@@ -98,6 +99,7 @@ class Episode:
     period          decision period [s]; the paper's is 2 s
     end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
     record          keep .trace
+    monitor         a CollisionMonitor between the planner and the base; None: commands reach the base as they are
 
     The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
     until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
@@ -112,8 +114,9 @@ class Episode:
         end_on_contact: bool = False,
         record: bool = False,
         period: float = PERIOD,
+        monitor: Optional[CollisionMonitor] = None,
     ):
-        self.simulator, self.move_base = simulator, move_base
+        self.simulator, self.move_base, self.monitor = simulator, move_base, monitor
         self.space = space
         self.end_on_contact, self.record = end_on_contact, record
         self.set_period(period)
@@ -153,6 +156,8 @@ class Episode:
         state = self.simulator.reset(world, seed, start)
         # drawn weights and planners differ from world to world, whatever the seeds are
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
+        if self.monitor is not None:
+            self.monitor.reset()
         self.trace = Trace()
         self._acceleration = None
         self._jerks = self._turns = 0.0
@@ -238,8 +243,13 @@ class Episode:
             laser_pose(state.odom_pose),
         )
         cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
-        if cycle.command is not None:
-            simulator.command(*cycle.command)
+        command = cycle.command
+        if self.monitor is not None:
+            self.monitor.see(scan, state.odom_pose)
+            if command is not None:
+                command = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command).command
+        if command is not None:
+            simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)
 
     def _drive_one(self, now: Outcome) -> None:
