@@ -1,6 +1,6 @@
 """The collision monitor itself: joins scanner check, obstacle memory and stopping distance.
 
-Called by nodes/collision_monitor_node.py between move_base and the base, and by training's Episode in process.
+Joins what happens per scan with what happens per command. Episode (training/mdp/episode.py) calls it in process.
 """
 
 import math
