@@ -24,7 +24,7 @@ class Step(NamedTuple):
     phase: str
     cut: np.ndarray  # (k, 3), the part of the plan that was followed
     cost: float = 0.0  # of the trajectory that was chosen or checked; negative if illegal
-    count: int = 0  # of its points
+    count: int = 0  # type: ignore[assignment]  # of its points; tuple.count is not used
     checked: Tuple[float, float, float] = STANDING  # the command that was checked at the goal's place
 
 
