@@ -66,7 +66,9 @@ def load(folder):
     except GoldenError:
         raise
     except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as problem:
-        raise GoldenError("%s cannot be read: %s" % (folder, " ".join(str(problem).split()) or repr(problem)))  # noqa: B904
+        raise GoldenError(
+            "%s cannot be read: %s" % (folder, " ".join(str(problem).split()) or repr(problem))
+        ) from problem
     if not scenarios:
         raise GoldenError("%s holds no scenarios" % manifest)
     for scenario in scenarios:
@@ -244,9 +246,10 @@ def replay(scenario):
             if worst > (tolerance[0] if tolerance else 0.0):
                 found[what] = worst
     except KeyError as problem:
-        raise GoldenError("scenario %s lacks %s" % (scenario.id, problem))  # noqa: B904
+        raise GoldenError("scenario %s lacks %s" % (scenario.id, problem)) from problem
     except (OSError, ValueError, TypeError, IndexError, zipfile.BadZipFile, zlib.error) as problem:
-        raise GoldenError("scenario %s cannot be replayed: %s" % (scenario.id, " ".join(str(problem).split())))  # noqa: B904
+        reason = " ".join(str(problem).split())
+        raise GoldenError("scenario %s cannot be replayed: %s" % (scenario.id, reason)) from problem
     return found
 
 

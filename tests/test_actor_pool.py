@@ -175,7 +175,7 @@ def test_training_with_processes_some_of_which_die(tmp_path, capsys):
 
 def trajectory(number, version=0, **change):
     rng = np.random.default_rng(number)
-    made = Trajectory.of(
+    return Trajectory.of(
         LAYOUT,
         rng.uniform(-1, 1, (11, 1)),
         rng.uniform(-1, 1, (10, 1)),
@@ -183,7 +183,6 @@ def trajectory(number, version=0, **change):
         False,
         dict({"actor": "a", "episode": number, "version": version}, **change),
     )
-    return made  # noqa: RET504
 
 
 def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on():

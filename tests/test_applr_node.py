@@ -228,7 +228,7 @@ def test_fault_11_odd_scans(robot, stack):
     robot.goal = "one"
     for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
         robot.ranges, count = odd, len(robot.decisions)
-        wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")  # noqa: B023
+        wait_for(lambda count=count: len(robot.decisions) >= count + 2, 5.0, "decisions")
         assert np.all(np.isfinite(robot.observations[-1]))
     for odd, line in (
         (np.full(720, np.nan, np.float32), "all 720 beams"),
@@ -236,7 +236,7 @@ def test_fault_11_odd_scans(robot, stack):
         (good[:0], "0 beams"),
     ):
         robot.ranges = odd
-        wait_for(lambda: line in node.text, 5.0, line)  # noqa: B023
+        wait_for(lambda line=line: line in node.text, 5.0, line)
         assert node.text.count(line) <= 2
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0")
     assert robot.count("unusable") >= 1 or wait_for(lambda: robot.count("unusable") >= 1, 3.0)

@@ -234,7 +234,8 @@ def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
     for name, reason in reasons.items():
         if name == "noise.bag" and said[name]["transitions"]:
             continue  # the damage may lie where nothing needed is
-        assert said[name]["transitions"] == 0 and said[name]["skipped"], name  # noqa: PT018
+        assert said[name]["transitions"] == 0, name
+        assert said[name]["skipped"], name
         assert any(reason in text for text in said[name]["skipped"]), (name, said[name]["skipped"])
     assert sum(manifest["skipped"].values()) >= len(reasons) - 1
     assert sum(len(t) for t in Dataset(tmp_path / "out")) == manifest["transitions"]
@@ -316,7 +317,8 @@ def test_unusable_scans_are_counted_in_words(tmp_path):
         with BagWriter(tmp_path / (name + ".bag")) as writer:
             kind(writer, node=False, seconds=4.5)
         found, report = rebuild(tmp_path / (name + ".bag"))
-        assert not found and any(reason in text for text in report.skipped), report  # noqa: PT018
+        assert not found, report
+        assert any(reason in text for text in report.skipped), report
 
 
 def test_recorded_simulation_equals_the_environment(tmp_path):
@@ -357,7 +359,8 @@ def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
     ):
         assert bags_to_dataset.main(arguments) == 1
         error = capsys.readouterr().err
-        assert error.startswith("bags_to_dataset: ") and error.count("\n") == 1, error  # noqa: PT018
+        assert error.startswith("bags_to_dataset: "), error
+        assert error.count("\n") == 1, error
     assert bags_to_dataset.main([bag, "--out", out, "__name:=x"]) == 0
     assert bags_to_dataset.main([bag, "--out", out]) == 1  # holds a dataset already
     assert "already" in capsys.readouterr().err

@@ -108,4 +108,6 @@ def test_command(tmp_path):
 )
 def test_mistakes_are_one_line(tmp_path, wrong, said):
     done = run(tmp_path, *wrong)
-    assert done.returncode == 1 and done.stderr.count("\n") == 1 and said in done.stderr, done.stderr  # noqa: PT018
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert said in done.stderr, done.stderr

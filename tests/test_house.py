@@ -144,9 +144,8 @@ def test_robot_side_parses_as_python_38(name):
         notes = [note for note in (getattr(node, "annotation", None), getattr(node, "returns", None)) if note]
         for note in [part for whole in notes if not future for part in ast.walk(whole)]:
             generic = isinstance(note, ast.Subscript) and getattr(note.value, "id", "") in BUILTIN_GENERICS
-            assert not generic and not isinstance(note, ast.BinOp), (  # noqa: PT018
-                "%s:%d: this annotation needs from __future__ import annotations" % (name, note.lineno)
-            )
+            new = generic or isinstance(note, ast.BinOp)
+            assert not new, "%s:%d: this annotation needs from __future__ import annotations" % (name, note.lineno)
 
 
 @pytest.mark.parametrize("name", python_files(PACKAGES + ("tests",)))

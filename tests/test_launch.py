@@ -81,7 +81,9 @@ def test_a_wrong_argument_is_one_line(argument):
     words = argument.split(" ") if "mode" in argument else [argument]
     refused = inside("rosrun", "applr_ros1", "check_arguments.py", *words)
     lines = refused.stderr.strip().splitlines()
-    assert refused.returncode == 1 and len(lines) == 1 and lines[0].startswith("applr: "), refused.stderr  # noqa: PT018
+    assert refused.returncode == 1, refused.stderr
+    assert len(lines) == 1, refused.stderr
+    assert lines[0].startswith("applr: "), refused.stderr
     demo = subprocess.run([APPLR, "demo", *words], capture_output=True, text=True, timeout=30, check=False)
     assert demo.returncode == 2
     assert demo.stderr.startswith(lines[0][:-1])
@@ -112,7 +114,8 @@ def test_install_space(tmp_path):
     done = inside("bash", "-c", build, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     tail = done.stdout.splitlines()[-7:]
-    assert tail[0] == "checked" and tail[1].startswith(str(tmp_path / "install")), tail  # noqa: PT018
+    assert tail[0] == "checked", tail
+    assert tail[1].startswith(str(tmp_path / "install")), tail
     assert {"/sim_bridge", "/move_base", "/applr", "/send_goal"} <= set(tail)
     assert tail[-1].startswith(str(tmp_path / "install"))
 
@@ -148,7 +151,9 @@ def test_demo_that_runs_out_of_time(tmp_path):
     running = demo(tmp_path, "world:=generated:0", "limit:=2", "simulator:=kinematic")
     out, err = running.communicate(timeout=240)
     result = json.loads(out.splitlines()[-1])
-    assert running.returncode == 1 and result["success"] is False and result["timeout"] is True, out + err  # noqa: PT018
+    assert running.returncode == 1, out + err
+    assert result["success"] is False, out + err
+    assert result["timeout"] is True, out + err
 
 
 def test_interrupted_demo_leaves_nobody(tmp_path):

@@ -40,7 +40,9 @@ def test_jackal_tree_equals_the_running_one():
 def test_every_parameter_has_a_sentence():
     for table in list(SERVERS.values()) + list(STATIC.values()):
         for p in table:
-            assert p.doc.endswith(".") and p.doc[0].isupper() and '"' not in p.doc, p.name  # noqa: PT018
+            assert p.doc.endswith("."), p.name
+            assert p.doc[0].isupper(), p.name
+            assert '"' not in p.doc, p.name
             assert p.type in ("double", "int", "bool", "str", "list")
 
 

@@ -21,6 +21,10 @@ def logged(monkeypatch):
     return lines
 
 
+def nothing(*_):
+    """Stands for what nobody looks at here."""
+
+
 class Running:
     """A PlannerThread at 200 Hz of wall time. `hold`: while it is set, no cycle ends."""
 
@@ -28,7 +32,6 @@ class Running:
         rospy.rostime.set_rostime_initialized(True)
         self.ended, self.hold, self.held = threading.Event(), threading.Event(), threading.Event()
         monkeypatch.setattr(rospy, "is_shutdown", self.ended.is_set)
-        nothing = lambda *_: None  # noqa: E731
         self.planner = PlannerThread(self._cycle, lambda: 200.0, nothing, nothing, nothing)
         self.thread = threading.Thread(target=self.planner.run)
         self.thread.start()
@@ -161,7 +164,6 @@ def test_a_reset_of_the_simulator_changes_the_seed_under_the_lock(monkeypatch):
             self.simulator = SimpleNamespace(
                 world="w", state=state, reset=lambda world, seed: seeds.append(seed), scan=lambda: None
             )
-            nothing = lambda *_: None  # noqa: E731
             self.topics = SimpleNamespace(publish_world=nothing, publish_state=nothing, publish_clock=nothing)
 
         @property

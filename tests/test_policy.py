@@ -34,7 +34,7 @@ def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
 def test_theta_0_is_clearpaths_and_round_trips():
     assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30]
     np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
-    with pytest.raises(ValueError):  # noqa: PT011
+    with pytest.raises(ValueError, match="read-only"):
         THETA_0[0] = 1.0
     assert SPACE.as_dict(THETA_0)["vx_samples"] == 6
     assert isinstance(SPACE.as_dict(THETA_0)["vx_samples"], int)

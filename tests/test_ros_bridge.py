@@ -278,7 +278,8 @@ def test_mistakes_end_it_with_one_line(parameters, words):
     child = start("wrong_bridge", parameters)
     assert child.process.wait(30.0) == 1
     lines = [line for line in child.text.splitlines() if line.strip()]
-    assert len(lines) == 1 and words in lines[0], child.text  # noqa: PT018
+    assert len(lines) == 1, child.text
+    assert words in lines[0], child.text
     rospy.delete_param("/wrong_bridge")
 
 

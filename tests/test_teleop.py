@@ -171,4 +171,6 @@ def test_mistakes_are_one_line(arguments, words):
         stdin=subprocess.DEVNULL,
         check=False,
     )
-    assert done.returncode == 1 and words in done.stderr and "Traceback" not in done.stderr, done.stderr  # noqa: PT018
+    assert done.returncode == 1, done.stderr
+    assert words in done.stderr, done.stderr
+    assert "Traceback" not in done.stderr, done.stderr

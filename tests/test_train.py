@@ -95,22 +95,19 @@ def test_resume_continues_to_the_same_numbers(whole, tmp_path):
     assert (out / "evaluations.jsonl").read_text() == (whole / "evaluations.jsonl").read_text()
 
 
-def kill_and_resume(out, times, steps, seed=0):  # noqa: RET503
+def kill_and_resume(out, times, steps, seed=0):
     """Start the run, kill it at a random moment, resume, and so on; at last let it finish."""
     rng, resume, moments = random.Random(seed), False, []
-    for i in range(times + 1):
-        command = [
-            sys.executable,
-            "-m",
-            "training.train",
-            *toy(out, "--steps", str(steps), "--checkpoint-every", "0.1"),
-        ]
-        if resume:
-            command = [sys.executable, "-m", "training.train", "--resume", "--out", str(out)]
-        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        if i == times:
-            assert process.wait(120) == 0, process.stderr.read().decode()
-            return moments
+
+    def start():
+        arguments = ["--resume", "--out", str(out)]
+        if not resume:
+            arguments = toy(out, "--steps", str(steps), "--checkpoint-every", "0.1")
+        command = [sys.executable, "-m", "training.train", *arguments]
+        return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+    for _ in range(times):
+        process = start()
         begun, deadline = out / "journal" / "000000.segment", time.monotonic() + 60
         before = begun.stat().st_size if begun.exists() else 0
         while (
@@ -125,6 +122,9 @@ def kill_and_resume(out, times, steps, seed=0):  # noqa: RET503
         process.stderr.close()
         moments.append(begun.stat().st_size)
         resume = (out / "config.json").exists()
+    process = start()
+    assert process.wait(120) == 0, process.stderr.read().decode()
+    return moments
 
 
 def test_sigkill_at_random_moments_loses_nothing(tmp_path):
@@ -201,7 +201,8 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
 def one_line(capsys, arguments, status, pattern):
     assert main([str(a) for a in arguments]) == status
     error = capsys.readouterr().err.strip()
-    assert error.count("\n") == 0 and error.startswith("train.py: "), error  # noqa: PT018
+    assert error.count("\n") == 0, error
+    assert error.startswith("train.py: "), error
     import re
 
     assert re.search(pattern, error), error

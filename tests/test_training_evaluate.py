@@ -54,7 +54,9 @@ def run(*arguments, **env):
 
 def refused(done, *words):
     lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
-    assert done.returncode == 1 and len(lines) == 1 and "Traceback" not in done.stderr, done.stderr  # noqa: PT018
+    assert done.returncode == 1, done.stderr
+    assert len(lines) == 1, done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
     for word in words:
         assert word in lines[0], lines[0]
 
@@ -206,9 +208,9 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     store.close()
     whole = (tmp_path / "trials.csv").read_bytes()
 
-    def refuse(words, settings={"seed": 0}, tasks=plan):  # noqa: B006
+    def refuse(words, settings=None, tasks=plan):
         with pytest.raises(StorageError) as error:
-            trial_store.Store(tmp_path, settings, tasks)
+            trial_store.Store(tmp_path, settings or {"seed": 0}, tasks)
         assert words in str(error.value)
         assert "\n" not in str(error.value)
 

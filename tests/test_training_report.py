@@ -2,6 +2,7 @@
 
 import csv
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,7 +212,7 @@ def test_formats_escape():
 def test_report_is_whole(folder):
     page = write(folder)
     out = folder / "report"
-    text = open(page, encoding="utf-8").read()  # noqa: SIM115
+    text = Path(page).read_text(encoding="utf-8")
     for name in ("table_1", "table_2", "table_3", "table_4", "rates", "smoothness", "ablation", "methods"):
         for ending in ("csv", "tex", "md"):
             assert (out / ("%s.%s" % (name, ending))).stat().st_size > 0

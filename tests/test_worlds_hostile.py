@@ -1,5 +1,6 @@
 """World files that are missing, malformed, hostile or without a passage: one line each, in bounded time and memory."""
 
+import contextlib
 import os
 import pickle
 import resource
@@ -72,8 +73,8 @@ def test_missing_folder_and_device(tmp_path):
     os.mkfifo(str(tmp_path / "pipe.world"))
     refused(tmp_path / "pipe.world", "not a file")
     refused("x\0y.world", "cannot be read")
-    with pytest.raises(worlds.WorldError, match="0 .world files"):  # noqa: PT012
-        (tmp_path / "empty").mkdir()
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(worlds.WorldError, match="0 .world files"):
         worlds.load_all(str(tmp_path / "empty"))
 
 
@@ -191,10 +192,8 @@ def test_bad_course_in_the_file(tmp_path):
 def test_heavy_but_lawful_world_stays_within_time(tmp_path):
     big = "".join(cylinder(20.0 * np.cos(n), 20.0 * np.sin(n), radius=4.0, name="c%d" % n) for n in range(3000))
     started = time.monotonic()
-    try:  # noqa: SIM105
+    with contextlib.suppress(worlds.WorldError):
         worlds.load(put(tmp_path, sdf(big), "w.world"))
-    except worlds.WorldError:
-        pass
     assert time.monotonic() - started < 10.0
 
 

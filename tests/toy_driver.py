@@ -8,8 +8,6 @@ import zlib
 
 import numpy as np
 
-from training.evaluation.trials import COLUMNS, MEASURES  # noqa: F401  (the shape of what it answers)
-
 
 class ToyDriver:
     def __init__(self, simulator, protocol):

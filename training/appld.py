@@ -1,6 +1,8 @@
-"""APPLD, the paper's second baseline, from demonstrations to a file that drives: rosrun applr_ros1 appld.py, or
-python -m training.appld. Changepoints cut the demonstrations into contexts, CMA-ES finds each context's parameters,
-a small network learns to tell the context from the scan. The file is for evaluate.py (appld:FILE) and mode:=appld.
+"""Learns APPLD, the paper's second baseline, from recorded demonstrations.
+
+Started as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
+contexts, CMA-ES finds the parameters of each context, and a small network learns to recognise the context in the scan.
+The file that is written serves evaluate.py (appld:FILE) and mode:=appld of the launch file.
 """
 
 from __future__ import annotations
@@ -131,6 +133,7 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
 
 
 def parse(arguments) -> argparse.Namespace:
+    """Read the command line."""
     p = argparse.ArgumentParser(
         prog="appld.py", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )

@@ -1,5 +1,7 @@
-"""Makes a dataset for offline training of recorded drives: rosrun applr_ros1 bags_to_dataset.py, or
-python -m training.bags_to_dataset. Bags of ROS 1 and ROS 2, of real robots and of simulation, may be mixed.
+"""Makes a dataset for offline training from recorded drives.
+
+Started as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. Bags of ROS 1 and ROS 2, of
+real robots and of simulation, may be mixed.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from training.mdp.reward import Reward
 from training.storage import StorageError
 
 
-def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(), finish=None, say=print) -> dict:  # noqa: B008
+def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(), finish=None, say=print) -> dict:
     """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns its manifest.
 
     A bag or episode that is damaged or incomplete is skipped, said and counted under its reason. Raises BagError when
@@ -65,6 +67,7 @@ def _reasons(skipped) -> str:
 
 
 def parse(arguments) -> argparse.Namespace:
+    """Read the command line."""
     parser = argparse.ArgumentParser(prog="bags_to_dataset.py", description=__doc__)
     parser.add_argument("bags", nargs="+", help="bags (.bag, .mcap), ROS 2 bag folders, or folders that hold bags")
     parser.add_argument("--out", required=True, help="folder for the dataset; must not hold one")

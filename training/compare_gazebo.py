@@ -1,6 +1,7 @@
-"""How our simulator's trials compare with Gazebo's, world by world: `python -m training.compare_gazebo
-results/trials.csv gazebo_dwa_train.csv`. The second file is a table of default DWA's times in Gazebo (columns in
-COLUMNS); it is other people's data, and not in this repo.
+"""Compares our simulator's trials with Gazebo's, world by world.
+
+Started as `python -m training.compare_gazebo results/trials.csv gazebo_dwa_train.csv`. The second file is a table of
+default DWA's times in Gazebo with the columns COLUMNS; it is not part of this repository.
 """
 
 from __future__ import annotations
@@ -122,6 +123,7 @@ def lines(found: Dict[str, Any]) -> List[str]:
 
 
 def main() -> int:
+    """Run the command; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m training.compare_gazebo", description=__doc__)
     parser.add_argument("trials", help="trials.csv of BARN's own worlds")
     parser.add_argument("gazebo", help="table with the columns %s" % ", ".join(COLUMNS))

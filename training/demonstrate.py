@@ -1,6 +1,8 @@
-"""Records scripted demonstrations for APPLD: rosrun applr_ros1 demonstrate.py, or python -m training.demonstrate.
-The demonstrator is a script (training/baselines/appld/scripted_driver.py), and the bag says so. A person demonstrates with teleop.py.
-"""  # noqa: E501
+"""Records scripted demonstrations for APPLD.
+
+Started as `rosrun applr_ros1 demonstrate.py` or `python -m training.demonstrate`. The demonstrator is a script
+(training/baselines/appld/scripted_driver.py), and the bag says so. A person demonstrates with teleop.py.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,14 @@ class DemonstrationError(ValueError):
 
 
 def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said=None) -> dict:
-    """Drives one course and writes the bag. Returns {"seconds", "metres", "speed", "contacts"}. Raises
-    DemonstrationError when the course was not finished within `limit` seconds, StorageError for the bag.
+    """Drive one course and write the bag.
+
+    Returns:
+        a dict with seconds, metres, speed [m/s] and contacts.
+
+    Raises:
+        DemonstrationError: the course was not finished within `limit` seconds.
+        StorageError: the bag cannot be written.
     """
     driver = Demonstrator(world)
     state = simulator.reset(world, seed)
@@ -56,6 +64,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
 
 
 def parse(arguments) -> argparse.Namespace:
+    """Read the command line."""
     p = argparse.ArgumentParser(prog="demonstrate.py", description=__doc__)
     p.add_argument("bag", help="bag to write (.bag); must not be there")
     p.add_argument("--world", default="physical_course", help="course to drive (default %(default)s)")
@@ -65,6 +74,7 @@ def parse(arguments) -> argparse.Namespace:
 
 
 def main(arguments=None) -> int:
+    """Run the command; returns the exit status."""
     options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
         world = worlds.load(options.world)

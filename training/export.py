@@ -1,4 +1,6 @@
-"""A trained actor for other programs: ONNX and TorchScript. python -m training.export actor.safetensors OUT_FOLDER
+"""Exports a trained actor to ONNX and TorchScript, for other programs.
+
+Started as `python -m training.export actor.safetensors OUT_FOLDER`.
 
 Both take "observation" (n, 729) float32 and give "action" (n, 8) in [-1, 1]; the metadata travel along. The result is
 compared with the actor: a difference over 1e-5 is an error.
@@ -108,6 +110,7 @@ def _texts(actor: Actor) -> Dict[str, str]:
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
+    """Run the command; returns the exit status."""
     arguments = [a for a in (sys.argv[1:] if arguments is None else arguments) if ":=" not in a]
     if len(arguments) != 2 or "--help" in arguments or "-h" in arguments:
         print(__doc__)

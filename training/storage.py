@@ -38,10 +38,12 @@ def write_bytes(path, data: bytes) -> None:
 
 
 def write_json(path, value: Any) -> None:
+    """Write a value as JSON, in one step (see write_bytes)."""
     write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
 
 
 def read_bytes(path) -> bytes:
+    """The content of a file. Raises StorageError with one line if it cannot be read."""
     try:
         return Path(path).read_bytes()
     except OSError as error:
@@ -49,6 +51,7 @@ def read_bytes(path) -> bytes:
 
 
 def read_json(path) -> Any:
+    """The content of a JSON file. Raises StorageError with one line if it is absent or damaged."""
     try:
         return json.loads(read_bytes(path))
     except (ValueError, RecursionError):
@@ -56,10 +59,12 @@ def read_json(path) -> Any:
 
 
 def sha256(data: bytes) -> str:
+    """The SHA-256 digest in hexadecimal digits."""
     return hashlib.sha256(data).hexdigest()
 
 
 def reason(error: OSError) -> str:
+    """What the system says of a failed file operation."""
     return error.strerror or str(error)
 
 
@@ -90,4 +95,5 @@ class Lock:
             raise StorageError("%s: cannot be locked (%s)" % (folder, reason(error))) from None
 
     def release(self) -> None:
+        """Let another process use the folder."""
         self._file.close()

@@ -67,10 +67,10 @@ def scan_and_maps():
         for _ in range(REPEATS):
             local, world = _maps()
 
-            def cycle(pose, scan):
+            def cycle(pose, scan, local=local, world=world):
                 cloud = project(scan)
-                local.update(pose, cloud)  # noqa: B023
-                world.update(pose, cloud)  # noqa: B023
+                local.update(pose, cloud)
+                world.update(pose, cloud)
 
             cycle = _timed(cycle)
             for pose, scan in clouds:

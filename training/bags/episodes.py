@@ -58,14 +58,19 @@ class Report:
     skipped: Dict[str, int] = field(default_factory=dict)
 
     def skip(self, reason: str) -> None:
+        """Count a transition that is not used, by the reason."""
         self.skipped[reason] = self.skipped.get(reason, 0) + 1
 
 
 @dataclass
 class Moment:
-    """One observation to be rebuilt at a ROS time [ns]: the indices of the messages that it is made of, and what came
-    of it. trouble: why it cannot be rebuilt (outcome None), or why the transition that ends here cannot be used.
-    end: no decision fell. seen: the node's own observation (729,); said: its own decision (8,).
+    """An observation to be rebuilt from messages, and what came of it.
+
+    Attributes:
+        at: ROS time [ns]. end: the course ends here, and no decision was made.
+        seen, said: the observation (729,) and the decision (8,) that the node itself published, if recorded.
+        scan, pose, plan: indices of the messages that the observation is made of; -1 for none.
+        trouble: why it cannot be rebuilt (outcome is None), or why the transition that ends here cannot be used.
     """
 
     at: int
@@ -82,8 +87,8 @@ class Moment:
 
 def trajectories(
     recording: Recording,
-    reward: Reward = Reward(),  # noqa: B008
-    layout: Layout = Layout(),  # noqa: B008
+    reward: Reward = Reward(),
+    layout: Layout = Layout(),
     report: Optional[Report] = None,
     finish: Optional[float] = None,
 ) -> Iterator[Trajectory]:
@@ -156,8 +161,10 @@ def _finish(recording, goal, finish: Optional[float]) -> None:
 
 
 def _moments(recording, goal) -> List[Moment]:
-    """When decisions fell. The last moment is the course's end: where the goal was reached or given up, and where it
-    was cut off a whole period after the last decision (a time limit).
+    """The moments at which decisions were made, and the end of the course.
+
+    The course ends where the goal was reached or given up, or, if it was cut off by a time limit, a whole period after
+    the last decision.
     """
     made = [d for d in recording.decisions if d["goal"] == goal.id and d["stamp"] <= goal.end]
     if made:
@@ -306,8 +313,10 @@ def _unusable(recording, moments, i) -> str:
 
 
 def _had(recording, moment) -> np.ndarray:
-    """theta_{t-1} (8,): what the planner had when a decision fell. An update that was recorded within EARLIER of it is
-    the decision's answer rather than what it saw, unless the node's own observation says otherwise.
+    """The parameters theta_{t-1} (8,) that the planner had when a decision was made.
+
+    An update that was recorded within EARLIER of the decision is its result rather than its input, unless the
+    observation that the node itself published says otherwise.
     """
     found = []
     for lag in (EARLIER, EARLIER // 5, 0):

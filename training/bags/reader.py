@@ -44,8 +44,9 @@ class Topics:
 
 @dataclass
 class Recording:
-    """A bag's content in order of recording. Times are int64 nanoseconds; `at` is when a message was recorded, `stamp`
-    what its header says.
+    """The content of a bag in order of recording.
+
+    Times are int64 nanoseconds. `at` is when a message was recorded, `stamp` is the time in its header.
     """
 
     path: Path
@@ -107,8 +108,10 @@ class Poses:
 
 
 def read(path, topics: Topics = Topics()) -> Recording:
-    """Everything but scans and plans, of which only the times. Raises BagError for a bag that is absent, damaged or
-    without what is needed.
+    """Read a bag: everything but scans and plans, of which only the times are read.
+
+    Raises:
+        BagError: the bag is absent or damaged, or lacks messages that are needed.
     """
     path = Path(path)
     recording = Recording(path, topics)
@@ -265,6 +268,7 @@ def stamp(message) -> int:
 
 
 def yaw(q) -> float:
+    """Rotation about z [rad] of a quaternion message."""
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 

@@ -32,7 +32,7 @@ _RESULT = {
 class BagWriter:
     """A ROS 1 bag with the stack's topics. Times in seconds from 0; a context manager. Raises StorageError."""
 
-    def __init__(self, path, topics: Topics = Topics()):  # noqa: B008
+    def __init__(self, path, topics: Topics = Topics()):
         self.path, self.topics = Path(path), topics
         self.store = get_typestore(Stores.ROS1_NOETIC)
         for name, text in _RESULT.items():
@@ -54,11 +54,12 @@ class BagWriter:
         self.close()
 
     def close(self) -> None:
+        """Finish the file."""
         self._writer.close()
 
     # -- the topics --------------------------------------------------------------------------------
     def scan(self, time: float, ranges) -> None:
-        """ranges (720,) m of the Jackal's laser."""
+        """Write a scan: ranges (720,) [m] of the Jackal's laser."""
         empty = np.empty(0, np.float32)
         last = jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * (len(ranges) - 1)
         self._put(
@@ -78,7 +79,7 @@ class BagWriter:
         )
 
     def odometry(self, time: float, pose, twist) -> None:
-        """pose (x, y, yaw) in frame odom, twist (v, w)."""
+        """Write the odometry: pose (x, y, yaw) [m, rad] in the frame odom, twist (v, w) [m/s, rad/s]."""
         make, zeros = self._make, np.zeros(36)
         self._put(
             self.topics.odometry,
@@ -103,7 +104,7 @@ class BagWriter:
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 
     def plan(self, time: float, plan) -> None:
-        """plan (n, 3) in frame odom."""
+        """Write a global plan: (n, 3) x, y [m], yaw [rad] in the frame odom."""
         header = self._header(time, "odom")
         poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
         self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
@@ -137,6 +138,7 @@ class BagWriter:
         )
 
     def status(self, time: float, goal_id: str, running: bool = True) -> None:
+        """Write the status topic of the action move_base."""
         entries = [self._status(goal_id, ACTIVE)] if running else []
         self._put(
             self.topics.move_base + "/status",
@@ -147,6 +149,7 @@ class BagWriter:
         )
 
     def result(self, time: float, goal_id: str, status: int) -> None:
+        """Write the result of a goal with an actionlib status."""
         self._put(
             self.topics.move_base + "/result",
             "move_base_msgs/msg/MoveBaseActionResult",
@@ -157,6 +160,7 @@ class BagWriter:
         )
 
     def contact(self, time: float) -> None:
+        """Write that the robot touches something."""
         self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
 
     def decision(self, time: float, number: int, observation, **what) -> None:
@@ -220,6 +224,7 @@ class RecordingEpisode(Episode):
         self._scanned = None  # time of the newest scan in the bag
 
     def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
+        """Begin a course; a goal is sent on the recorded action topic."""
         if self.courses:
             self._ahead += self.simulator.state.time + PAUSE
         self._goal_id = ""  # nothing is written before the goal is sent
@@ -232,6 +237,7 @@ class RecordingEpisode(Episode):
         return outcome
 
     def decide(self, theta) -> Outcome:
+        """Drive one decision period and write what the nodes would have published in it."""
         self._decision()
         outcome = super().decide(theta)
         self._look(outcome, self.move_base.global_plan)
@@ -242,6 +248,7 @@ class RecordingEpisode(Episode):
         return outcome
 
     def apply(self, theta) -> np.ndarray:
+        """Set the parameters and write the parameter updates that follow."""
         result = super().apply(theta)
         if getattr(self, "_goal_id", ""):
             self._parameters(1e-3)  # after the decision that it came from
@@ -294,4 +301,5 @@ class RecordingEpisode(Episode):
 
 
 def nanoseconds(time: float) -> int:
+    """Seconds in whole nanoseconds."""
     return int(round(time * SECOND))

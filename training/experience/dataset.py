@@ -1,5 +1,7 @@
-"""Recorded experience for offline training: npz shards, a JSON manifest, checksums. bags_to_dataset makes it of bags,
-python -m training.dataset of a training run; train.py --dataset reads it. Shards hold plain arrays: nothing is pickled.
+"""Recorded experience for offline training: npz shards, a JSON manifest, checksums.
+
+bags_to_dataset makes it from bags, python -m training.dataset from a training run; train.py --dataset reads it. Shards
+hold plain arrays: nothing is pickled.
 
 manifest.json: {"format", "layout": {scan, rest, action}, "scan_step", "source", "transitions", "skipped",
 "shards": [{file, sha256, episodes, transitions}]}. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its episodes
@@ -33,7 +35,7 @@ class DatasetError(ValueError):
 class Writer:
     """add() trajectories, then close(): the manifest, written last, makes the dataset valid."""
 
-    def __init__(self, folder, layout: Layout = Layout(), source: Optional[Dict[str, Any]] = None):  # noqa: B008
+    def __init__(self, folder, layout: Layout = Layout(), source: Optional[Dict[str, Any]] = None):
         self.folder, self.layout, self.source = make_folder(folder), layout, source or {}
         if (self.folder / "manifest.json").exists():
             raise StorageError("%s: holds a dataset already; give an empty folder" % folder)
@@ -49,6 +51,7 @@ class Writer:
             self._flush()
 
     def skip(self, reason: str) -> None:
+        """Count a transition that is not taken, by the reason."""
         self.skipped[reason] = self.skipped.get(reason, 0) + 1
 
     def close(self) -> Dict[str, Any]:
@@ -93,7 +96,7 @@ class Writer:
 class Dataset:
     """A dataset to read. Raises DatasetError where it is none, or of another layout."""
 
-    def __init__(self, folder, layout: Layout = Layout()):  # noqa: B008
+    def __init__(self, folder, layout: Layout = Layout()):
         self.folder, self.layout = Path(folder), layout
         if not (self.folder / "manifest.json").is_file():
             raise DatasetError("%s: no dataset (no manifest.json); make one with bags_to_dataset.py" % folder)
@@ -107,10 +110,12 @@ class Dataset:
 
     @property
     def transitions(self) -> int:
+        """Number of transitions."""
         return int(self.manifest["transitions"])
 
     @property
     def rows(self) -> int:
+        """Number of observations: one more than transitions for each episode."""
         return sum(s["transitions"] + s["episodes"] for s in self.manifest["shards"])
 
     def __iter__(self) -> Iterator[Trajectory]:
@@ -153,9 +158,11 @@ class Dataset:
             yield trajectory
 
 
-def export_replay(run, folder, layout: Layout = Layout(), c_switch: float = 0.0) -> Dict[str, Any]:  # noqa: B008
-    """A training run's journal as a dataset; returns the manifest. c_switch: what changing the parameters (mean, action
-    units) costs in it more than it did in the run. An episode tells its own changes, so the price can be set later.
+def export_replay(run, folder, layout: Layout = Layout(), c_switch: float = 0.0) -> Dict[str, Any]:
+    """Write the journal of a training run as a dataset; returns the manifest.
+
+    Each episode holds its own changes of the parameters, so that their price can be set afterwards: `c_switch` is added
+    to the price that the run had (reward per unit of mean change, in units of the action).
     """
     if not (Path(run) / "journal").is_dir():
         raise DatasetError("%s: no training run (no journal in it)" % run)

@@ -49,6 +49,7 @@ class Journal:
         self._write(blob)
 
     def sync(self) -> None:
+        """Wait until everything that was appended is on the disk."""
         if self._file is not None:
             os.fsync(self._file)
 
@@ -74,6 +75,7 @@ class Journal:
             self._path(self.segments.pop(0)).unlink(missing_ok=True)
 
     def close(self) -> None:
+        """Close the current segment."""
         if self._file is not None:
             os.close(self._file)
             self._file = None
@@ -167,7 +169,4 @@ class Journal:
             raise StorageError("%s: cannot be read (%s)" % (path, reason(error))) from None
 
     def _good_length(self, segment: int) -> int:
-        good = 0
-        for good, _ in self._records(segment):  # noqa: B007
-            pass
-        return good
+        return max((end for end, _ in self._records(segment)), default=0)

@@ -60,6 +60,7 @@ class Replay:
 
     @property
     def nbytes(self) -> int:
+        """Memory of all arrays [bytes]."""
         return sum(a.nbytes for a in (self.scan, self.rest, self.action, self.reward, self.end))
 
     def check(self, trajectory: Trajectory) -> None:
@@ -161,8 +162,10 @@ class Replay:
         )
 
     def _observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
-        """(scan, rest) of observations, the first `mirrored` left for right: beams in reverse, the local goal's angle
-        negated. The parameters are the same on both sides, and so are robot and planner.
+        """Observations as (scan, rest), the first `mirrored` of them with left and right exchanged.
+
+        The beams are reversed and the angle of the local goal is negated. The parameters stay, since robot and planner
+        are symmetric.
         """
         scan, rest = self.scan[rows], self.rest[rows]
         if mirrored:

@@ -39,10 +39,12 @@ class Layout:
 
     @property
     def size(self) -> int:
+        """Numbers in an observation."""
         return self.scan + self.rest
 
     @property
     def step(self) -> float:
+        """Resolution of a stored beam, in units of the observation."""
         return 2.0 / self.LEVELS
 
     def quantise(self, observations: np.ndarray) -> np.ndarray:
@@ -114,6 +116,7 @@ class Trajectory:
             raise TrajectoryError("no valid actor and episode number (%.40r, %.40r)" % (actor, episode))
 
     def pack(self) -> bytes:
+        """The trajectory as safetensors bytes, for file or network; unpack() is the inverse."""
         arrays = {"scan": self.scan, "rest": self.rest, "action": self.action, "reward": self.reward}
         header = {"info": json.dumps(self.info), "terminated": json.dumps(bool(self.terminated))}
         return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata=header)

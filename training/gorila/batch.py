@@ -15,7 +15,7 @@ def draw_batch(
     size: int,
     n_step: int,
     gamma: float,
-    device: torch.device = torch.device("cpu"),  # noqa: B008
+    device: torch.device = torch.device("cpu"),
     mirror: bool = False,
 ) -> Batch:
     """A batch for TD3.update, smoothing noise included: all randomness of a gradient step comes from `rng`.

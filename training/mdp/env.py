@@ -26,18 +26,21 @@ ID = "applr_ros1/Navigation-v0"
 
 
 class ApplrEnv(gymnasium.Env):
-    """worlds      what to drive: a list of World, or a specification ("generated:train", a file, a folder; several
-                   with commas between them)
-    simulator      "kinematic", "pybullet", or a Simulator
-    reward         a Reward, or a dict of its fields
-    randomisation  what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise, latency,
-                   friction, slip (sim_bridge.Randomisation)
-    limit          decisions until the episode is truncated; None: as many as fit into 100 s
-    period         decision period [s]; the paper's is 2 s
-    params         the planner's parameter tree
-    weights        how the planner's distance biases count: "per_cell", "per_metre", or "drawn" at each reset
-    planner        "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset
-    planner_frequency  global plans a second, instead of the parameter tree's; fewer make the simulation faster
+    """The learning problem as a Gymnasium environment; a step is one decision period.
+
+    Args:
+        worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
+            commas between them).
+        simulator: "kinematic", "pybullet", or a Simulator.
+        reward: a Reward, or a dict of its fields.
+        randomisation: what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise,
+            latency, friction, slip (sim_bridge.Randomisation).
+        limit: decisions until the episode is truncated; None: as many as fit into 100 s.
+        period: decision period [s]; the paper's is 2 s.
+        params: the planner's parameter tree.
+        weights: how the planner's distance biases count: "per_cell", "per_metre", or "drawn" at each reset.
+        planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
+        planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
     """
 
     metadata = {"render_modes": []}
@@ -96,6 +99,7 @@ class ApplrEnv(gymnasium.Env):
         return self.episode.observation(), float(reward), terminated, truncated, info
 
     def close(self):
+        """Close the simulator."""
         self.episode.simulator.close()
 
     def _world(self, which):

@@ -76,6 +76,7 @@ class Outcome:
 
     @property
     def over(self) -> bool:
+        """Whether the episode has ended, for whatever reason."""
         return self.success or self.flipped or self.aborted or self.timeout or bool(self.reason)
 
 

@@ -1,5 +1,7 @@
-"""The paper's tables and figures from an evaluation's folder: `python -m training.report results/`. evaluate.py calls
-`write` when its trials are done; everything lands in results/report/, with index.html to look at it all.
+"""The paper's tables and figures from the folder of an evaluation.
+
+Started as `python -m training.report results/`; evaluate.py calls `write` when its trials are done. Everything is
+written to results/report/, with an index.html that shows it all.
 """
 
 from training.report.page import ReportError, write

@@ -8,6 +8,7 @@ from training.storage import StorageError
 
 
 def main() -> int:
+    """Run the command; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m training.report", description=__doc__)
     parser.add_argument("folder", help="what evaluate.py --out wrote")
     parser.add_argument("--training", default="", help="folder of a training run, whose learning curves are shown too")

@@ -1,5 +1,6 @@
-"""An evaluation's trials as arrays: by method and world, in the paper's two sets, in thirds of difficulty.
-The report's tables and figures ask here.
+"""The trials of an evaluation as arrays: by method and world, in the paper's two sets, in thirds of difficulty.
+
+All tables and figures of the report are made from these.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
 """The paper's figures from our trials: time against world index, parameter profiles, driven paths.
+
 page.py calls them.
 """
 
@@ -35,6 +36,7 @@ def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.
 
 
 def colors(results: Results) -> Dict[str, str]:
+    """The colour of each method."""
     ordered = [results.baseline] + ["applr"] * ("applr" in results.rivals) + [m for m in results.rivals if m != "applr"]
     return {m: COLORS[n % len(COLORS)] for n, m in enumerate(ordered)}
 
@@ -142,8 +144,9 @@ def _shade(ax, time: np.ndarray, regions: np.ndarray) -> None:
 
 
 def chosen(results: Results) -> List[str]:
-    """The worlds to draw paths and profiles of: the one of middling difficulty among those with all traces, and the
-    physical course.
+    """The worlds whose paths and profiles are drawn.
+
+    They are the world of median difficulty among those with all traces, and the physical course.
     """
     with_traces = [w for w in results.worlds if len(_traces(results, w)) == len(results.methods)]
     ordered = results.by_difficulty([w for w in with_traces if w != "physical_course"])

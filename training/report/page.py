@@ -1,10 +1,13 @@
-"""Writes the report: each table as CSV, LaTeX and Markdown, pictures as PNG, and all of it on index.html and in
-report.md. evaluate.py and `python -m training.report` call it.
+"""Writes the report of an evaluation.
+
+Each table is written as CSV, LaTeX and Markdown, each picture as PNG, and all of it on index.html and in report.md.
+evaluate.py and `python -m training.report` call it.
 """
 
 from __future__ import annotations
 
 import html
+import importlib.util
 import shutil
 from pathlib import Path
 from typing import List, Tuple
@@ -36,8 +39,15 @@ img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font
 
 
 def write(folder, training: str = "") -> str:
-    """Makes folder/report/ and returns the path of its index.html. training: a training run whose learning curves are
-    shown. Raises ReportError or StorageError with one line.
+    """Write folder/report/ and return the path of its index.html.
+
+    Args:
+        folder: the folder of an evaluation.
+        training: a training run whose learning curves are shown; empty for none.
+
+    Raises:
+        ReportError: trials or plotting library are missing.
+        StorageError: the folder cannot be read or written.
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
@@ -53,11 +63,9 @@ def write(folder, training: str = "") -> str:
 
 
 def _pictures(results: Results, out: Path, training: str) -> List[Tuple[str, str]]:
-    """[(file, caption), ...]"""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise ReportError("the report's pictures need matplotlib; install it, or give --no-report") from None
+    """The pictures as a list of (file, caption)."""
+    if importlib.util.find_spec("matplotlib") is None:
+        raise ReportError("the report's pictures need matplotlib; install it, or give --no-report")
     found = [(figures.times(results, out), TIMES % results.baseline)]
     for world in figures.chosen(results):
         found.append((figures.paths(results, out, world), "Driven paths over the map of %s." % world))

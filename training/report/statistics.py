@@ -15,8 +15,12 @@ RESAMPLES = 2000
 
 
 class Verdict(NamedTuple):
-    """Of one world: which method is faster (-1 the rival, +1 the baseline), and how sure. p is nan where it cannot be
-    tested: fewer than two successes on a side.
+    """Which of two methods is faster in one world, and how sure that is.
+
+    Attributes:
+        world: name of the world.
+        sign: -1 if the rival is faster, +1 if the baseline is.
+        p: of Welch's test; nan where it cannot be tested because a side has fewer than two successes.
     """
 
     world: str
@@ -35,7 +39,7 @@ def welch(results: Results, method: str, worlds: List[str]) -> List[Verdict]:
 
 
 def welch_p(a: np.ndarray, b: np.ndarray) -> float:
-    """p of Welch's t-test; nan with fewer than two values on a side; 0 or 1 where neither side varies."""
+    """The p-value of Welch's t-test; nan with fewer than two values on a side; 0 or 1 where neither side varies."""
     if len(a) < 2 or len(b) < 2:
         return float("nan")
     if a.std() == 0.0 and b.std() == 0.0:
@@ -46,13 +50,15 @@ def welch_p(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def count(verdicts: Sequence[Verdict], corrected: bool = False) -> Tuple[int, int]:
-    """(worlds where the rival is significantly faster, where the baseline is), at .05; corrected: with Holm's step-down
-    over all tested worlds, so that the chance of any false one stays below .05.
+    """Number of worlds where the rival is significantly faster at .05, and where the baseline is.
+
+    With `corrected`, Holm's step-down procedure over all tested worlds keeps the chance of any false one below .05.
     """
     tested = [v for v in verdicts if not np.isnan(v.p)]
     p = np.array([v.p for v in tested])
     significant = holm(p) if corrected else p < LEVEL
-    return tuple(sum(1 for v, s in zip(tested, significant) if s and v.sign == sign) for sign in (-1, 1))
+    faster, slower = (sum(1 for v, s in zip(tested, significant) if s and v.sign == sign) for sign in (-1, 1))
+    return faster, slower
 
 
 def holm(p: np.ndarray) -> np.ndarray:
@@ -66,12 +72,11 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 
 def wilson(successes: int, n: int) -> Tuple[float, float]:
-    """95 % interval of a share."""
+    """Wilson's 95 % interval of a share of successes."""
     if n == 0:
         return 0.0, 1.0
-    z, p = 1.959964, successes / n
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return max(0.0, (middle - half) / (1 + z * z / n)), min(1.0, (middle + half) / (1 + z * z / n))
+    interval = stats.binomtest(int(successes), int(n)).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def over_worlds(parts: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Tuple[float, float, float]:
@@ -116,8 +121,10 @@ def _ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:
 
 
 def barn_metric(cell: Cell, lower: float) -> np.ndarray:
-    """(n,) the BARN Challenge's score of each trial: OT / clip(AT, lower OT, 8 OT), 0 where it failed or touched
-    anything; OT is the reference route at 2 m/s. lower: 2 since 2025 (at most .5), 4 before (at most .25).
+    """The score (n,) of the BARN Challenge for each trial: OT / clip(AT, lower OT, 8 OT).
+
+    It is 0 where the trial failed or touched anything. AT is the time of the trial, OT that of the reference route at
+    2 m/s. `lower` is 2 since 2025 (score at most .5) and was 4 before (at most .25).
     """
     optimal = cell.route / 2.0
     return cell.success * ~cell.collided * optimal / np.clip(cell.time, lower * optimal, 8.0 * optimal)

@@ -20,11 +20,14 @@ class Table:
     notes: List[str] = field(default_factory=list)
 
     def csv(self) -> str:
+        """The table as CSV with a header line."""
         buffer = io.StringIO()
         csv.writer(buffer, lineterminator="\n").writerows([self.columns] + self.rows)
         return buffer.getvalue()
 
     def markdown(self) -> str:
+        """The table in Markdown, its notes below."""
+
         def line(cells):
             return "| %s |\n" % " | ".join(c.replace("|", "\\|") for c in cells)
 
@@ -33,6 +36,8 @@ class Table:
         return "### %s\n\n%s%s%s%s" % (self.title, line(self.columns), rule, "".join(map(line, self.rows)), notes)
 
     def html(self) -> str:
+        """The table in HTML, its title above and its notes below."""
+
         def cells(tag, row):
             return "<tr>%s</tr>" % "".join("<%s>%s</%s>" % (tag, html.escape(c), tag) for c in row)
 
@@ -46,6 +51,8 @@ class Table:
         )
 
     def latex(self) -> str:
+        """The table as a LaTeX tabular, its notes below."""
+
         def line(cells):
             return "%s \\\\\n" % " & ".join(map(_latex, cells))
 

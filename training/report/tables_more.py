@@ -1,4 +1,5 @@
-"""Beyond the paper's tables: rates with intervals, BARN's metric in both versions, smoothness, ablation, methods.
+"""Tables beyond the paper's: rates with intervals, BARN's metric in both versions, smoothness, ablation, methods.
+
 page.py writes them.
 """
 
@@ -76,8 +77,8 @@ def smoothness(results: Results) -> Table:
         for method in results.methods if worlds else []:
             success = results.pooled(method, worlds, "success")
 
-            def good(field):
-                return results.pooled(method, worlds, field)[success]  # noqa: B023
+            def good(field, method=method, worlds=worlds, success=success):
+                return results.pooled(method, worlds, field)[success]
 
             if success.any():
                 values = [

@@ -18,7 +18,7 @@ SMALL = 64  # fewer outputs than this: torch's own product is quicker
 
 
 def _onednn():
-    """oneDNN's linear operator, or None where torch has it not, or where it fails."""
+    """The linear operator of oneDNN; None where torch lacks it or where it fails."""
     try:
         operator = torch.ops.mkldnn._linear_pointwise
         operator(torch.ones(2, 2), torch.ones(2, 2), None, "none", [], "")
@@ -31,7 +31,7 @@ _ONEDNN = _onednn()
 
 
 def linear(x: torch.Tensor, weight: torch.Tensor, bias=None, relu: bool = False) -> torch.Tensor:
-    """x (B, in) @ weight (out, in)^T + bias (out,), then ReLU if asked: (B, out). Any strides."""
+    """One layer: x (B, in) @ weight (out, in)^T + bias (out,), then ReLU if asked; (B, out). Any strides."""
     if (
         _ONEDNN is not None
         and x.device.type == "cpu"
@@ -68,16 +68,18 @@ class MLP:
 
     @property
     def parameters(self) -> List[torch.Tensor]:
+        """All weights and biases, layer by layer."""
         return [tensor for layer in self.layers for tensor in layer]
 
     def copy(self) -> "MLP":
+        """A network with the same values in other memory."""
         other = object.__new__(MLP)
         other.normalised = self.normalised
         other.layers = [(w.clone(), b.clone()) for w, b in self.layers]
         return other
 
     def forward(self, x: torch.Tensor, keep: List[torch.Tensor] = None) -> torch.Tensor:
-        """x (B, in) → (B, out). With `keep` (an empty list) it remembers what backward needs."""
+        """Map x (B, in) to (B, out). Into `keep`, an empty list, goes what backward needs."""
         last = len(self.layers) - 1
         for i, (weight, bias) in enumerate(self.layers):
             if keep is not None:

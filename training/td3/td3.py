@@ -26,6 +26,8 @@ class LearnerError(ValueError):
 
 @dataclass(frozen=True)
 class TD3Config:
+    """The options of TD3 (Fujimoto et al. 2018) and of its variants here."""
+
     hidden: Tuple[int, ...] = (512, 512, 512)
     actor_lr: float = 3e-4
     critic_lr: float = 1e-3
@@ -46,8 +48,15 @@ class TD3Config:
 
 @dataclass
 class Batch:
-    """Tensors on the learner's device: observation and next_observation (B, n), action and noise (B, m), reward and
-    discount (B,). discount is gamma^k after k steps, 0 past a terminal state; noise is standard normal.
+    """The transitions of one update, as tensors on the learner's device.
+
+    Attributes:
+        observation: (B, n).
+        action: (B, m) in [-1, 1].
+        reward: (B,) sum of k discounted rewards.
+        discount: (B,) gamma^k; 0 past a terminal state.
+        next_observation: (B, n) k steps later.
+        noise: (B, m) standard normal, for the smoothing of target actions.
     """
 
     observation: torch.Tensor
@@ -237,6 +246,7 @@ class TD3:
 
     @property
     def shape(self):
+        """Sizes that a stored state must agree with: observation, hidden layers, action."""
         return [self.features, *self.config.hidden, self.actions]
 
     def load(self, arrays: Dict[str, np.ndarray], header: Dict[str, str], what: str = "checkpoint") -> None:
@@ -304,10 +314,12 @@ class Graphs:
     def __init__(self, td3: TD3):
         self.td3, self.count, self.batch, self.graphs = td3, 0, None, {}
 
-    def run(self, batch: Batch, delayed: bool) -> None:  # noqa: RET503
+    def run(self, batch: Batch, delayed: bool) -> None:
+        """One update: by replay of the recorded graph where there is one, else step by step."""
         fields = vars(batch)
         if self.batch is not None and len(batch.reward) != len(self.batch.reward):
-            return self.td3.step(batch, delayed)  # another batch size than the recorded one
+            self.td3.step(batch, delayed)  # another batch size than the recorded one
+            return
         if self.batch is None:
             self.batch = Batch(**{name: tensor.clone() for name, tensor in fields.items()})
         for name, tensor in fields.items():

@@ -1,5 +1,6 @@
-"""APPLD's context classifier: a small network from the scan, as the observation has it, to the context. Trained here
-with torch, run by applr_ros1/policy/appld.py with numpy. appld.py calls it.
+"""APPLD's context classifier: a small network from the scan, as the observation has it, to the context.
+
+It is trained here with torch and run by applr_ros1/policy/appld.py with numpy. appld.py calls it.
 """
 
 from __future__ import annotations

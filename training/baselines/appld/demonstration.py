@@ -1,5 +1,7 @@
-"""A demonstration: what somebody commanded, where and in sight of what. Read from a bag by APPLD (appld.py); the bag is
-recorded by the teleoperation node on a robot, or written by the scripted demonstrator (demonstrate.py).
+"""A demonstration: the commands that somebody gave, with the poses and scans that went with them.
+
+APPLD (appld.py) reads it from a bag, which the teleoperation node recorded on a robot or the scripted demonstrator
+(demonstrate.py) wrote.
 """
 
 from __future__ import annotations
@@ -24,11 +26,18 @@ MAX_INSTANTS = 36_000  # half an hour
 
 @dataclass
 class Demonstration:
-    """Instants of 50 ms (by the laser's beat, a little more or less), one for each cycle of the planner, from the first
-    command to the last.
+    """The instants of a demonstration, one for each control cycle of the planner, from the first command to the last.
 
-    time (n,) [s]; ranges (n, 720) float32 [m]; pose (n, 3) x, y, yaw and twist (n, 2) v, w of the odometry;
-    command (n, 2) v [m/s], w [rad/s]; goal (x, y, yaw) in the odometry's frame; source: who demonstrated, and where
+    Instants follow the scans and are about 50 ms apart.
+
+    Attributes:
+        time: (n,) [s].
+        ranges: (n, 720) float32 [m].
+        pose: (n, 3) x, y [m], yaw [rad] of the odometry.
+        twist: (n, 2) v [m/s], w [rad/s] of the odometry.
+        command: (n, 2) v [m/s], w [rad/s].
+        goal: (x, y, yaw) in the frame of the odometry.
+        source: who demonstrated, and where.
     """
 
     name: str
@@ -46,7 +55,7 @@ class Demonstration:
         return np.abs(self.command).max(axis=1) > STANDING
 
 
-def read(path, topics: Topics = Topics()) -> Demonstration:  # noqa: B008
+def read(path, topics: Topics = Topics()) -> Demonstration:
     """A ROS 1 or ROS 2 bag with scans, odometry and commands. Raises BagError with one line.
 
     The goal is the newest one sent to move_base, in the odometry's frame; without one, where the demonstration ends.

@@ -1,5 +1,7 @@
-"""APPLD's parameters of a context: CMA-ES looks for those under which the planner, put in the demonstrator's place
-instant by instant, commands what the demonstrator did. appld.py calls it.
+"""The parameters of an APPLD context, found with CMA-ES.
+
+The search looks for the parameters with which the planner, put in the place of the demonstrator at each instant,
+commands what the demonstrator commanded. appld.py calls it.
 """
 
 from __future__ import annotations
@@ -49,7 +51,7 @@ class Fit:
 
 
 def apply(planner: MoveBase, theta) -> None:
-    """theta (8,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
+    """Set theta (8,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
     requests: Dict[str, Dict[str, float]] = {}
     for name, value in SPACE.as_dict(SPACE.clip(theta)).items():
         for target in SPACE.targets[name]:
@@ -59,8 +61,9 @@ def apply(planner: MoveBase, theta) -> None:
 
 
 def step(planner: MoveBase, d: Demonstration, i: int):
-    """The planner's command (v, w) in instant i: it sees the demonstrator's pose, twist and scan, and its own clock.
-    (0, 0) for none.
+    """The planner's command (v [m/s], w [rad/s]) at instant i; (0, 0) if it has none.
+
+    The planner gets the pose, twist and scan of the demonstration, and a clock of its own.
     """
     now, pose = clock(i), tuple(d.pose[i].tolist())
     scan = LaserScan(
@@ -78,8 +81,10 @@ def clock(i: int) -> float:
 def stretches(
     d: Demonstration, spans: Sequence[Segment], longest: int, weights: str = DEFAULT_WEIGHTS
 ) -> List[Stretch]:
-    """The planner is taken along the whole demonstration on theta_0 and copied where each span begins. longest:
-    instants of a span that are used; weights: how the planner's distance biases count, "per_cell" or "per_metre".
+    """Copies of the planner as it is where each span begins.
+
+    The planner is led along the whole demonstration with theta_0. At most `longest` instants of a span are used.
+    `weights` says how the planner's distance biases count, "per_cell" or "per_metre".
     """
     planner, found = MoveBase(weights=weights), []
     apply(planner, SPACE.theta0)

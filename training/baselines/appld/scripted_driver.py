@@ -19,7 +19,7 @@ WANTED = 0.9  # m; obstacles nearer than this push the route away
 BEAM_YAW = np.linspace(-2.35619, 2.35619, 720)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Style:
     """How it drives. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
 
@@ -38,7 +38,7 @@ class Style:
 class Demonstrator:
     """command((x, y, yaw), ranges) every 50 ms. One course: make another for the next."""
 
-    def __init__(self, world: World, style: Style = Style(), period: float = 0.05):  # noqa: B008
+    def __init__(self, world: World, style: Style = Style(), period: float = 0.05):
         self.style, self.period = style, period
         self.route = route(world)
         self._at = 0
@@ -71,8 +71,10 @@ class Demonstrator:
 
 
 def in_the_way(ranges, bearing: float) -> float:
-    """Free distance [m] of a scan (720,): ahead in a band of the robot's width and a little, or half of it to the
-    sides, whichever is less.
+    """Free distance [m] in a scan (720,).
+
+    It is measured ahead, in a band a little wider than the robot, and to the sides, where half of it counts; the
+    smaller value is returned.
     """
     ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
     along, across = ranges * np.cos(BEAM_YAW - bearing), np.abs(ranges * np.sin(BEAM_YAW - bearing))
@@ -82,8 +84,10 @@ def in_the_way(ranges, bearing: float) -> float:
 
 
 def route(world: World) -> np.ndarray:
-    """(k, 2) points every SPACING metres from start to goal: the course's reference path, pushed off the obstacles and
-    drawn straight in turns (an elastic band).
+    """Points (k, 2) [m] every SPACING metres from start to goal.
+
+    They are the reference path of the course as an elastic band: by turns pushed away from the obstacles and drawn
+    straight.
     """
     course = world.course
     finish = [] if course.finish_y is None else [(course.path[-1][0], course.finish_y + 1.0)]

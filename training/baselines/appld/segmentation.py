@@ -1,5 +1,7 @@
-"""Cuts demonstrations into contexts for APPLD (appld.py): stretches in which the demonstrator drives alike in alike
-surroundings, found as changepoints, and those that are alike put together.
+"""Cuts demonstrations into contexts for APPLD (appld.py).
+
+Changepoints delimit stretches in which the demonstrator drives in one way in one kind of surroundings; stretches that
+are alike make one context.
 """
 
 from __future__ import annotations
