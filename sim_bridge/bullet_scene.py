@@ -7,12 +7,17 @@ without end; a world of single bodies is several times slower than the same in c
 first 16 shapes.
 """
 
+from __future__ import annotations
+
 import ctypes
 import math
 import os
 import sys
+from typing import Any, List, Sequence
 
 import numpy as np
+
+from worlds import Mover, World
 
 from . import jackal
 from .simulator import SimulatorError
@@ -22,7 +27,7 @@ OBSTACLE_TOP = 1.0  # BARN's cylinders reach .5 m; the robot never sees over the
 _COMPOUND = 16  # shapes in one body: createCollisionShapeArray drops what is more
 
 
-def load_pybullet():
+def load_pybullet() -> Any:
     """The pybullet module, without its banner."""
     if sys.modules.get("pybullet") is not None:
         return sys.modules["pybullet"]
@@ -48,7 +53,7 @@ def load_pybullet():
     return pybullet
 
 
-def build_world(p, client, world, step):
+def build_world(p: Any, client: int, world: World, step: float) -> List[int]:
     """An empty scene with ground and the world's static obstacles. Returns the obstacles' body ids."""
     on = {"physicsClientId": client}
     p.resetSimulation(**on)
@@ -61,7 +66,7 @@ def build_world(p, client, world, step):
     return [_compound(p, on, part) for part in _parts(world)]
 
 
-def add_mover(p, client, mover):
+def add_mover(p: Any, client: int, mover: Mover) -> int:
     """A moving cylinder; the simulator puts it where it is at every step."""
     on = {"physicsClientId": client}
     shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP, **on)
@@ -70,12 +75,12 @@ def add_mover(p, client, mover):
     return body
 
 
-def put_mover(p, client, body, x, y):
+def put_mover(p: Any, client: int, body: int, x: float, y: float) -> None:
     """Put a moving cylinder at (x, y) [m]."""
     p.resetBasePositionAndOrientation(body, _upright(x, y), (0, 0, 0, 1), physicsClientId=client)
 
 
-def build_robot(p, client, pose):
+def build_robot(p: Any, client: int, pose: Sequence[float]) -> int:
     """The Jackal at pose (x, y, yaw), its four wheels as joints 0 to 3.
 
     The body's frame is the chassis's centre of mass.

@@ -11,13 +11,14 @@ import argparse
 import sys
 from functools import partial
 from math import cos, hypot, inf, isfinite, nan, pi, sin
-from typing import Callable, Iterator, List, Sequence, Tuple
+from typing import Callable, Iterator, List, Tuple
 
 import numpy as np
 
-from worlds import Course, Mover, World
+from worlds import Mover, World
 
 from . import NAMES, jackal, make
+from .scenes import small_world
 from .simulator import RobotState, Simulator, SimulatorError, wrap
 
 Factory = Callable[..., Simulator]  # called with keyword arguments of Randomisation, such as slip=0.0
@@ -54,23 +55,6 @@ def _results(factory: Factory) -> Iterator[Tuple[str, str]]:
         yield text, problem
 
 
-def scene(
-    cylinders: Sequence[Sequence[float]] = (),
-    boxes: Sequence[Sequence[float]] = (),
-    movers: Sequence[Mover] = (),
-    start: Tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> World:
-    """A world for checks: cylinders x, y, radius; boxes x, y, yaw, size_x, size_y [m, rad]; start (x, y, yaw)."""
-    path = np.array([start[:2], (start[0] + 1.0, start[1])])
-    return World(
-        name="check",
-        cylinders=np.array(cylinders, dtype=np.float64).reshape(-1, 3),
-        boxes=np.array(boxes, dtype=np.float64).reshape(-1, 5),
-        movers=tuple(movers),
-        course=Course(start=start, goal=start, finish_y=None, goal_tolerance=0.4, path=path),
-    )
-
-
 def _drive(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
     for _ in range(int(round(seconds / STEP))):
         simulator.command(v, w)
@@ -104,13 +88,13 @@ def _starts_standing(factory: Factory) -> None:
     """
     simulator = factory()
     _need(isinstance(simulator, Simulator), "%s is no sim_bridge.Simulator", type(simulator).__name__)
-    state = simulator.reset(scene(start=(3.0, -2.0, 2.5)), 0)
+    state = simulator.reset(small_world(start=(3.0, -2.0, 2.5)), 0)
     _need(isinstance(state, RobotState), "reset() returned %r, not a RobotState", state)
     _need(state.pose == (3.0, -2.0, 2.5), "it stands at %s, not at (3.0, -2.0, 2.5)", state.pose)
     _need(state.odom_pose == (0.0, 0.0, 2.5), "odom_pose is %s, not (0.0, 0.0, 2.5)", state.odom_pose)
     _need(state.time == 0.0 and state.twist == (0.0, 0.0), "time %g, twist %s", state.time, state.twist)
     _need(not state.contact, "contact is reported in an empty world")
-    state = simulator.reset(scene(), 0, (1.0, 2.0, 0.5))
+    state = simulator.reset(small_world(), 0, (1.0, 2.0, 0.5))
     _need(state.pose == (1.0, 2.0, 0.5), "reset(start=(1.0, 2.0, 0.5)) puts it at %s", state.pose)
     simulator.close()
 
@@ -119,7 +103,7 @@ def _drives_as_commanded(factory: Factory) -> None:
     """command(v, w) drives at v along the robot's x axis and turns at w to the left, within five percent on average."""
     simulator = factory(slip=0.0)
     for v, w in ((0.5, 0.0), (0.0, 1.0), (0.0, -1.0), (0.5, 0.5), (-0.5, 0.0)):
-        simulator.reset(scene(), 0)
+        simulator.reset(small_world(), 0)
         _drive(simulator, v, w, 1.0)
         states = [_drive(simulator, v, w, STEP) for _ in range(40)]
         _need(all(map(isfinite, _numbers(states[-1]))), "its state is not finite: %s", states[-1])
@@ -127,7 +111,7 @@ def _drives_as_commanded(factory: Factory) -> None:
         for name, asked, got in (("v", v, driven[0]), ("w", w, driven[1])):
             near = abs(got - asked) <= 0.05 * max(abs(asked), 0.2)
             _need(near, "command (%g, %g) is driven at %s = %.3f", v, w, name, got)
-    simulator.reset(scene(start=(0.0, 0.0, 1.0)), 0)
+    simulator.reset(small_world(start=(0.0, 0.0, 1.0)), 0)
     x, y, _ = _drive(simulator, 0.5, 0.0, 2.0).pose
     _need(abs(y * cos(1.0) - x * sin(1.0)) < 0.05 and x > 0.4, "a start at yaw 1 leads to (%.2f, %.2f)", x, y)
     simulator.close()
@@ -136,7 +120,7 @@ def _drives_as_commanded(factory: Factory) -> None:
 def _stops_without_commands(factory: Factory) -> None:
     """The base stops COMMAND_TIMEOUT after the last command, and stands."""
     simulator = factory()
-    simulator.reset(scene(), 1)
+    simulator.reset(small_world(), 1)
     _drive(simulator, 0.5, 0.0, 1.0)
     moving = simulator.advance(0.8 * jackal.COMMAND_TIMEOUT).twist[0]
     _need(moving > 0.1, "it drives at %.2f m/s before the time-out", moving)
@@ -152,7 +136,7 @@ def _keeps_time(factory: Factory) -> None:
     """advance() lets that time pass; how a duration is cut into calls does not matter."""
     simulator, poses = factory(), []
     for step in (0.05, 0.1, 0.025):
-        simulator.reset(scene(), 0)
+        simulator.reset(small_world(), 0)
         for _ in range(int(round(1.0 / step))):
             simulator.command(0.7, 0.5)
             state = simulator.advance(step)
@@ -166,12 +150,12 @@ def _keeps_time(factory: Factory) -> None:
 def _refuses_nonsense(factory: Factory) -> None:
     """A command, start or duration that is not finite, or a duration not above 0, raises SimulatorError of one line."""
     simulator = factory()
-    simulator.reset(scene(), 0)
+    simulator.reset(small_world(), 0)
     _refuses("the command (nan, 0)", lambda: simulator.command(nan, 0.0))
     _refuses("the command (0, inf)", lambda: simulator.command(0.0, inf))
     for duration in (0.0, -1.0, nan):
         _refuses("the duration %g" % duration, partial(simulator.advance, duration))
-    _refuses("a start at nan", lambda: simulator.reset(scene(), 0, (0.0, nan, 0.0)))
+    _refuses("a start at nan", lambda: simulator.reset(small_world(), 0, (0.0, nan, 0.0)))
     _refuses("the randomisation slip=-1", lambda: factory(slip=-1.0))
     simulator.close()
 
@@ -179,7 +163,7 @@ def _refuses_nonsense(factory: Factory) -> None:
 def _sees_what_is_there(factory: Factory) -> None:
     """scan() gives (BEAMS,) float32 ranges from the laser's place: exact but for the noise, +inf for nothing."""
     simulator = factory()
-    simulator.reset(scene([(2.0, 0.0, 0.5), (0.0, 3.0, 0.4)], start=(0.0, 0.0, 0.0)), 0)
+    simulator.reset(small_world([(2.0, 0.0, 0.5), (0.0, 3.0, 0.4)], start=(0.0, 0.0, 0.0)), 0)
     scans = np.array([simulator.scan() for _ in range(50)])
     _need(scans.shape == (50, jackal.BEAMS), "its shape is %s, not (%d,)", scans.shape[1:], jackal.BEAMS)
     _need(scans.dtype == np.float32, "its dtype is %s, not float32", scans.dtype)
@@ -197,7 +181,7 @@ def _sees_what_is_there(factory: Factory) -> None:
 def _meets_obstacles(factory: Factory) -> None:
     """A wall stops the robot, contact is reported, and the robot can drive back from it."""
     simulator = factory()
-    simulator.reset(scene(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
+    simulator.reset(small_world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
     _need(not _drive(simulator, 0.5, 0.0, 0.8).contact, "contact is reported before the wall")
     state = _drive(simulator, 0.5, 0.0, 2.0)
     front = state.pose[0] + jackal.BODY_HALF_LENGTH
@@ -212,7 +196,7 @@ def _sees_and_meets_movers(factory: Factory) -> None:
     """Moving cylinders are in the scan where they are now, and touch a standing robot."""
     mover = Mover(radius=0.4, waypoints=((0.0, 3.0, 0.0), (6.0, 0.0, 0.0), (12.0, -3.0, 0.0)))
     simulator = factory()
-    simulator.reset(scene(movers=[mover]), 0)
+    simulator.reset(small_world(movers=[mover]), 0)
     for _ in range(2):
         x, y, radius = simulator.mover_circles()[0]
         _need(abs(x - mover.position(simulator.state.time)[0]) < 1e-9, "mover_circles() gives x = %.3f", x)
@@ -228,7 +212,7 @@ def _sees_and_meets_movers(factory: Factory) -> None:
 def _believes_its_odometry(factory: Factory) -> None:
     """odom_pose follows the true motion within centimetres a metre; set_odometry() changes what it believes only."""
     simulator = factory()
-    simulator.reset(scene(start=(1.0, 1.0, 0.3)), 0)
+    simulator.reset(small_world(start=(1.0, 1.0, 0.3)), 0)
     state = _drive(simulator, 0.5, 0.1, 4.0)
     x, y, yaw = simulator.to_odom(state.pose)
     apart = hypot(x - state.odom_pose[0], y - state.odom_pose[1])
@@ -248,9 +232,9 @@ def _repeats(factory: Factory) -> None:
     simulator, other = factory(), factory()
     rng = np.random.default_rng(1)
     obstacles = np.column_stack([rng.uniform(0.5, 3.0, 30), rng.uniform(-2.0, 2.0, 30), np.full(30, 0.075)])
-    world = scene(obstacles.tolist())
+    world = small_world(obstacles.tolist())
     first = _trace(simulator, world, 7)
-    _trace(simulator, scene(start=(1.0, 1.0, 1.0)), 8)
+    _trace(simulator, small_world(start=(1.0, 1.0, 1.0)), 8)
     _need(first == _trace(simulator, world, 7), "a second drive with the same seed differs")
     _need(first == _trace(other, world, 7), "another object's drive with the same seed differs")
     _need(first != _trace(simulator, world, 8), "another seed gives the same noise")
@@ -270,11 +254,11 @@ def _trace(simulator: Simulator, world: World, seed: int) -> List[bytes]:
 def _randomises_within_bounds(factory: Factory) -> None:
     """Randomised starts stay within their bounds and follow the seed."""
     simulator = factory(start_xy=0.2, start_yaw=0.3)
-    poses = np.array([simulator.reset(scene(start=(1.0, 2.0, 0.5)), seed).pose for seed in range(20)])
+    poses = np.array([simulator.reset(small_world(start=(1.0, 2.0, 0.5)), seed).pose for seed in range(20)])
     apart = np.abs(poses - (1.0, 2.0, 0.5)).max(axis=0)
     _need(bool((apart <= (0.2, 0.2, 0.3)).all()), "starts are up to %s away; bounds are 0.2, 0.2, 0.3", apart)
     _need(bool((apart > 0.0).all()), "starts do not differ")
-    again = simulator.reset(scene(start=(1.0, 2.0, 0.5)), 5).pose
+    again = simulator.reset(small_world(start=(1.0, 2.0, 0.5)), 5).pose
     _need(tuple(poses[5]) == again, "seed 5 gives %s, then %s", tuple(poses[5]), again)
     simulator.close()
 

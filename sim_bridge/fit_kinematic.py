@@ -6,17 +6,23 @@ Contacts are compared on scenes: obstacles strewn about the robot and two comman
 an obstacle. Both robots get the same seed, so that ground and wheels are equally uneven. Takes about a minute.
 """
 
+from __future__ import annotations
+
 import argparse
 import sys
 from dataclasses import astuple
 from math import pi
+from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
 from .kinematic_simulator import KinematicParameters, KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
-from .simulator import SimulatorError
-from .tracking_table import OpenPlane, run
+from .scenes import small_world
+from .simulator import RobotState, Simulator, SimulatorError
+from .tracking_table import OPEN_PLANE, run
+
+Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
 
 RESPONSES = [
     ("start and stop, straight", (1.0, 0.0)),
@@ -41,28 +47,21 @@ def _some_command(rng):
 class Scene:
     """Obstacles about the origin, and what to drive there."""
 
-    name = "scene"
-    movers = ()
-
-    class course:
-        """Start and goal at the origin."""
-
-        start = goal = (0.0, 0.0, 0.0)
-
-    def __init__(self, seed):
+    def __init__(self, seed: int):
         rng = np.random.default_rng(seed)
         spots = rng.uniform(-1.1, 1.1, (16, 2))
-        self.cylinders = np.array([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
-        self.boxes = np.empty((0, 5))
+        cylinders = np.array([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
+        boxes = np.empty((0, 5))
         if seed % 3 == 0:  # a wall askew ahead instead of cylinders
             yaw = rng.uniform(-0.7, 0.7)
-            self.cylinders = np.empty((0, 3))
-            self.boxes = np.array([(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
+            cylinders = np.empty((0, 3))
+            boxes = np.array([(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
+        self.world = small_world(cylinders.tolist(), boxes.tolist())
         self.commands = [_some_command(rng), _some_command(rng)]
 
-    def drive(self, simulator, seed):
+    def drive(self, simulator: Simulator, seed: int) -> Tuple[np.ndarray, np.ndarray]:
         """Poses (60, 3) every 50 ms, whether there was contact (60,)."""
-        simulator.reset(self, seed)
+        simulator.reset(self.world, seed)
         poses, touched = [], []
         for v, w in self.commands:
             for _ in range(30):
@@ -73,7 +72,7 @@ class Scene:
         return np.array(poses), np.array(touched)
 
 
-def compare(scenes, recorded, parameters):
+def compare(scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> np.ndarray:
     """A row per scene: how far [m, rad] the robots are apart at the end and on average, and which of them touched."""
     simulator = KinematicSimulator(parameters)
     rows = []
@@ -85,7 +84,7 @@ def compare(scenes, recorded, parameters):
     return np.array(rows, dtype=float)
 
 
-def loss(scenes, recorded, parameters):
+def loss(scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> float:
     """Mean distance between the robots' drives [m], a radian counting as .2 m, each scene's bounded.
 
     Arguments as for compare().
@@ -94,7 +93,12 @@ def loss(scenes, recorded, parameters):
     return float(np.mean(np.minimum(rows[:, 2], 0.3) + 0.2 * np.minimum(rows[:, 3], 1.5)))
 
 
-def fit(scenes, recorded, start, sweeps=3):
+def fit(
+    scenes: Sequence[Scene],
+    recorded: Recordings,
+    start: KinematicParameters,
+    sweeps: int = 3,
+) -> KinematicParameters:
     """Coordinate search from `start`; returns the best KinematicParameters."""
     best = np.array(astuple(start))
     low, high = np.array([0.0, 0.0, 0.02]), np.array([1.0, 1.0, 1.0])
@@ -112,12 +116,12 @@ def fit(scenes, recorded, start, sweeps=3):
     return KinematicParameters(*best.round(3).tolist())
 
 
-def responses(simulators):
+def responses(simulators: Sequence[Tuple[str, Simulator]]) -> None:
     """Print true speeds at 50, 100, 200, 500 ms after a start and after a stop, for each simulator."""
     print("%-37s 50 ms   100     200     500  | stop: 50     100     250 ms after" % "response (v or w)")
     for name, (v, w) in RESPONSES:
         for label, simulator in simulators:
-            simulator.reset(OpenPlane, 0)
+            simulator.reset(OPEN_PLANE, 0)
             pick = 0 if v else 1
             rise = [simulator_step(simulator, v, w).twist[pick] for _ in range(20)]
             fall = [simulator_step(simulator, 0.0, 0.0).twist[pick] for _ in range(5)]
@@ -132,23 +136,23 @@ def responses(simulators):
             )
 
 
-def simulator_step(simulator, v, w):
+def simulator_step(simulator: Simulator, v: float, w: float) -> RobotState:
     """Hold the command (v, w) [m/s, rad/s] for 50 ms; returns the RobotState."""
     simulator.command(v, w)
     return simulator.advance(0.05)
 
 
-def drifts(simulators):
+def drifts(simulators: Sequence[Tuple[str, Simulator]]) -> None:
     """Print where base_link is after whole turns in place and a straight line, for each simulator."""
     print("%-40s %-10s x       y       yaw" % ("pose after", ""))
     for name, v, w, seconds in DRIFTS:
         for label, simulator in simulators:
-            simulator.reset(OpenPlane, 1)
+            simulator.reset(OPEN_PLANE, 1)
             pose = run(simulator, v, w, seconds).pose
             print("%-40s %-10s %7.3f %7.3f %7.3f" % ((name, label) + pose))
 
 
-def report(title, rows):
+def report(title: str, rows: np.ndarray) -> None:
     """Print one line about the rows of compare()."""
     hit = rows[:, 4] > 0
     print(
@@ -166,7 +170,7 @@ def report(title, rows):
     )
 
 
-def main(argv=None):
+def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 0, or a message where a simulator cannot be made."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=60, help="as many again are kept aside for the check")

@@ -4,8 +4,11 @@ Same interface, laser, odometry, wheels and tyres; in the plane, with contacts b
 (kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit_kinematic`.
 """
 
+from __future__ import annotations
+
 from dataclasses import astuple, dataclass
 from math import cos, sin
+from typing import Any, List, Tuple
 
 import numpy as np
 
@@ -29,7 +32,7 @@ class KinematicParameters:
 class KinematicSimulator(Simulator):
     """See Simulator. `parameters` replaces the fitted Jackal by another robot."""
 
-    def __init__(self, parameters=KinematicParameters(), **randomisation):
+    def __init__(self, parameters: KinematicParameters = KinematicParameters(), **randomisation: Any):
         super().__init__(**randomisation)
         self.parameters = np.array(astuple(parameters), dtype=np.float64)
         self._table = skid_steer.rim_table()
@@ -88,7 +91,8 @@ class KinematicSimulator(Simulator):
 
     def _schedule(self, steps):
         """The velocity target of each step, as (from which step, (v, w)), where it changes."""
-        times, targets = [], []
+        times: List[int] = []
+        targets: List[Tuple[float, float]] = []
         start = self._steps
         for step in range(steps):
             target = self._target((start + step) * STEP)

@@ -7,6 +7,8 @@ several hundred cylinders takes some microseconds. No rays are cast into a physi
 there, and off by a centimetre).
 """
 
+from __future__ import annotations
+
 from math import sqrt
 
 import numpy as np
@@ -28,14 +30,14 @@ class Lidar:
         boxes: (m, 5) x, y, yaw, size_x, size_y [m, rad].
     """
 
-    def __init__(self, cylinders, boxes):
+    def __init__(self, cylinders: np.ndarray, boxes: np.ndarray):
         self.circles = np.ascontiguousarray(cylinders, dtype=np.float64).reshape(-1, 3)
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
         self._order = np.arange(len(self.circles))  # nearest first, as of the last scan
         self._keys = np.empty(len(self.circles))
         self._sorted_at = (np.inf, np.inf)
 
-    def scan(self, x, y, yaw, movers=np.empty((0, 3))):  # noqa: B008
+    def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = np.empty((0, 3))) -> np.ndarray:  # noqa: B008
         """Exact ranges (720,) float32 [m] of the laser at (x, y), looking along yaw.
 
         +inf: nothing within RANGE_MAX; -inf: nearer than RANGE_MIN, or inside an obstacle. `movers` (k, 3) are further
@@ -49,7 +51,7 @@ class Lidar:
         return ranges
 
 
-def box_edges(boxes):
+def box_edges(boxes: np.ndarray) -> np.ndarray:
     """(4 m, 4) end points x0, y0, x1, y1 of the sides of boxes (m, 5), counter-clockwise."""
     edges = np.empty((4 * len(boxes), 4))
     for i, (x, y, yaw, size_x, size_y) in enumerate(boxes):

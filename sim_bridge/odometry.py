@@ -4,7 +4,12 @@ As robot_localization fuses them on the Jackal. Sideways slip and wheels that sp
 simulators call it.
 """
 
+from __future__ import annotations
+
 from math import cos, exp, pi, sin, sqrt
+from typing import Tuple
+
+import numpy as np
 
 from . import jackal
 
@@ -12,7 +17,7 @@ from . import jackal
 class Odometry:
     """Dead reckoning in frame odom; errors are drawn from the given generator."""
 
-    def __init__(self, yaw, rng, scale=1.0):
+    def __init__(self, yaw: float, rng: np.random.Generator, scale: float = 1.0):
         """Starts at (0, 0, yaw). `scale` multiplies all errors."""
         self.rng, self.scale = rng, scale
         self.pose = (0.0, 0.0, yaw)
@@ -30,13 +35,13 @@ class Odometry:
         self._next += 1
         return self._noise[self._next - 1]
 
-    def set(self, pose, true_yaw):
+    def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
         """From now on the pose is this one."""
-        self.pose = tuple(map(float, pose))
+        self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]
         self._turned = self.pose[2] - true_yaw
 
-    def update(self, duration, wheel_speed, yaw, yaw_rate, acceleration):
+    def update(self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float) -> None:
         """Take in `duration` [s] in which the wheels turned at `wheel_speed` [m/s], the mean of the four.
 
         yaw, yaw_rate and acceleration are the true ones now [rad, rad/s, m/s^2].

@@ -5,8 +5,11 @@ the ground is skid_steer.py's. In-process and without a window; any number may l
 exactly under a seed.
 """
 
+from __future__ import annotations
+
 import os
 from math import atan2
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +29,8 @@ _OFF_X, _OFF_Y, _OFF_Z = jackal.CHASSIS_COM
 class PybulletSimulator(Simulator):
     """See Simulator. gui=True opens pybullet's window."""
 
-    def __init__(self, gui=False, **randomisation):
-        self._client = None
+    def __init__(self, gui: bool = False, **randomisation: Any):
+        self._client: Any = None
         super().__init__(**randomisation)
         self._p = scene.load_pybullet()
         if gui and not os.environ.get("DISPLAY"):
@@ -36,7 +39,7 @@ class PybulletSimulator(Simulator):
         self._table = skid_steer.rim_table()
         self._lift = np.ones(4)
 
-    def close(self):
+    def close(self) -> None:
         """Disconnect from Bullet; can be called again."""
         if self._client is not None:
             self._p.disconnect(self._client)

@@ -13,11 +13,14 @@ Parameters: ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation.
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
 
+from __future__ import annotations
+
 import gc
 import sys
 import threading
 import time
 from math import atan2, isfinite
+from typing import Any
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -95,12 +98,12 @@ class Bridge:
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
-    def stamp(self):
+    def stamp(self) -> rospy.Time:
         """ROS time of the simulator's present state."""
         return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
 
     # -- the simulating thread ---------------------------------------------------------------------
-    def spin(self):
+    def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
         pace, ticks = Pace(), 0
         while not rospy.is_shutdown():
@@ -125,7 +128,7 @@ class Bridge:
             else:
                 pace.wait(TICK, self.factor)
 
-    def spin_until_shutdown(self):
+    def spin_until_shutdown(self) -> None:
         """As spin(), without an error where a topic is closed by the shutdown."""
         try:
             self.spin()
@@ -151,7 +154,7 @@ class Bridge:
                 self.driven = self.arrived.wait_for(lambda: self.newest is not None, PATIENCE)
 
     # -- callbacks ---------------------------------------------------------------------------------
-    def on_command(self, message):
+    def on_command(self, message: Any) -> None:
         """Store a velocity command for the simulating thread; refuse one that is not finite."""
         v, w = message.linear.x, message.angular.z
         if not (isfinite(v) and isfinite(w)):
@@ -165,7 +168,7 @@ class Bridge:
             self.newest, self.driven = (v, w), True
             self.arrived.notify()
 
-    def on_set_pose(self, message):
+    def on_set_pose(self, message: Any) -> None:
         """Set the odometry's estimate of the pose; the robot stays where it is."""
         p, q = message.pose.pose.position, message.pose.pose.orientation
         values = (p.x, p.y, q.x, q.y, q.z, q.w)
@@ -176,16 +179,16 @@ class Bridge:
         with self.lock:
             self.simulator.set_odometry((p.x, p.y, yaw))
 
-    def on_reset(self, _):
+    def on_reset(self, _: Any) -> EmptyResponse:
         """Service ~reset: the same world from the start, under the next seed."""
         self._restart()
         return EmptyResponse()
 
-    def on_world(self, message):
+    def on_world(self, message: Any) -> None:
         """Topic ~world: change the world."""
         self._change_world(message.data)
 
-    def on_load_world(self, _):
+    def on_load_world(self, _: Any) -> TriggerResponse:
         """Service ~load_world: change to the world that the parameter ~world names."""
         problem = self._change_world(str(rospy.get_param("~world", "")))
         return TriggerResponse(not problem, problem or "world %s" % self.simulator.world.name)
@@ -225,11 +228,11 @@ class Pace:
         self.late, self._reported = 0.0, 0.0
         self.begin()
 
-    def begin(self):
+    def begin(self) -> None:
         """Count time from now on."""
         self.next = time.monotonic()
 
-    def wait(self, simulated, factor, report=True):
+    def wait(self, simulated: float, factor: float, report: bool = True) -> None:
         """Sleep until wall time has caught up; a delay of more than .2 s is given up and reported."""
         now = time.monotonic()
         self.next += simulated / factor
@@ -273,7 +276,7 @@ def _number(name, default):
     return value
 
 
-def main():
+def main() -> int:
     """Runs until shutdown. Exit status 1 and one line if it cannot start."""
     rospy.init_node("sim_bridge")
     try:

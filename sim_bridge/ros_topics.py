@@ -3,8 +3,11 @@
 ros_bridge.py publishes through it. Positions are planar; z is base_link's plane.
 """
 
+from __future__ import annotations
+
 from math import cos, pi, sin
 
+import numpy as np
 import rospy
 from geometry_msgs.msg import Quaternion, TransformStamped
 from nav_msgs.msg import Odometry
@@ -15,6 +18,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from . import jackal
+from .simulator import RobotState, Simulator
 
 WORLD, ODOM, BASE = "world", "odom", "base_link"
 OBSTACLE_HEIGHT = 0.5
@@ -44,11 +48,11 @@ class Topics:
         self._turned = [0.0, 0.0]  # of the left and right wheels [rad]
         self._last = None
 
-    def publish_clock(self, stamp):
+    def publish_clock(self, stamp: rospy.Time) -> None:
         """Publish simulated time."""
         self.clock.publish(stamp)
 
-    def publish_state(self, state, ranges, stamp, touched):
+    def publish_state(self, state: RobotState, ranges: np.ndarray, stamp: rospy.Time, touched: bool) -> None:
         """Everything of one instant. ranges (720,) float32; touched: since the last call."""
         self.tf.publish([_transform(ODOM, BASE, state.odom_pose, stamp)])
         self.odometry.publish(_odometry(ODOM, state.odom_pose, state.odom_twist, stamp))
@@ -60,7 +64,7 @@ class Topics:
             self.imu.publish(_imu(state, stamp))
         self._publish_joints(state, stamp)
 
-    def publish_world(self, simulator, stamp):
+    def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Static frames, obstacles and the world's name: after every reset and change of world."""
         x, y = simulator.odom_origin
         laser = _transform(BASE, jackal.LASER_FRAME, jackal.LASER_OFFSET + (0.0,), stamp, jackal.LASER_HEIGHT)
@@ -74,18 +78,18 @@ class Topics:
         )
         cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
         markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_cylinder(*row, i, stamp) for i, row in enumerate(cylinders)]
-        markers += [_box(*row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
+        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
+        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
         markers[0].header.frame_id = WORLD
         self.obstacles.publish(markers)
         self.world.publish(simulator.world.name)
         self._last = None
 
-    def publish_movers(self, simulator, stamp):
+    def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the moving cylinders where they are now, if anyone listens."""
         circles = simulator.mover_circles().tolist()
         if circles and self.movers.get_num_connections():
-            self.movers.publish([_cylinder(*row, i, stamp, "movers") for i, row in enumerate(circles)])
+            self.movers.publish([_cylinder(row, i, stamp, "movers") for i, row in enumerate(circles)])
 
     def _publish_joints(self, state, stamp):
         now = state.time
@@ -101,7 +105,7 @@ class Topics:
             self.joints.publish(message)
 
 
-def quaternion(yaw):
+def quaternion(yaw: float) -> Quaternion:
     """A geometry_msgs/Quaternion for a yaw [rad]."""
     return Quaternion(0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
 
@@ -160,13 +164,15 @@ def _marker(kind, x, y, yaw, size, number, stamp, name, colour):
     return marker
 
 
-def _cylinder(x, y, radius, number, stamp, name="obstacles"):
+def _cylinder(circle, number, stamp, name="obstacles"):
+    x, y, radius = circle
     colour = (0.8, 0.4, 0.2, 1.0) if name == "movers" else (0.45, 0.47, 0.5, 1.0)
     size = (2 * radius, 2 * radius, OBSTACLE_HEIGHT)
     return _marker(Marker.CYLINDER, x, y, 0.0, size, number, stamp, name, colour)
 
 
-def _box(x, y, yaw, size_x, size_y, number, stamp):
+def _box(rectangle, number, stamp):
+    x, y, yaw, size_x, size_y = rectangle
     return _marker(
         Marker.CUBE, x, y, yaw, (size_x, size_y, OBSTACLE_HEIGHT), number, stamp, "obstacles", (0.62, 0.5, 0.35, 1.0)
     )

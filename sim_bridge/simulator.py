@@ -4,16 +4,22 @@ PybulletSimulator and KinematicSimulator implement it; the ROS bridge, the train
 through it. Time is simulated: nothing here reads a clock.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from math import cos, isfinite, pi, sin
-from typing import Optional, Tuple, Union
+from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from worlds import World
+
 from . import jackal
 from .lidar import Lidar
+from .odometry import Odometry
 
+Pose = Tuple[float, float, float]
 Span = Union[float, Tuple[float, float]]  # a number, or (low, high): drawn anew at every reset
 
 
@@ -63,7 +69,7 @@ class Randomisation:
                     % (name, value, " or a span (low, high)" if spans else "")
                 )
 
-    def draw(self, rng):
+    def draw(self, rng: np.random.Generator) -> Randomisation:
         """One robot: the same fields, every span replaced by a number drawn uniformly from it."""
 
         def pick(span):
@@ -78,7 +84,7 @@ class Randomisation:
         )
 
 
-def wrap(angle):
+def wrap(angle: float) -> float:
     """The angle in [-pi, pi)."""
     return (angle + pi) % (2 * pi) - pi
 
@@ -88,7 +94,9 @@ class _Command:
     v: float = 0.0
     w: float = 0.0
     until: float = -1.0  # sim time at which the base stops by itself
-    pending: list = field(default_factory=list)  # (effective from, v, w) held back by the latency
+    pending: List[Tuple[float, float, float]] = field(
+        default_factory=list
+    )  # (effective from, v, w) held back by the latency
 
 
 class Simulator(ABC):
@@ -98,34 +106,37 @@ class Simulator(ABC):
     the world's (as on Gazebo's Jackal), so a start that is turned does not move a goal given in odom.
     """
 
-    def __init__(self, **randomisation):
+    world: World  # since the last reset()
+    drawn: Any  # the Randomisation of this reset: every span replaced by a number
+    _odometry: Odometry  # made by _place(), brought up to date by _drive()
+
+    def __init__(self, **randomisation: Any):
         known = list(vars(Randomisation()))
         for name in randomisation:
             if name not in known:
                 raise SimulatorError("randomisation %s is not known: give %s" % (name, ", ".join(known)))
         self.randomisation = Randomisation(**randomisation)
-        self.world = None
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)
-        self._lidar = None
+        self._lidar: Optional[Lidar] = None
         self._command = _Command()
 
     # -- for everybody -----------------------------------------------------------------------------
-    def reset(self, world, seed: int, start: Optional[Tuple[float, float, float]] = None) -> RobotState:
+    def reset(self, world: World, seed: int, start: Optional[Sequence[float]] = None) -> RobotState:
         """Put the robot at `start` (world frame, default the course's) at time 0, standing.
 
         The same world, seed and commands give the same states and scans, to the last bit.
         """
-        start = tuple(float(value) for value in (world.course.start if start is None else start))
-        if len(start) != 3 or not all(map(isfinite, start)):
-            raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (start,))
+        place = tuple(float(value) for value in (world.course.start if start is None else start))
+        if len(place) != 3 or not all(map(isfinite, place)):
+            raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (place,))
         self._rng = np.random.default_rng(seed)
         self.drawn = self.randomisation.draw(self._rng)
         shift = self._rng.uniform(-1, 1, 3).tolist()
         pose = (
-            start[0] + shift[0] * self.drawn.start_xy,
-            start[1] + shift[1] * self.drawn.start_xy,
-            wrap(start[2] + shift[2] * self.drawn.start_yaw),
+            place[0] + shift[0] * self.drawn.start_xy,
+            place[1] + shift[1] * self.drawn.start_xy,
+            wrap(place[2] + shift[2] * self.drawn.start_yaw),
         )
         if self._lidar is None or world is not self.world:
             self._lidar = Lidar(world.cylinders, world.boxes)
@@ -159,25 +170,27 @@ class Simulator(ABC):
         x, y, yaw = self.state.pose
         c, s = cos(yaw), sin(yaw)
         ox, oy = jackal.LASER_OFFSET
+        if self._lidar is None:
+            raise SimulatorError("there is no scan before the first reset(): call reset(world, seed)")
         ranges = self._lidar.scan(x + c * ox - s * oy, y + s * ox + c * oy, yaw, self.mover_circles())
         noise = self._rng.standard_normal(jackal.BEAMS, dtype=np.float32)
         noise *= np.float32(jackal.SCAN_NOISE * self.drawn.scan_noise)
         return np.add(ranges, noise, out=ranges)
 
-    def to_odom(self, pose):
+    def to_odom(self, pose: Pose) -> Pose:
         """A pose (x, y, yaw) of the world frame in frame odom."""
         return pose[0] - self.odom_origin[0], pose[1] - self.odom_origin[1], pose[2]
 
-    def to_world(self, pose):
+    def to_world(self, pose: Pose) -> Pose:
         """A pose (x, y, yaw) of frame odom in the world frame."""
         return pose[0] + self.odom_origin[0], pose[1] + self.odom_origin[1], pose[2]
 
-    def set_odometry(self, pose):
+    def set_odometry(self, pose: Pose) -> None:
         """Make the odometry believe in `pose` (x, y, yaw) of frame odom; the robot stays where it is."""
         self._odometry.set(pose, self.state.pose[2])
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
-    def mover_circles(self, time=None):
+    def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
         """(k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
         movers = self.world.movers
         if not movers:

@@ -11,6 +11,8 @@ every (v, w) needs. The centre of mass lies ahead of the wheels' middle, so the 
 about a point ahead of base_link: the drift of a turn in place.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
 from math import cos, exp, sin, sqrt
 
@@ -120,7 +122,7 @@ def tyres(drive, u, s, w, friction, lift):
 
 
 @lru_cache(maxsize=None)
-def rim_table():
+def rim_table() -> np.ndarray:
     """Rim speeds that make the robot drive what was commanded on nominal, even ground: (17, 17, 2).
 
     Entry (i, j) belongs to speed i * .125 m/s and yaw rate j * .25 rad/s: what to add to the speed, and the multiplier

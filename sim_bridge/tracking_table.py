@@ -4,15 +4,19 @@ The tests read `measure` and `CASES`. Driven means: true motion of base_link, av
 steady.
 """
 
+from __future__ import annotations
+
 import argparse
 import sys
 from dataclasses import dataclass
 from math import cos, hypot, pi, sin
+from typing import Iterable, Optional, Sequence
 
 import numpy as np
 
 from . import NAMES, jackal, make
-from .simulator import SimulatorError
+from .scenes import small_world
+from .simulator import RobotState, Simulator, SimulatorError
 
 # (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
 CASES = (
@@ -42,33 +46,26 @@ class Measurement:
     drift: float
 
     @property
-    def error(self):
+    def error(self) -> float:
         """Largest relative error of the speeds asked for."""
         return max(
             abs(driven / asked - 1.0) for asked, driven in ((self.v, self.driven_v), (self.w, self.driven_w)) if asked
         )
 
 
-class OpenPlane:
-    """A world with nothing in it."""
-
-    name = "open plane"
-    cylinders, boxes, movers = np.empty((0, 3)), np.empty((0, 5)), ()
-
-    class course:
-        """Start and goal at the origin."""
-
-        start = goal = (0.0, 0.0, 0.0)
+OPEN_PLANE = small_world()  # a world with nothing in it
 
 
-def measure(simulator, v, w, seconds=6.0, seeds=range(1)):
+def measure(
+    simulator: Simulator, v: float, w: float, seconds: float = 6.0, seeds: Iterable[int] = range(1)
+) -> Measurement:
     """Drive (v, w) from a stand, once per seed, and average; the first second does not count."""
     runs = [_measure(simulator, v, w, seconds, seed) for seed in seeds]
     return Measurement(v, w, *np.mean(runs, axis=0).tolist())
 
 
 def _measure(simulator, v, w, seconds, seed):
-    simulator.reset(OpenPlane, seed)
+    simulator.reset(OPEN_PLANE, seed)
     run(simulator, v, w, 1.0)
     state = simulator.state
     ahead = turned = 0.0
@@ -87,7 +84,7 @@ def _measure(simulator, v, w, seconds, seed):
     return ahead / seconds, turned / seconds, max(hypot(x - track[0][0], y - track[0][1]) for x, y in track)
 
 
-def run(simulator, v, w, seconds):
+def run(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
     """Hold a command; returns the last state."""
     for _ in range(int(round(seconds / 0.05))):
         simulator.command(v, w)
@@ -95,7 +92,7 @@ def run(simulator, v, w, seconds):
     return state
 
 
-def main(argv=None):
+def main(argv: Optional[Sequence[str]] = None) -> int:
     """Print the table. Exit status 0 where all speeds are driven within five percent."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--simulator", default="pybullet", help=" or ".join(NAMES))

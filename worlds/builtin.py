@@ -10,7 +10,7 @@ import functools
 import io
 import os
 import zipfile
-from typing import Dict, Tuple
+from typing import Dict, Sequence, Tuple
 
 import numpy as np
 
@@ -55,7 +55,7 @@ def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
     return {n: (filled[n], paths[n]) for n in range(generator.COUNT)}
 
 
-def pack(worlds) -> bytes:
+def pack(worlds: Sequence[Tuple[np.ndarray, np.ndarray]]) -> bytes:
     """Bytes of the data file for 300 pairs (filled, path), in order."""
     filled = np.array([f for f, _ in worlds], dtype=bool)
     buffer = io.BytesIO()

@@ -11,7 +11,7 @@ import csv
 import os
 import re
 import sys
-from typing import Dict, List
+from typing import Dict, List, Optional
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def measure(worlds: List[World]) -> Dict[str, np.ndarray]:
     return table
 
 
-def table(ours: Dict[str, np.ndarray], theirs: Dict[str, np.ndarray] = None) -> List[str]:
+def table(ours: Dict[str, np.ndarray], theirs: Optional[Dict[str, np.ndarray]] = None) -> List[str]:
     """Lines: quantiles of ours above BARN's, with the Kolmogorov-Smirnov statistic where BARN's worlds are at hand."""
     lines = [
         "%-17s %-11s %s   %s"
@@ -86,11 +86,11 @@ def csv_agreement(worlds: List[World], file: str) -> List[str]:
     try:
         with open(file, newline="") as stream:
             rows = {int(row["world"]): row for row in csv.DictReader(stream)}
-        pairs = [(w, rows[int(re.search(r"\d+$", w.name).group())]) for w in worlds]
+        pairs = [(w, rows[int(re.findall(r"\d+$", w.name)[0])]) for w in worlds]
         theirs = {name: np.array([float(row[column]) for _, row in pairs]) for name, column in CSV_COLUMNS.items()}
     except OSError as error:
         raise WorldError("%s cannot be read (%s); check the path" % (file, error.strerror)) from None
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
+    except (KeyError, ValueError, TypeError, IndexError) as error:
         raise WorldError(
             "%s lacks %s; it needs a row for each world and the columns world, %s"
             % (file, error, ", ".join(CSV_COLUMNS.values()))
@@ -116,7 +116,7 @@ def main() -> int:
     try:
         if arguments.csv and not arguments.folder:
             raise WorldError("--csv %s needs the folder of the same worlds; give it too" % arguments.csv)
-        barn = [load(f) for f in folder_files(arguments.folder)] if arguments.folder else None
+        barn = [load(f) for f in folder_files(arguments.folder)] if arguments.folder else []
         built_in = [builtin.world(n) for n in sorted(builtin.fields())]
         print("\n".join(table(measure(built_in), measure(barn) if barn else None)))
         if arguments.csv:

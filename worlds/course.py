@@ -140,12 +140,12 @@ def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
 
 def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     """From below the obstacles (least y) to above them, wherever a robot gets through."""
-    low, high = _extent(cylinders, boxes)
-    if low is None:
+    extent = _extent(cylinders, boxes)
+    if extent is None:
         raise WorldError(
             "%s holds no obstacle that a ground robot could meet; give a world with boxes or cylinders" % path
         )
-    low, high = low - MARGIN - 0.5 * SEARCH_CELL, high + MARGIN
+    low, high = extent[0] - MARGIN - 0.5 * SEARCH_CELL, extent[1] + MARGIN
     if max(high - low) > MAX_SIDE:
         raise WorldError(
             "%s is %.0f x %.0f m, too large to search for a course (at most %.0f m); write one into it "
@@ -173,11 +173,11 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     )
 
 
-def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Tuple[Optional[np.ndarray], Optional[np.ndarray]]:
+def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Optional[Tuple[np.ndarray, np.ndarray]]:
     reach = np.concatenate([cylinders[:, 2], 0.5 * np.hypot(boxes[:, 3], boxes[:, 4])])
     centres = np.concatenate([cylinders[:, :2], boxes[:, :2]])
     if not len(centres):
-        return None, None
+        return None
     return (centres - reach[:, None]).min(axis=0), (centres + reach[:, None]).max(axis=0)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from typing import Any, List, Sequence
 
 import numpy as np
 
@@ -14,12 +15,12 @@ from .world import World, WorldError
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
 
 
-def draw(axes, world: World, path: bool = True) -> None:
+def draw(axes: Any, world: World, path: bool = True) -> None:
     """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales."""
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle, Polygon
 
-    patches = [Circle((x, y), radius) for x, y, radius in world.cylinders]
+    patches: List[Any] = [Circle((x, y), radius) for x, y, radius in world.cylinders]
     patches += [Polygon(corners(box)) for box in world.boxes]
     axes.add_collection(PatchCollection(patches, facecolor=OBSTACLE, edgecolor="none"))
     for mover in world.movers:
@@ -43,7 +44,7 @@ def draw(axes, world: World, path: bool = True) -> None:
     axes.set_ylabel("y [m]")
 
 
-def corners(box) -> np.ndarray:
+def corners(box: Sequence[float]) -> np.ndarray:
     """(4, 2) corners of a box x, y, yaw, size_x, size_y."""
     x, y, yaw, size_x, size_y = box
     c, s = math.cos(yaw), math.sin(yaw)

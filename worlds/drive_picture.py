@@ -66,7 +66,7 @@ def _course(figure, axes, drive):
     draw(axes, drive.world)
     if len(track) > 1:
         points = track[:, 1:3]
-        lines = LineCollection(np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", lw=3)
+        lines = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", lw=3)
         lines.set_array(track[:-1, 3])
         lines.set_clim(0, max(0.5, float(track[:, 3].max())))
         axes.add_collection(lines)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .world import Course, World
 
@@ -23,19 +24,19 @@ GOAL_BEYOND = 5.0  # the goal lies this far past the path's end: no slowing down
 GOAL_TOLERANCE = 0.4
 
 
-def to_xy(cells) -> np.ndarray:
+def to_xy(cells: ArrayLike) -> np.ndarray:
     """(k, 2) cells (row, column) -> (k, 2) centres (x, y) [m]."""
     cells = np.asarray(cells, dtype=np.float64).reshape(-1, 2)
     return cells * CELL + ORIGIN
 
 
-def to_cells(xy) -> np.ndarray:
+def to_cells(xy: ArrayLike) -> np.ndarray:
     """(k, 2) points [m] -> (k, 2) int64 cells (row, column), which may lie outside the field."""
     xy = np.asarray(xy, dtype=np.float64).reshape(-1, 2)
     return np.rint((xy - ORIGIN) / CELL).astype(np.int64)
 
 
-def fill_of(cylinders) -> np.ndarray:
+def fill_of(cylinders: ArrayLike) -> np.ndarray:
     """(n, 3) cylinders -> (30, 30) bool: the field's cells in which a cylinder's centre lies."""
     cells = to_cells(np.asarray(cylinders, dtype=np.float64).reshape(-1, 3)[:, :2])
     inside = np.all((cells >= 0) & (cells < (ROWS, COLS)), axis=1)

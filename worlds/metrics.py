@@ -57,7 +57,7 @@ def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
     """
     free = search.free_space(filled, field.CLEARANCE)
     distance = ndimage.distance_transform_edt(free)
-    cells = [tuple(int(v) for v in c) for c in path]
+    cells = [(int(r), int(c)) for r, c in path]
     cells.insert(0, cells[0])
     runs = [[_free_run(free, cell, move) for move in search.MOVES] for cell in cells]
     visibility = [sum((n + 1) * length for n, length in zip(run, search.LENGTHS)) / 8.0 for run in runs]

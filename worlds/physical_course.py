@@ -75,7 +75,8 @@ def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
 def _course(boxes: np.ndarray) -> Course:
     low, high = np.zeros(2), np.array([WIDTH, LENGTH])
     free = courses.free_grid(low, high, np.zeros((0, 3)), boxes)
-    cell = [tuple(int(v) for v in (np.array(p[:2]) - low) / courses.SEARCH_CELL) for p in (START, GOAL)]
-    cells = search.shortest_path(free, cell[:1], cell[1:])
+    ends = [(int(p[0] / courses.SEARCH_CELL), int(p[1] / courses.SEARCH_CELL)) for p in (START, GOAL)]
+    cells = search.shortest_path(free, ends[:1], ends[1:])
+    assert cells is not None, "the boxes leave a way"
     path = low + courses.SEARCH_CELL * (cells + 0.5)
     return Course(start=START, goal=GOAL, finish_y=FINISH_Y, goal_tolerance=GOAL_TOLERANCE, path=path)

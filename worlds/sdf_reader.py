@@ -36,11 +36,9 @@ def read(path: str) -> World:
     if world is None:
         raise WorldError("%s holds no <world>; give a Gazebo world file" % path)
     obstacles = _Reader(path, world).read()
-    found = dict(cylinders=obstacles.cylinders, boxes=obstacles.boxes, movers=obstacles.movers)
     stated = world.find("{%s}course" % course.NAMESPACE)
-    if stated is not None:
-        return World(name=name, course=course.from_element(stated, path), **found)
-    return World(name=name, course=course.beside(path, **found), **found)
+    way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
+    return World(name, obstacles.cylinders, obstacles.boxes, way, obstacles.movers)
 
 
 class Obstacles(NamedTuple):
@@ -98,17 +96,17 @@ class _Reader:
         )
 
     def _states(self, parent: Element) -> Dict[str, _State]:
-        states = {}
+        states: Dict[str, _State] = {}
         for state in parent.findall("state") if parent is self.world else [parent]:
             for model in state.findall("model"):
                 what = "state of model %r in %s" % (model.get("name"), self.path)
                 links = {
-                    link.get("name"): self._pose(link, "link %r, %s" % (link.get("name"), what))
+                    link.get("name", ""): self._pose(link, "link %r, %s" % (link.get("name"), what))
                     for link in model.findall("link")
                     if link.find("pose") is not None
                 }
                 scale = model.findtext("scale")
-                states[model.get("name")] = _State(
+                states[model.get("name", "")] = _State(
                     self._pose(model, what) if model.find("pose") is not None else None,
                     np.ones(3) if scale is None else np.array(numbers(scale, 3, "scale, " + what)),
                     links,
@@ -124,7 +122,7 @@ class _Reader:
 
     def _model(self, model: Element, parent: np.ndarray, states: Dict[str, _State]) -> None:
         name = "model %r in %s" % (model.get("name"), self.path)
-        state = states.get(model.get("name"), _NO_STATE)
+        state = states.get(model.get("name", ""), _NO_STATE)
         pose = parent @ self._pose(model, name) if state.pose is None else state.pose
         waypoints = dynabarn.waypoints_of(model, self.path, course.NAMESPACE)
         for link in model.findall("link"):
@@ -133,8 +131,8 @@ class _Reader:
             self._model(inner, pose, state.models)
 
     def _link(self, link: Element, model_pose: np.ndarray, state: _State, name: str, waypoints) -> None:
-        if link.get("name") in state.links:
-            pose = state.links[link.get("name")]
+        if link.get("name", "") in state.links:
+            pose = state.links[link.get("name", "")]
         else:
             pose = model_pose @ self._pose(link, "link %r of %s" % (link.get("name"), name))
         for collision in link.findall("collision"):

@@ -9,7 +9,7 @@ import io
 import os
 import re
 import stat
-from typing import List
+from typing import List, Optional
 from xml.etree.ElementTree import Element, ParseError
 
 from .world import WorldError
@@ -99,7 +99,7 @@ def _line(error) -> str:
     return " ".join(str(error).split())
 
 
-def numbers(text, count: int, what: str) -> List[float]:
+def numbers(text: Optional[str], count: int, what: str) -> List[float]:
     """`count` finite numbers within +-FAR from an element's text. `what` names the thing in the error."""
     words = (text or "").split()
     try:

@@ -90,7 +90,7 @@ def shortest_path(free: np.ndarray, starts: Iterable[Cell], goals: Iterable[Cell
     """
     extra = obstacle_penalty(free)
     rows, columns = free.shape
-    goals = {tuple(int(v) for v in g) for g in goals if free[tuple(g)]}
+    ends = {(int(r), int(c)) for r, c in goals if free[r, c]}
     best = np.full((8, rows, columns), np.inf)
     came_from: Dict[Tuple[int, int, int], Tuple[int, int, int]] = {}
     queue = [(0.0, n, int(s[0]), int(s[1]), -1) for n, s in enumerate(starts) if free[tuple(s)]]
@@ -98,7 +98,7 @@ def shortest_path(free: np.ndarray, starts: Iterable[Cell], goals: Iterable[Cell
     order = len(queue)
     while queue:
         cost, _, r, c, heading = heapq.heappop(queue)
-        if (r, c) in goals:
+        if (r, c) in ends:
             return _trace((r, c, heading), came_from.get)
         if heading >= 0 and cost > best[heading, r, c]:
             continue

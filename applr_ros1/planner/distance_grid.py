@@ -9,7 +9,10 @@ walls, so that a flood needs no bounds tests. With N = nx * ny a cell holds its 
 queue: the cells in the order of their distances; ends: [next to expand, first free place] in it.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Tuple
 
 import numpy as np
 
@@ -17,7 +20,7 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN, world_to_map
 
 
-def allocate(nx, ny):
+def allocate(nx: int, ny: int) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(distance, queue, ends) for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
     distance = np.full((nx + 2) * (ny + 2) + 1, nx * ny, np.int32)
     distance[-1] = nx * ny + 1

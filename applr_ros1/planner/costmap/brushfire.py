@@ -12,7 +12,10 @@ Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx +
 Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
+from typing import Tuple
 
 import numpy as np
 
@@ -26,7 +29,7 @@ CODE = 4095
 
 
 @lru_cache(maxsize=64)
-def tables(reach):
+def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
     """(step_level, distances) for a reach in cells.
 
     step_level (codes * 4,) uint8: level of the cell one step in direction k from offset code c, at [4 c + k]; 0 if

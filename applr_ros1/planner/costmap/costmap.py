@@ -4,9 +4,12 @@ Called by MoveBase (one local rolling map, one global map), the planners and the
 costmap_2d/layered_costmap.cpp; every value of the master after any sequence of updates is the C++ one's.
 """
 
+from __future__ import annotations
+
 import math
 from collections import deque
 from dataclasses import replace
+from typing import Any, Deque, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -21,6 +24,7 @@ from applr_ros1.planner.costmap.grid import (
 )
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
+from applr_ros1.planner.costmap.scan import PointCloud
 
 
 class CostmapError(ValueError):
@@ -37,15 +41,15 @@ class Costmap:
 
     def __init__(
         self,
-        size_x_m,
-        size_y_m,
-        resolution,
-        origin=(0.0, 0.0),
-        rolling=False,
-        footprint=(),
-        track_unknown=False,
-        obstacles=None,
-        inflation=None,
+        size_x_m: float,
+        size_y_m: float,
+        resolution: float,
+        origin: Sequence[float] = (0.0, 0.0),
+        rolling: bool = False,
+        footprint: Union[np.ndarray, Sequence[Sequence[float]]] = (),
+        track_unknown: bool = False,
+        obstacles: Optional[ObstacleParameters] = None,
+        inflation: Optional[InflationParameters] = None,
     ):
         if not (resolution > 0 and size_x_m / resolution >= 1 and size_y_m / resolution >= 1):
             raise CostmapError(
@@ -61,29 +65,29 @@ class Costmap:
         self.cells = np.full((ny, nx), self.default, np.uint8)
         self._base = np.zeros((ny, nx), np.uint8)  # the cells before inflation, where the last update went
         self.version = 0
-        self.window = None
-        self._changes = deque(maxlen=64)
+        self.window: Optional[Tuple[int, int, int, int]] = None
+        self._changes: Deque[Tuple[int, int, int, int]] = deque(maxlen=64)
         self.obstacles = ObstacleLayer(
             nx, ny, resolution, origin, rolling, self.default, obstacles or ObstacleParameters()
         )
         self.inflation = InflationLayer(nx, ny, resolution, inflation or InflationParameters())
         self.set_footprint(footprint)
 
-    def set_footprint(self, footprint):
+    def set_footprint(self, footprint: Union[np.ndarray, Sequence[Sequence[float]]]) -> None:
         """Take the padded footprint (n, 2) [m]; the next update is a full one."""
         self.footprint = np.array(footprint, dtype=np.float64).reshape(-1, 2)
         self.inscribed_radius, self.circumscribed_radius = footprints.radii(self.footprint)
         self.inflation.set_inscribed_radius(self.inscribed_radius)
 
-    def set_inflation(self, **values):
+    def set_inflation(self, **values: Any) -> None:
         """Set any of inflation_radius, cost_scaling_factor, enabled, inflate_unknown; shows at the next update."""
         self.inflation.configure(replace(self.inflation.parameters, **values))
 
-    def set_obstacles(self, **values):
+    def set_obstacles(self, **values: Any) -> None:
         """Set any field of ObstacleParameters; shows at the next update."""
         self.obstacles.parameters = replace(self.obstacles.parameters, **values)
 
-    def update(self, robot_pose, scan=None):
+    def update(self, robot_pose: Sequence[float], scan: Optional[PointCloud] = None) -> None:
         """One layered update for the robot's pose (x, y, yaw). `scan`: a new PointCloud, None: the last one again."""
         x, y, yaw = (float(v) for v in robot_pose)
         if not math.isfinite(x + y + yaw):
@@ -133,45 +137,45 @@ class Costmap:
         if changed is not None:
             self._changed(changed)
 
-    def clear(self):
+    def clear(self) -> None:
         """The clear_costmaps service: master and layers back to the default. The newest scan marks again."""
         self.cells[:] = self.default
         self.obstacles.reset()
         self.inflation.reset()
         self._changed((0, 0) + self.size)
 
-    def clear_outside(self, pose, side, inverted=False):
+    def clear_outside(self, pose: Sequence[float], side: float, inverted: bool = False) -> None:
         """Clearing recovery: the obstacle layer forgets what lies outside the square of `side` [m] about the pose.
 
         The master shows it after the next update.
         """
         self.obstacles.clear_outside(pose, side, inverted)
 
-    def paint(self, cells):
+    def paint(self, cells: np.ndarray) -> None:
         """Write the non-zero cells (ny, nx) over the master and inflate the whole map: a map made by hand."""
         np.copyto(self._base, self.cells)
         np.copyto(self._base, cells, where=np.asarray(cells) != 0)
         self.inflation.update(self.cells, self._base, (0, 0) + self.size)
         self._changed((0, 0) + self.size)
 
-    def set_free(self, x0, y0, xn, yn):
+    def set_free(self, x0: int, y0: int, xn: int, yn: int) -> None:
         """Write 0 into the cells [x0, xn) x [y0, yn) of the master alone, until an update covers them."""
         block = self.cells[y0:yn, x0:xn]
         if block.any():
             block[:] = FREE
             self._changed((x0, y0, xn, yn))
 
-    def footprint_cost(self, x, y, yaw):
+    def footprint_cost(self, x: float, y: float, yaw: float) -> float:
         """Largest cost under the footprint's outline at the pose; -1 lethal, -2 unknown, -3 off the map."""
         return footprints.footprint_cost(
             self.cells, self.origin[0], self.origin[1], self.resolution, self.footprint, float(x), float(y), float(yaw)
         )
 
-    def world_to_map(self, x, y):
+    def world_to_map(self, x: float, y: float) -> Tuple[int, int]:
         """Cell (mx, my) of a point [m], (-1, -1) off the map."""
         return world_to_map(float(x), float(y), self.origin[0], self.origin[1], self.resolution, *self.size)
 
-    def changed_since(self, version):
+    def changed_since(self, version: int) -> Optional[Tuple[int, int, int, int]]:
         """Rectangle (x0, y0, xn, yn) that holds every cell changed after `version`; None if nothing changed."""
         if version == self.version:
             return None

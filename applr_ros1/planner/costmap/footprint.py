@@ -3,8 +3,11 @@
 Called by the costmap (radii, clearing under the robot), the trajectory planner (legality) and the recoveries.
 """
 
+from __future__ import annotations
+
 import ast
 import math
+from typing import Sequence, Tuple, Union
 
 import numpy as np
 
@@ -21,7 +24,7 @@ class FootprintError(ValueError):
     """A footprint that cannot be used; the message is one line."""
 
 
-def parse(text):
+def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray:
     """Vertices (n, 2) float64 [m] from the parameter `footprint`: a string "[[x, y], ...]" or a sequence.
 
     Values take the way of the C++ node: printed with six digits, read as float32. An empty list gives (0, 2).
@@ -49,19 +52,19 @@ def parse(text):
     return points.astype(np.float64)
 
 
-def circle(radius):
+def circle(radius: float) -> np.ndarray:
     """Sixteen vertices (16, 2) [m] on a circle, as costmap_2d makes them from `robot_radius`."""
     angles = [i * 2 * math.pi / 16 for i in range(16)]
     return np.array([[math.cos(a) * radius, math.sin(a) * radius] for a in angles])
 
 
-def pad(vertices, padding):
+def pad(vertices: np.ndarray, padding: float) -> np.ndarray:
     """Vertices (n, 2) moved away from the axes by `padding` [m]; a coordinate of exactly 0 stays. footprint.cpp:138."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     return vertices + np.sign(vertices) * padding
 
 
-def transform(vertices, x, y, yaw):
+def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
     """Vertices (n, 2) [m] of the footprint placed at the pose (x, y [m], yaw [rad]). footprint.cpp:106."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     out = np.empty_like(vertices)
@@ -85,7 +88,7 @@ def _distance_to_edge(x0, y0, x1, y1):
     return float(np.hypot(0.0 - px, 0.0 - py))
 
 
-def radii(vertices):
+def radii(vertices: np.ndarray) -> Tuple[float, float]:
     """(inscribed, circumscribed) radius [m] about (0, 0) of the vertices (n, 2). footprint.cpp:41.
 
     Two vertices or fewer: (largest double, 0), as in C++.

@@ -4,7 +4,10 @@ Called by every kernel of the planner. The expressions (a division, then truncat
 multiplying by 1 / resolution instead would move points on cell borders.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Tuple
 
 import numpy as np
 
@@ -34,12 +37,12 @@ def map_to_world(mx, my, ox, oy, resolution):
     return ox + (mx + 0.5) * resolution, oy + (my + 0.5) * resolution
 
 
-def world_to_map_no_bounds(w, o, resolution):
+def world_to_map_no_bounds(w: float, o: float, resolution: float) -> int:
     """Cell index of the coordinate w along one axis, truncated towards zero and not clipped."""
     return int((w - o) / resolution)
 
 
-def world_to_map_enforce_bounds(w, o, resolution, n):
+def world_to_map_enforce_bounds(w: float, o: float, resolution: float, n: int) -> int:
     """Cell index of the coordinate w along one axis, clipped into 0 .. n - 1. costmap_2d.cpp:233."""
     if w < o:
         return 0
@@ -48,12 +51,12 @@ def world_to_map_enforce_bounds(w, o, resolution, n):
     return int((w - o) / resolution)
 
 
-def cell_distance(distance, resolution):
+def cell_distance(distance: float, resolution: float) -> int:
     """A length [m] in whole cells, rounded up and never negative. costmap_2d.cpp:190."""
     return max(0, int(math.ceil(distance / resolution)))
 
 
-def size_in_meters(n, resolution):
+def size_in_meters(n: int, resolution: float) -> float:
     """Length [m] of n cells as costmap_2d counts it: half a cell short."""
     return (n - 1 + 0.5) * resolution
 
@@ -94,7 +97,7 @@ def walk_line(x0, y0, x1, y1, xs, ys, start):
     return n
 
 
-def line_cells(x0, y0, x1, y1):
+def line_cells(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
     """The cells from (x0, y0) to (x1, y1) as an (n, 2) int64 array, both ends included."""
     n = max(abs(x1 - x0), abs(y1 - y0)) + 1
     xs = np.empty(n, np.int64)
@@ -103,7 +106,9 @@ def line_cells(x0, y0, x1, y1):
     return np.stack((xs, ys), axis=1)
 
 
-def roll(cells, origin, resolution, new_ox, new_oy, default):
+def roll(
+    cells: np.ndarray, origin: np.ndarray, resolution: float, new_ox: float, new_oy: float, default: int
+) -> Tuple[int, int]:
     """Move the window of `cells` (ny, nx) towards the origin (new_ox, new_oy) [m] by whole cells; returns (cx, cy).
 
     Cells in the overlap keep their values, others get `default`; `origin` (2,) is moved. costmap_2d.cpp:260.
@@ -118,7 +123,7 @@ def roll(cells, origin, resolution, new_ox, new_oy, default):
     return cx, cy
 
 
-def shift(cells, cx, cy, default):
+def shift(cells: np.ndarray, cx: int, cy: int, default: int) -> None:
     """cells[y, x] = cells[y + cy, x + cx] where that exists, else `default`, in place."""
     ny, nx = cells.shape
     if abs(cx) >= nx or abs(cy) >= ny:

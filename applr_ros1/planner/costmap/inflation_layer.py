@@ -4,9 +4,12 @@ Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp: obstacles pas
 distance, first in first out, so a distance transform would give other bytes. brushfire.py does the spreading.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
@@ -29,10 +32,11 @@ class InflationParameters:
 
     def __post_init__(self):  # the kernels are compiled for these types alone
         for field in fields(self):
-            setattr(self, field.name, type(field.default)(getattr(self, field.name)))
+            kind: Any = type(field.default)
+            setattr(self, field.name, kind(getattr(self, field.name)))
 
 
-def cost_at(distance, resolution, inscribed_radius, weight):
+def cost_at(distance: float, resolution: float, inscribed_radius: float, weight: float) -> int:
     """Cost (0 .. 254) at a distance in cells. inflation_layer.h:109."""
     if distance == 0:
         return LETHAL
@@ -51,7 +55,7 @@ def _level_costs(distances, resolution, inscribed_radius, weight):
 class InflationLayer:
     """Keeps the tables, what is due, and the spread of the obstacles of the last update."""
 
-    def __init__(self, nx, ny, resolution, parameters):
+    def __init__(self, nx: int, ny: int, resolution: float, parameters: InflationParameters):
         self.resolution = float(resolution)
         self.parameters = parameters
         self.inscribed_radius = 0.0
@@ -66,7 +70,8 @@ class InflationLayer:
         self._changed = np.empty(FEW, np.int64)
         self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
-        self._seen = self._entries = None  # for reaches that cannot be repaired
+        self._seen: Any = None
+        self._entries: Any = None  # for reaches that cannot be repaired
         self._spread = None  # rectangle in which obstacles were spread last, None: nothing to build on
         self._make_tables()
 
@@ -84,7 +89,7 @@ class InflationLayer:
             self._bin = np.where(distance <= self.reach, np.searchsorted(distances, distance), -1).astype(np.int32)
         self._level_cost = _level_costs(distances, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
 
-    def configure(self, parameters):
+    def configure(self, parameters: InflationParameters) -> None:
         """Take new parameters; a full pass becomes due where the C++ layer asks for one."""
         old = self.parameters
         self.parameters = parameters
@@ -97,13 +102,13 @@ class InflationLayer:
         if parameters.enabled != old.enabled or parameters.inflate_unknown != old.inflate_unknown:
             self.full_pass_due = True
 
-    def set_inscribed_radius(self, radius):
+    def set_inscribed_radius(self, radius: float) -> None:
         """The footprint was set: its inscribed radius [m]. A full pass becomes due."""
         self.inscribed_radius = float(radius)
         self._make_tables()
         self.full_pass_due = True
 
-    def update_bounds(self, bounds):
+    def update_bounds(self, bounds: Tuple[float, float, float, float]) -> Tuple[float, float, float, float]:
         """Bounds (min x, min y, max x, max y) [m], widened. inflation_layer.cpp:129."""
         last, self._last = self._last, bounds
         if self.full_pass_due:
@@ -117,11 +122,11 @@ class InflationLayer:
             max(last[3], bounds[3]) + radius,
         )
 
-    def reset(self):
+    def reset(self) -> None:
         """After the maps were cleared: no full pass is due."""
         self.full_pass_due = False
 
-    def roll(self, cx, cy):
+    def roll(self, cx: int, cy: int) -> None:
         """The map's window moved by (cx, cy) cells: the spread moves along, or is forgotten if it met the border."""
         if self._spread is None:
             return
@@ -168,7 +173,9 @@ class InflationLayer:
             min(self._ny, rect[3] + cells),
         )
 
-    def update(self, master, base, window):
+    def update(
+        self, master: np.ndarray, base: np.ndarray, window: Tuple[int, int, int, int]
+    ) -> Optional[Tuple[int, int, int, int]]:
         """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
 
         base holds the cells before inflation: inside the window as the layers below made them, outside it as the

@@ -3,8 +3,11 @@
 Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step; the layer has its own grid.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, fields
+from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from applr_ros1.planner.costmap.grid import (
     world_to_map,
     world_to_map_no_bounds,
 )
+from applr_ros1.planner.costmap.scan import PointCloud
 
 OVERWRITE = 0
 MAXIMUM = 1
@@ -42,25 +46,36 @@ class ObstacleParameters:
 
     def __post_init__(self):  # the kernels are compiled for these types alone
         for field in fields(self):
-            setattr(self, field.name, type(field.default)(getattr(self, field.name)))
+            kind: Any = type(field.default)
+            setattr(self, field.name, kind(getattr(self, field.name)))
 
 
 class ObstacleLayer:
     """Grid `cells` (ny, nx) uint8 of 0, 254 and 255 with its own rolling `origin` (2,) [m]."""
 
-    def __init__(self, nx, ny, resolution, origin, rolling, default, parameters):
+    def __init__(
+        self,
+        nx: int,
+        ny: int,
+        resolution: float,
+        origin: Sequence[float],
+        rolling: bool,
+        default: int,
+        parameters: ObstacleParameters,
+    ):
         self.parameters = parameters
         self.resolution = float(resolution)
         self.rolling = bool(rolling)
         self.default = int(default)
         self.cells = np.full((ny, nx), default, np.uint8)
         self.origin = np.array(origin, dtype=np.float64)
-        self.cloud = None  # the newest scan, applied again in every update
-        self._extra = None  # bounds left by a recovery: min x, min y, max x, max y
+        self.cloud: Optional[PointCloud] = None  # the newest scan, applied again in every update
+        # min x, min y, max x, max y, left by a recovery
+        self._extra: Optional[Tuple[float, float, float, float]] = None
         self._bounds = np.empty(4)
         self._hits = np.empty(1024, np.int64)
 
-    def update_bounds(self, pose, footprint):
+    def update_bounds(self, pose: Sequence[float], footprint: np.ndarray) -> Tuple[float, float, float, float]:
         """Roll, clear, mark. Returns what may have changed as (min x, min y, max x, max y) [m]."""
         p = self.parameters
         ny, nx = self.cells.shape
@@ -102,9 +117,18 @@ class ObstacleLayer:
             )
         if p.footprint_clearing_enabled:
             _touch_footprint(footprint, pose[0], pose[1], pose[2], bounds)
-        return tuple(bounds.tolist())
+        low_x, low_y, high_x, high_y = bounds.tolist()
+        return low_x, low_y, high_x, high_y
 
-    def update_costs(self, master, base, pose, footprint, window, around):
+    def update_costs(
+        self,
+        master: np.ndarray,
+        base: np.ndarray,
+        pose: Sequence[float],
+        footprint: np.ndarray,
+        window: Tuple[int, int, int, int],
+        around: Tuple[int, int, int, int],
+    ) -> None:
         """Clear under the robot, then write the cells before inflation into `base` (ny, nx) over `around`.
 
         Inside the window (x0, y0, xn, yn) that is the default value with this layer merged into it, outside it the
@@ -117,11 +141,11 @@ class ObstacleLayer:
         merging = p.enabled and p.combination_method in (OVERWRITE, MAXIMUM)
         _merge(self.cells, master, base, self.default, merging, *window, *around)
 
-    def reset(self):
+    def reset(self) -> None:
         """Everything back to the default value. The newest scan stays and marks again."""
         self.cells[:] = self.default
 
-    def clear_outside(self, pose, side, inverted=False):
+    def clear_outside(self, pose: Sequence[float], side: float, inverted: bool = False) -> None:
         """Recovery: cells outside (inside, if inverted) the square of `side` [m] about the pose become 255.
 
         clear_costmap_recovery.cpp:351, costmap_layer.cpp:21; corner rows and columns count as outside.

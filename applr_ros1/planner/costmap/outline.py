@@ -3,6 +3,8 @@
 Called by the local planners. The numbers are those of costmap/footprint.footprint_cost, found faster.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -15,7 +17,7 @@ UNSURE = 300  # an outline too close to a cell border to be told
 LONGEST_TABLE = 64  # [cells]; longer footprint edges are walked cell by cell
 
 
-def line_offsets(footprint, resolution, nx):
+def line_offsets(footprint: np.ndarray, resolution: float, nx: int) -> np.ndarray:
     """The lines of cells that an edge of the footprint (n, 2) [m] can make on a map nx cells wide.
 
     (2 r + 1, 2 r + 1, r + 1) int32: [dy + r, dx + r] holds the flat offsets of a line's cells from its first

@@ -3,9 +3,11 @@
 Called by MoveBase and the costmap tests: one projection serves both costmaps.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Dict, Tuple
 
 import numpy as np
 
@@ -38,7 +40,7 @@ class PointCloud:
     points: np.ndarray
 
 
-_beams = {}
+_beams: Dict[Tuple[float, float, int], np.ndarray] = {}
 
 
 def _beam_directions(angle_min, angle_increment, count):
@@ -55,7 +57,7 @@ def _beam_directions(angle_min, angle_increment, count):
     return table
 
 
-def project(scan, inf_is_valid=False):
+def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
     """PointCloud of a LaserScan: docs/planner.md, section 3.1.
 
     Kept are beams with range_min <= range < range_max. With `inf_is_valid` a +inf counts as a hit just short of

@@ -11,6 +11,10 @@ memory more than it computes:
 Indices are uint64 so that numba adds no wrap-around for negative ones.
 """
 
+from __future__ import annotations
+
+from typing import Tuple
+
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
@@ -25,23 +29,23 @@ COST = np.float32(1.4142135 * 2.0**-64)  # a listed cell's weight times this, ro
 _int = np.uint64
 
 
-def push_weights():
+def push_weights() -> np.ndarray:
     """(256,) float32 by cost: what a push to such a cell adds to a potential, infinite where there is no push."""
     weights = np.full(256, np.inf, np.float32)
     weights[:OBSTACLE] = [np.float32(0.707106781 * cost) for cost in range(OBSTACLE)]
     return weights
 
 
-def make_field(cells):
+def make_field(cells: int) -> np.ndarray:
     """(2 n,) float32 of a map that is all obstacles, no cell reached: potential, weight, potential, ...
 
     n is the number of cells rounded up to groups of eight lines, as reset() takes them.
     """
     lines = -(-cells // (8 * LINE)) * 8
-    return np.tile(np.float32([1e10, np.inf]), lines * LINE)
+    return np.tile(np.array([1e10, np.inf], dtype=np.float32), lines * LINE)
 
 
-def scratch(list_size=LIST_SIZE):
+def scratch(list_size: int = LIST_SIZE) -> Tuple[np.ndarray, np.ndarray]:
     """Working arrays of flood(): lists, before."""
     return np.empty((3, list_size + 4), np.uint32), np.empty((list_size + 4) * 8, np.float32)
 

@@ -4,9 +4,14 @@ Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/planner.md, section 5); po
 equal to the C++ ones byte for byte.
 """
 
+from __future__ import annotations
+
+from typing import Any, Sequence
+
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, flood, make_field, push_weights, reset, scratch
 from applr_ros1.planner.navfn.path import trace
@@ -21,8 +26,8 @@ class Navfn:
     as nothing that the last flood looked at has changed.
     """
 
-    def __init__(self, list_size=LIST_SIZE):
-        self._costmap = None
+    def __init__(self, list_size: int = LIST_SIZE):
+        self._costmap: Any = None
         self._list_size = list_size
 
     def _attach(self, costmap, allow_unknown):
@@ -39,21 +44,28 @@ class Navfn:
         self._version = None
         self._flooded = None  # robot's and goal's cells of the flood in memory
         self._asked = None  # the question of the plan in memory
-        self._plan = None
+        self._plan: np.ndarray = np.zeros((0, 3))
 
     @property
-    def potential(self):
+    def potential(self) -> np.ndarray:
         """(ny, nx) float32: potential of the last flood, 1e10 where it did not reach."""
         nx, ny = self._costmap.size
         return self._potential[: nx * ny].reshape(ny, nx)
 
     @property
-    def costs(self):
+    def costs(self) -> np.ndarray:
         """(ny, nx) uint8: navfn's cost array of the last plan."""
         nx, ny = self._costmap.size
         return self._costs.reshape(ny, nx).copy()
 
-    def plan(self, costmap, start, goal, tolerance=0.0, allow_unknown=True):
+    def plan(
+        self,
+        costmap: Costmap,
+        start: Sequence[float],
+        goal: Sequence[float],
+        tolerance: float = 0.0,
+        allow_unknown: bool = True,
+    ) -> np.ndarray:
         """Plan (n, 3) of x, y [m], yaw [rad] from `start` (x, y) to `goal` (x, y, yaw); (0, 3) if there is none.
 
         Yaw is 0 but for the last pose, the goal's. The robot's cell becomes free in the live costmap, as in C++.
@@ -140,12 +152,12 @@ def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, 
         if differs == 0:
             continue
         for i in range(values.shape[0]):
-            v = int(values[i])
-            new = 50 + (4 * v) // 5 if v < 253 else (int(unknown) if v == 255 else OBSTACLE)
-            if new != olds[i]:
-                olds[i] = new
+            value = int(values[i])
+            new_cost = 50 + (4 * value) // 5 if value < 253 else (int(unknown) if value == 255 else OBSTACLE)
+            if new_cost != olds[i]:
+                olds[i] = new_cost
                 k = y * nx + left + i
-                weights[k] = push_weights[new]
+                weights[k] = push_weights[new_cost]
                 stale = stale or (
                     potential[k] < far
                     or potential[k - 1] < far

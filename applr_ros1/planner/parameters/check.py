@@ -25,11 +25,12 @@ from applr_ros1.planner.variant import Variant
 
 def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Optional[Dict[str, Any]]:
     """The sub-dict of a nested tree at "a/b" (the tree itself at ""); None where there is none."""
+    here: Any = tree
     for part in filter(None, path.split("/")):
-        tree = tree.setdefault(part, {}) if create else tree.get(part)
-        if not isinstance(tree, dict):
+        here = here.setdefault(part, {}) if create else here.get(part)
+        if not isinstance(here, dict):
             return None
-    return tree
+    return here
 
 
 def convert(p: Parameter, value: Any, label: str = "") -> Any:
@@ -144,7 +145,8 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
         if path.endswith("/scan"):
             given = path[:-4] + sources[path[:-5]]
         have, here = branch(tree, given) or {}, branch(full, path, create=True)
-        for p in table(path):
+        assert here is not None  # it has just been created
+        for p in table(path) or ():
             label = "%s/%s" % (given, p.name) if given else p.name
             named = [have[name] for name in (p.name,) + p.aliases if name in have]
             if any(other != named[0] for other in named):
@@ -156,9 +158,9 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in _behaviours(tree):
-        given = tree.get(name) if isinstance(tree.get(name), dict) else {}
+        own = branch(tree, name) or {}
         usual = full.get(name, {})
-        full[name] = {p.name: given.get(p.name, usual.get(p.name, p.default)) for p in BEHAVIOUR}
+        full[name] = {p.name: own.get(p.name, usual.get(p.name, p.default)) for p in BEHAVIOUR}
     _check_whole(full)
     return full
 

@@ -36,7 +36,7 @@ class Parameter:
     not_zero: bool = False
 
     @property
-    def value(self):
+    def value(self) -> Any:
         """The value that the Jackal runs with."""
         return self.default if self.jackal is None else self.jackal
 
@@ -45,27 +45,27 @@ class ParameterError(ValueError):
     """A name or value that cannot be taken; the message is one line with the remedy."""
 
 
-def real(name, default, low, high, jackal, unit, doc, **more):
+def real(name: str, default: Any, low: float, high: float, jackal: Any, unit: str, doc: str, **more: Any) -> Parameter:
     """Declare a double."""
     return Parameter(name, "double", default, low, high, jackal, unit, doc, **more)
 
 
-def whole(name, default, low, high, jackal, unit, doc, **more):
+def whole(name: str, default: Any, low: float, high: float, jackal: Any, unit: str, doc: str, **more: Any) -> Parameter:
     """Declare an int."""
     return Parameter(name, "int", default, low, high, jackal, unit, doc, **more)
 
 
-def flag(name, default, jackal, doc):
+def flag(name: str, default: Any, jackal: Any, doc: str) -> Parameter:
     """Declare a bool."""
     return Parameter(name, "bool", default, False, True, jackal, "", doc)
 
 
-def text(name, default, jackal, doc):
+def text(name: str, default: Any, jackal: Any, doc: str) -> Parameter:
     """Declare a str."""
     return Parameter(name, "str", default, "", "", jackal, "", doc)
 
 
-def listing(name, default, jackal, doc):
+def listing(name: str, default: Any, jackal: Any, doc: str) -> Parameter:
     """Declare a list, read once when the node starts."""
     return Parameter(name, "list", default, None, None, jackal, "", doc)
 

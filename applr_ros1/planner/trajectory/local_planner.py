@@ -3,13 +3,17 @@
 Called by MoveBase once per control cycle. Rules: base_local_planner/trajectory_planner_ros.cpp, goal_functions.cpp.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import angle_difference, wrapped
-from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.trajectory.planner import Result, TrajectoryPlanner
 
 STOPPED = 0.01  # [m/s] and [rad/s]
 NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped
@@ -27,7 +31,7 @@ class LocalPlanner:
     After compute_velocity: goal_reached, cropped_plan (n, 3), local_plan (k, 3), cost_cloud(costmap).
     """
 
-    def __init__(self, params, footprint):
+    def __init__(self, params: Mapping[str, Any], footprint: np.ndarray):
         frequency = params.get("controller_frequency", 20.0)
         self._period = 1.0 / frequency if frequency > 0 else 0.05
         self._xy_tolerance = params["xy_goal_tolerance"]
@@ -40,35 +44,37 @@ class LocalPlanner:
         self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
         self.reset()
 
-    def reset(self):
+    def reset(self) -> None:
         """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
         self.planner.reset()
         self._rotating = False
-        self._result = None
+        self._result: Optional[Result] = None
         self.cropped_plan = EMPTY
         self.set_plan(EMPTY)
 
-    def reconfigure(self, params):
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
         """New values of the server by name, for the sampling. As in C++ the goal has to be found reached again."""
         self.planner.reconfigure(params)
         self.goal_reached = False
 
-    def set_plan(self, plan):
+    def set_plan(self, plan: np.ndarray) -> None:
         """The global plan (n, 3) x, y [m], yaw [rad] in the costmap's frame, from now on."""
         self._plan = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
         self._latched = False
         self.goal_reached = False
 
     @property
-    def local_plan(self):
+    def local_plan(self) -> np.ndarray:
         """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
         return EMPTY if self._result is None else self._result.points
 
-    def cost_cloud(self, costmap):
+    def cost_cloud(self, costmap: Costmap) -> np.ndarray:
         """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
         return self.planner.cost_cloud(costmap)
 
-    def compute_velocity(self, pose, twist, costmap):
+    def compute_velocity(
+        self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap
+    ) -> Tuple[bool, Tuple[float, float]]:
         """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
 
         ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached; it
@@ -144,7 +150,7 @@ def _half_size(costmap):
     return max(nx * costmap.resolution / 2, ny * costmap.resolution / 2)
 
 
-def cut_plan(plan, x, y, limit, prune):
+def cut_plan(plan: np.ndarray, x: float, y: float, limit: float, prune: bool) -> Tuple[np.ndarray, int]:
     """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows. goal_functions.cpp:77, 96.
 
     From the first point within `limit` [m] on, up to and including the first one beyond it. Pruned: without the

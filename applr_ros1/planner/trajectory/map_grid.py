@@ -3,6 +3,8 @@
 Called once per control cycle. Rules: base_local_planner/map_grid.cpp.
 """
 
+from __future__ import annotations
+
 import math
 from collections import namedtuple
 
@@ -18,7 +20,7 @@ from applr_ros1.planner.distance_grid import reset, start_at, start_at_plan
 Grids = namedtuple("Grids", "path goal path_queue goal_queue path_ends goal_ends within")
 
 
-def allocate(nx, ny):
+def allocate(nx: int, ny: int) -> Grids:
     """Grids for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
     path, path_queue, path_ends = distance_grid.allocate(nx, ny)
     goal, goal_queue, goal_ends = distance_grid.allocate(nx, ny)

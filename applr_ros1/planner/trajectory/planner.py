@@ -3,10 +3,14 @@
 Called by local_planner.py, which makes a controller of it. The arithmetic is in sampling.py and its kernels.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.costmap.outline import line_offsets
 from applr_ros1.planner.distance_grid import complete
@@ -16,6 +20,7 @@ from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, s
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
+_NAMES = PARAMETERS.names or ()
 
 
 class TrajectoryPlannerError(ValueError):
@@ -32,12 +37,22 @@ class Result:
 
     __slots__ = ("cost", "v", "w", "count", "drive", "_params", "_start", "_points")
 
-    def __init__(self, cost, v, w, count, drive, params, start):
+    def __init__(
+        self,
+        cost: float,
+        v: float,
+        w: float,
+        count: int,
+        drive: Tuple[float, float],
+        params: np.ndarray,
+        start: np.ndarray,
+    ):
         self.cost, self.v, self.w, self.count, self.drive = cost, v, w, count, drive
-        self._params, self._start, self._points = params, start, None
+        self._params, self._start = params, start
+        self._points: Optional[np.ndarray] = None
 
     @property
-    def points(self):
+    def points(self) -> np.ndarray:
         """Made when first asked for: training never looks."""
         if self._points is None:
             self._points = np.empty((self.count, 3))
@@ -52,26 +67,30 @@ class TrajectoryPlanner:
     metre, not per cell. Raises TrajectoryPlannerError.
     """
 
-    def __init__(self, footprint, params, sim_period=0.05, meter_scoring=True):
+    def __init__(
+        self, footprint: np.ndarray, params: Mapping[str, Any], sim_period: float = 0.05, meter_scoring: bool = True
+    ):
         self._footprint = np.ascontiguousarray(footprint, dtype=np.float64).reshape(-1, 2)
         self._meter_scoring = bool(meter_scoring)
         self._sim_period = float(sim_period)
-        self._resolution = None
-        self._shape = None
-        self._grids = self._lines = self._scene = self._scratch = None
+        self._resolution: Optional[float] = None
+        self._shape: Any = None  # (ny, nx)
+        self._grids: Any = None
+        self._lines: Any = None
+        self._scratch: Any = None
         self._state = np.zeros(1, STATE)
         self._plan = np.zeros((0, 2))
-        self._wanted = {}
+        self._wanted: Dict[str, Any] = {}
         self.reconfigure(params)
 
-    def reconfigure(self, params):
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Take over the values by name that belong to PARAMETERS, some or all of them, between two cycles.
 
         Other names are ignored. vx_samples and vtheta_samples below 1 become 1. Raises TrajectoryPlannerError.
         """
         wanted = dict(self._wanted)
-        wanted.update((name, params[name]) for name in PARAMETERS.names if name in params and name != "sim_period")
-        missing = [name for name in PARAMETERS.names if name not in wanted and name != "sim_period"]
+        wanted.update((name, params[name]) for name in _NAMES if name in params and name != "sim_period")
+        missing = [name for name in _NAMES if name not in wanted and name != "sim_period"]
         if missing:
             raise TrajectoryPlannerError("parameter %s is missing: give the trajectory planner a value" % missing[0])
         for name, value in wanted.items():
@@ -99,7 +118,7 @@ class TrajectoryPlanner:
         self._params = params
 
     @property
-    def state(self):
+    def state(self) -> List[float]:
         """The memory between cycles, ten values that can also be assigned.
 
         stuck_left, stuck_right, rotating_left, rotating_right, escaping (0 or 1), prev_x, prev_y, escape_x, escape_y,
@@ -108,16 +127,16 @@ class TrajectoryPlanner:
         return list(self._state[0].item())
 
     @state.setter
-    def state(self, values):
+    def state(self, values: Sequence[float]) -> None:
         self._state[0] = tuple(values)
 
     @property
-    def start(self):
+    def start(self) -> np.ndarray:
         """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
         return self._scratch.start.copy()
 
     @property
-    def window(self):
+    def window(self) -> Dict[str, float]:
         """Ranges and steps of the last cycle's samples: min_vel_x, max_vel_x, dvx, ... [m/s, rad/s]."""
         start, vs, ws = self.start, self._scratch.vs, self._scratch.ws
         least_vx, most_vx, least_w, most_w = velocity_window(self._params[0], self._plan, start)
@@ -131,21 +150,21 @@ class TrajectoryPlanner:
         }
 
     @property
-    def effective(self):
+    def effective(self) -> Dict[str, float]:
         """The values in force by name; the distance weights per cell."""
-        return {name: self._params[0][name].item() for name in PARAMETERS.names}
+        return {name: self._params[0][name].item() for name in _NAMES}
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget flags, reference positions and plan, as a new object (training episodes)."""
         self._state[:] = np.zeros(1, STATE)
         self._plan = np.zeros((0, 2))
 
-    def set_plan(self, plan):
+    def set_plan(self, plan: np.ndarray) -> None:
         """The plan, an array (n, 2 or more) [m] in the costmap's frame, that the next cycles follow; n may be 0."""
         # always a fresh array in C order: the kernels are compiled for that alone
         self._plan = np.array(plan[:, :2], dtype=np.float64, order="C")
 
-    def find_best_path(self, costmap, pose, velocity):
+    def find_best_path(self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float]) -> Result:
         """One cycle: floods, samples, winner, flags.
 
         costmap: anything with cells (ny, nx) uint8, origin (x, y) [m], resolution [m]. pose: x, y [m], yaw [rad];
@@ -169,7 +188,9 @@ class TrajectoryPlanner:
         )
         return Result(cost, v, turn, count, (drive_v, drive_w), self._params, self.start)
 
-    def score(self, costmap, pose, velocity, sample):
+    def score(
+        self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float], sample: Sequence[float]
+    ) -> Tuple[float, int, float, float, float]:
         """(cost, number of points, end x, y, yaw) of one sample (vx, vy, w) on the grids of the last find_best_path.
 
         Pose and velocity are used as they are, in double. The cost is negative if the sample is illegal.
@@ -180,7 +201,7 @@ class TrajectoryPlanner:
         vx, vy, w = (float(v) for v in sample)
         return score(self._params, self._look_at(costmap), self._grids, start, vx, vy, w)
 
-    def grids(self):
+    def grids(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(path_dist, goal_dist) (ny, nx) int32 and within_robot (ny, nx) uint8 of the last cycle, as C++ holds them.
 
         With N cells on the map, N is an obstacle and N + 1 a cell that no flood came to.
@@ -192,7 +213,7 @@ class TrajectoryPlanner:
         complete(grids.goal, grids.goal_queue, grids.goal_ends, nx, ny, goal)
         return path, goal, grids.within.copy()
 
-    def cost_cloud(self, costmap):
+    def cost_cloud(self, costmap: Costmap) -> np.ndarray:
         """(k, 7) float32: x, y, z, path, goal, obstacle and total cost of every cell the robot's centre may be in.
 
         For display. MapGridVisualizer::publishCostCloud, column by column.

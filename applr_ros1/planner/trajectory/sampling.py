@@ -3,6 +3,8 @@
 Called by planner.py once per control cycle. The choice is the C++ planner's to the last bit.
 """
 
+from __future__ import annotations
+
 import math
 from collections import namedtuple
 
@@ -38,7 +40,7 @@ STATE = np.dtype(
 Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
-def allocate(vx_samples, vtheta_samples):
+def allocate(vx_samples: int, vtheta_samples: int) -> Scratch:
     """Scratch for so many samples."""
     n = vx_samples * vtheta_samples
     return Scratch(

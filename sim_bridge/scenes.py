@@ -1,0 +1,26 @@
+"""Small worlds in which simulators are checked, measured and fitted (check.py, tracking_table.py, fit_kinematic.py)."""
+
+from __future__ import annotations
+
+from typing import Sequence, Tuple
+
+import numpy as np
+
+from worlds import Course, Mover, World
+
+
+def small_world(
+    cylinders: Sequence[Sequence[float]] = (),
+    boxes: Sequence[Sequence[float]] = (),
+    movers: Sequence[Mover] = (),
+    start: Tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> World:
+    """A world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and movers [m, rad]; start (x, y, yaw)."""
+    path = np.array([start[:2], (start[0] + 1.0, start[1])])
+    return World(
+        name="scene",
+        cylinders=np.array(cylinders, dtype=np.float64).reshape(-1, 3),
+        boxes=np.array(boxes, dtype=np.float64).reshape(-1, 5),
+        movers=tuple(movers),
+        course=Course(start=start, goal=start, finish_y=None, goal_tolerance=0.4, path=path),
+    )
