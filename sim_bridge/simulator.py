@@ -138,9 +138,10 @@ class Simulator(ABC):
             place[1] + shift[1] * self.drawn.start_xy,
             wrap(place[2] + shift[2] * self.drawn.start_yaw),
         )
-        if self._lidar is None or world is not self.world:
+        new_world = self._lidar is None or world is not self.world
+        if new_world:
             self._lidar = Lidar(world.cylinders, world.boxes)
-        new_world, self.world = world is not self.world, world
+        self.world = world
         self.odom_origin = pose[:2]
         self._command = _Command()
         self._place(pose, new_world, int(self._rng.integers(2**31)))
