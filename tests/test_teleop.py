@@ -1,6 +1,7 @@
 """Teleoperation: what keys and sticks become, and a live node whose bag is a demonstration."""
 
 import os
+import re
 import struct
 
 import pytest
@@ -93,6 +94,31 @@ def test_keyboard_of_a_terminal():
             assert keyboard.read() == heard
         assert keyboard.read() == ""
     os.close(master)
+
+
+def test_help_names_every_parameter(monkeypatch, capsys):
+    pytest.importorskip("rospy")
+    from applr_ros1.nodes import teleop
+
+    monkeypatch.setattr("sys.argv", ["teleop.py", "--help"])
+    assert teleop.main() == 0  # and starts no node
+    shown = capsys.readouterr().out
+    with open(teleop.__file__, encoding="utf-8") as file:
+        source = file.read()
+    names = set(re.findall(r'(?:"~|_number\(")(\w+)"', source)) | {"button", "axis_forward", "axis_turn"}
+    assert len(names) == 8
+    assert all("  _%s:=" % name in shown for name in names)
+
+
+def test_demo_help_names_every_argument(capsys):
+    pytest.importorskip("rospy")
+    from applr_ros1.nodes import arguments, demo
+
+    here = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+    declared = arguments.declared(os.path.join(here, "applr_ros1", "launch", "jackal_applr.launch"))
+    assert demo.main(["--help"]) == 0
+    shown = capsys.readouterr().out
+    assert all("  %s:=" % name in shown for name in list(declared) + list(demo.EXTRA))
 
 
 @pytest.mark.ros

@@ -11,6 +11,7 @@ import re
 import signal
 import sys
 import tempfile
+import textwrap
 import time
 
 import worlds
@@ -24,9 +25,9 @@ STALLED_AFTER = 20.0  # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
 NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|shutting down|done|=====|log file: ")
 EXTRA = {
-    "port": ("", "of the ROS master; a free one if empty"),
-    "picture": (PICTURE, "file for the picture"),
-    "limit": (str(LIMIT), "simulated seconds until the drive counts as timed out"),
+    "port": ("", "Port of the ROS master; empty takes a free one."),
+    "picture": (PICTURE, "File for the picture."),
+    "limit": (str(LIMIT), "Simulated time [s] after which the drive counts as timed out."),
 }
 
 
@@ -34,8 +35,21 @@ class DemoError(RuntimeError):
     """Why the demo cannot go on, in one line."""
 
 
+def usage():
+    """The text of --help: every argument with its default and what it means."""
+    lines = ["usage: demo.py [ARG:=VALUE ...]", "", "Drives one course with the whole stack, without a window.", ""]
+    for name, (default, sentence) in list(arguments.declared().items()) + list(EXTRA.items()):
+        text = "%-25s %s" % ("%s:=%s" % (name, default), sentence)
+        lines += textwrap.wrap(text, 118, initial_indent="  ", subsequent_indent=" " * 28)
+    lines += ["", "The last line is one JSON object. The exit status is 0 only if the goal was reached."]
+    return "\n".join(lines)
+
+
 def main(words):
     """Exit status: 0 goal reached, 1 not reached, 2 wrong argument, 130 interrupted."""
+    if {"-h", "--help"} & set(words):
+        print(usage())
+        return 0
     try:
         values, world = _prepare(words)
     except (ValueError, OSError) as problem:

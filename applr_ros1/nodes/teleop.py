@@ -1,9 +1,7 @@
 """The teleoperation node: a person drives the robot, and the drive becomes a bag for `python -m training.appld BAG`.
 
-Run by scripts/teleop.py in a terminal, beside the simulated or the real robot. Publishes cmd_vel (20 Hz) and
-/demonstration (who drives, latched). Parameters: ~input keyboard or joystick; ~joystick a device such as
-/dev/input/js0, or "" for the topic joy; ~button to hold while driving (4), ~axis_forward (1), ~axis_turn (0); ~speed,
-~turn; ~record a .bag file. No goal should be active meanwhile (goal:=none): move_base commands the same robot.
+Run by scripts/teleop.py in a terminal, beside the simulated or the real robot; --help lists its parameters. Publishes
+cmd_vel (20 Hz) and /demonstration (who drives, latched).
 """
 
 import json
@@ -34,6 +32,27 @@ TOPICS = (
     "/move_base/current_goal",
     "/sim_bridge/current_world",
     "/sim_bridge/collision",
+)
+
+
+USAGE = (
+    """usage: teleop.py [_PARAMETER:=VALUE ...]
+
+Drives the robot by hand, with the keyboard or a joystick, and records the drive for appld.py. move_base commands the
+same robot, so start it without a goal (goal:=none). Remap cmd_vel for another topic.
+
+  _input:=keyboard     Input device: keyboard or joystick.
+  _joystick:=          Joystick device such as /dev/input/js0; empty reads the topic joy.
+  _button:=4           Number of the joystick's button that has to be held to drive.
+  _axis_forward:=1     Number of the joystick's axis for the speed.
+  _axis_turn:=0        Number of the joystick's axis for the turn rate.
+  _speed:=0.5          Forward speed [m/s] at the beginning, 0.05 to 2.
+  _turn:=1.0           Turn rate [rad/s] at the beginning, 0.1 to 4.
+  _record:=            Bag file (.bag) to record the drive in; empty records nothing.
+
+Keys:
+%s"""
+    % HELP
 )
 
 
@@ -195,6 +214,9 @@ def _input_device():
 
 def main():
     """Exit status 0; 1 and one line for a mistake."""
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(USAGE)
+        return 0
     rospy.init_node("teleop", disable_signals=True)  # rospy's own would shut the topics before the robot stands
     signal.signal(signal.SIGTERM, _interrupt)
     recorder = None

@@ -31,10 +31,10 @@ FASTER = {
     "z": (1 / 1.1, 1 / 1.1),
 }
 QUIT = "\x1b\x03\x04"  # Esc, Ctrl-C, Ctrl-D
-HELP = """  u i o     forward, with turns      w / x  speed more / less
-  j k l     turn, stop               e / c  turn rate more / less
-  m , .     back, with turns         Esc    end (and close the bag)
-hold a key to drive; the robot stops when it is let go"""
+HELP = """  u i o     forward, turning left, straight, turning right      w / x   more / less speed
+  j k l     turn left, stop, turn right                         e / c   more / less turn rate
+  m , .     backward, turning, straight, turning                Esc     end, and close the bag
+Hold a key to drive. The robot stops when it is released."""
 HELD = 0.6  # s for which the last key or stick position counts: a terminal repeats a held key late
 SPEED, TURN = (0.05, 2.0), (0.1, 4.0)  # bounds of what keys may set [m/s, rad/s]
 GAIN, BRAKE, TURN_GAIN = 1.0, 2.0, 6.0  # of the smoothed command [m/s^2, m/s^2, rad/s^2]
