@@ -18,6 +18,7 @@ from .odometry import Odometry
 from .simulator import RobotState, Simulator
 
 STEP = kernel.STEP
+JUMP = 10.0  # [m/s]; a moving obstacle that seems faster has gone back to where its animation starts
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,7 @@ class KinematicSimulator(Simulator):
         if self.world.movers:
             now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
             velocity = (then - now)[:, :2] / (steps * STEP)
+            velocity[np.hypot(*velocity.T) > JUMP] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
         kernel.drive(
             self._body,

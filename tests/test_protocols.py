@@ -12,7 +12,7 @@ from worlds_sdf import cylinder, put, sdf
 import worlds
 from training import evaluate
 from training.evaluation.store import read_trace
-from worlds import sdf_writer
+from worlds import movers_table, sdf_writer
 
 SIMULATORS = ("kinematic", "pybullet")
 WALL = (
@@ -28,28 +28,26 @@ def drive(folder, *arguments):
 
 
 def dynabarn(folder, crossing):
-    """A DynaBARN-like file: walls, and cylinders of .5 m whose plugins' sources lie beside it. crossing: key frames
-    (t, x, y) of the first; the second stays far from the course.
+    """A DynaBARN-like file: walls, and cylinders of .5 m whose key frames stand in the table beside it. crossing: key
+    frames (t, x, y) of the first; the second stays far from the course.
     """
-    tracks = {"obs_1": crossing, "obs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
+    tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
-    for name, frames in tracks.items():
-        (folder / (name + ".cc")).write_text(
-            "".join(
-                "key = anim->CreateKeyFrame(%.2f);\nkey->Translation(ignition::math::Vector3d(%.2f, %.2f, 0));\n" % row
-                for row in frames
-            )
-        )
+    for name in tracks:
         body += cylinder(0, 0, radius=0.5, name=name).replace(
-            "</model>", "<plugin name='%s' filename='lib%s.so'/></model>" % (name, name)
+            "</model>", "<plugin name='%s' filename='%s.so'/></model>" % (name, name)
         )
+    movers_table.write(
+        str(folder / movers_table.NAME),
+        {name: movers_table.Animation(float(frames[-1][0]), True, frames) for name, frames in tracks.items()},
+    )
     return put(folder, sdf(body), "world_3.world")
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)
 def test_dynabarn_is_driven(tmp_path, simulator):
-    """20 m past a cylinder that crosses the course 4 m ahead of the start, back and forth."""
-    path = dynabarn(tmp_path, ((0, 6, -3), (8, 6, 3), (16, 6, -3)))
+    """20 m past a cylinder that crosses the course 7 m ahead of the start, back and forth."""
+    path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
     rows, measures = drive(
         tmp_path / "out", "--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--no-report"
     )

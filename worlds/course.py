@@ -54,6 +54,8 @@ def from_element(element: Element, path: str) -> Course:
 
 def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -> Course:
     """The course of the world file `path`: from its path file, DynaBARN's, or searched. Raises WorldError."""
+    if movers and not len(cylinders):  # DynaBARN's numbers are BARN's too: a path file beside it is of another world
+        return dynabarn.arena_course()
     number = re.search(r"(\d+)$", os.path.splitext(os.path.basename(path))[0])
     if number:
         folder = os.path.dirname(os.path.abspath(path))

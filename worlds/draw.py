@@ -24,7 +24,7 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
     patches += [Polygon(corners(box)) for box in world.boxes]
     axes.add_collection(PatchCollection(patches, facecolor=OBSTACLE, edgecolor="none"))
     for mover in world.movers:
-        times = np.linspace(0.0, mover.waypoints[-1][0] * 0.999, 200)
+        times = np.linspace(0.0, mover.length * 0.999, 200)
         axes.plot(*zip(*[mover.position(t) for t in times]), color=MOVER, lw=0.8, alpha=0.6)
         axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
     course = world.course

@@ -1,5 +1,6 @@
 """DynaBARN's moving cylinders. Their paths are compiled into Gazebo plugins, named in the world file only; this finds
-the waypoints in a plugin's source beside the world, or draws its own by DynaBARN's recipe. `sdf_reader` calls it.
+the key frames in the table movers.csv or in a plugin's source beside the world, or draws a path by DynaBARN's recipe.
+`sdf_reader` calls it.
 """
 
 from __future__ import annotations
@@ -9,81 +10,121 @@ import math
 import os
 import re
 import zlib
-from typing import Optional, Tuple
+from typing import Dict, List, Optional
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from .sdf_xml import FAR, numbers, read_bytes
-from .world import Course, WorldError
-
-Waypoints = Tuple[Tuple[float, float, float], ...]
+from . import movers_table
+from .movers_table import Animation
+from .sdf_xml import numbers, read_bytes
+from .world import Course
 
 SIDE = 10.0  # the arena reaches 10 m from its middle each way
-# 20 m, heading -x. The goal lies .3 m short of that: the planner's map ends 20 m from the start, and its border is shut
-START, GOAL = (11.0, 0.0, math.pi), (-8.7, 0.0, math.pi)
-GOAL_TOLERANCE = 1.0  # as in the BARN Challenge: odometry drifts by decimetres over 20 m
+START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # the BARN Challenge's: 20 m, heading -x
+GOAL_TOLERANCE = 1.0  # also the Challenge's
 FOLDERS = ("", "plugins", "all_cylinder_plugins")  # where sources may lie, beside the world
 MAX_SOURCE = 2**20
-MAX_WAYPOINTS = 1000
 
 _KEY = re.compile(r"CreateKeyFrame\(\s*([-+.\deE]+)\s*\).*?Vector3d\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*,", re.S)
+_DYNABARNS = re.compile(r"^(easy|medium|hard)?(lib)?obs_?\d+$")
 
 log = logging.getLogger(__name__)
-_warned = set()  # worlds of which it was said already
+_warned = set()  # worlds that were warned of already
 
 
-def waypoints_of(model: Element, world_path: str, namespace: str) -> Optional[Waypoints]:
-    """((t, x, y), ...) of a moving model, None for one that stands still."""
-    stated = model.find("{%s}waypoints" % namespace)
-    if stated is not None:
-        values = (stated.text or "").split()
-        what = "waypoints of model %r in %s" % (model.get("name"), world_path)
-        rows = np.array(numbers(stated.text, len(values) // 3 * 3, what)).reshape(-1, 3)
-        return _checked(rows, what)
-    for plugin in model.findall("plugin"):
-        stem = os.path.splitext(plugin.get("filename") or "")[0]
-        if re.match(r"^(lib)?obs_?\d+$", stem):
-            return _from_source(stem, world_path) or _drawn(stem, world_path)
-    return None
+class Animations:
+    """The animations of one world's models. Ask for each model, then call `warn` once.
 
+    world_path  the world's file; table and sources lie beside it
+    namespace   of the elements that our own writer puts into a world file
+    """
 
-def _from_source(stem: str, world_path: str) -> Optional[Waypoints]:
-    here = os.path.dirname(os.path.abspath(world_path))
-    for folder in FOLDERS:
-        source = os.path.join(here, folder, stem + ".cc")
-        if os.path.isfile(source):
-            text = read_bytes(source, MAX_SOURCE).decode("utf-8", "replace")
-            try:
-                rows = np.array([[float(v) for v in match] for match in _KEY.findall(text)]).reshape(-1, 3)
-            except ValueError:
-                rows = np.zeros((0, 3))
-            return _checked(rows, "key frames in %s" % source)
-    return None
+    def __init__(self, world_path: str, namespace: str):
+        self.path, self.namespace = world_path, namespace
+        self.folder = os.path.dirname(os.path.abspath(world_path))
+        self._table: Optional[Dict[str, Animation]] = None
+        self._drawn: List[str] = []
+        self._standing: List[str] = []
 
+    def of(self, model: Element) -> Optional[Animation]:
+        """How a model moves; None for one that stands still. Raises WorldError."""
+        stated = model.find("{%s}waypoints" % self.namespace)
+        if stated is not None:
+            return self._stated(stated, "waypoints of model %r in %s" % (model.get("name"), self.path))
+        for plugin in model.findall("plugin"):
+            name = os.path.splitext(os.path.basename(plugin.get("filename") or ""))[0]
+            found = self._in_table(name) or self._in_source(name)
+            if found is not None:
+                return found
+            if _DYNABARNS.match(name):
+                self._drawn.append(name)
+                return drawn(name)
+            self._standing.append(name or "(no filename)")
+        return None
 
-def _checked(rows: np.ndarray, what: str) -> Waypoints:
-    """Times from 0, rising. Key frames at one time (DynaBARN rounds to .01 s) are one."""
-    rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) != 0.0])] if len(rows) else rows
-    if not 2 <= len(rows) <= MAX_WAYPOINTS:
-        raise WorldError("%s are %d; there must be 2 to %d" % (what, len(rows), MAX_WAYPOINTS))
-    if not np.all(np.abs(rows) <= FAR) or rows[0, 0] != 0.0 or np.any(np.diff(rows[:, 0]) <= 0.0):
-        raise WorldError("%s must be finite, with times that rise from 0; correct them" % what)
-    return tuple(tuple(float(v) for v in row) for row in rows)
+    def stands(self, model: Element) -> None:
+        """Note that a model has an animation but no cylinder or sphere that could follow it."""
+        self._standing += [plugin.get("filename", "") for plugin in model.findall("plugin")]
 
+    def warn(self) -> None:
+        """One warning that names all plugins without key frames, the first time that this world is read."""
+        parts = []
+        if self._drawn:
+            parts.append(
+                "no key frames of %s: these cylinders move on paths drawn from DynaBARN's recipe; make %s beside the "
+                "world with python -m worlds.dynabarn_table for their own" % (_list(self._drawn), movers_table.NAME)
+            )
+        if self._standing:
+            parts.append("not understood, so their models stand still: %s" % _list(self._standing))
+        if parts and self.path not in _warned:
+            _warned.add(self.path)
+            log.warning("plugins of %s: %s", self.path, "; ".join(parts))
 
-def _drawn(stem: str, world_path: str) -> Waypoints:
-    """A random polynomial across the arena, the same for a plugin's name every time."""
-    if world_path not in _warned:
-        _warned.add(world_path)
-        log.warning(
-            "%s: the source of plugin %s (and perhaps of others) is not beside it: its cylinder moves on a "
-            "trajectory drawn from DynaBARN's recipe; put %s.cc there for the original",
-            world_path,
-            stem,
-            stem,
+    def _stated(self, element: Element, what: str) -> Animation:
+        """As sdf_writer puts it into a file: t x y t x y ..., with length and repeat where they are not the usual."""
+        values = (element.text or "").split()
+        flat = numbers(element.text, len(values) // 3 * 3, what)
+        frames = [tuple(flat[i : i + 3]) for i in range(0, len(flat), 3)]
+        length = element.get("length")
+        end = frames[-1][0] if frames else 0.0
+        return movers_table.checked(
+            end if length is None else numbers(length, 1, "length of " + what)[0],
+            element.get("repeat") != "0",
+            frames,
+            what,
         )
-    rng = np.random.default_rng(zlib.crc32(stem.encode()))
+
+    def _in_table(self, name: str) -> Optional[Animation]:
+        if self._table is None:
+            path = os.path.join(self.folder, movers_table.NAME)
+            self._table = movers_table.read(path) if os.path.lexists(path) else {}
+        return self._table.get(name)
+
+    def _in_source(self, name: str) -> Optional[Animation]:
+        for folder in FOLDERS:
+            for stem in {name, name[3:] if name.startswith("lib") else name}:
+                source = os.path.join(self.folder, folder, stem + ".cc")
+                if os.path.isfile(source):
+                    return _from_source(source)
+        return None
+
+
+def _from_source(source: str) -> Animation:
+    text = read_bytes(source, MAX_SOURCE).decode("utf-8", "replace")
+    what = "key frames in %s" % source
+    frames = [tuple(numbers(cell, 1, what)[0] for cell in match) for match in _KEY.findall(text)]
+    return movers_table.checked(frames[-1][0] if frames else 0.0, True, frames, what)
+
+
+def _list(names: List[str]) -> str:
+    unique = list(dict.fromkeys(names))
+    return ", ".join(unique[:30]) + (" and %d more" % (len(unique) - 30) if len(unique) > 30 else "")
+
+
+def drawn(name: str) -> Animation:
+    """A random polynomial across the arena, the same for a plugin's name every time."""
+    rng = np.random.default_rng(zlib.crc32(name.encode()))
     while True:
         order = int(rng.integers(1, 4))
         ends = rng.choice(np.arange(-10, 11), size=order + 1, replace=False)
@@ -96,7 +137,8 @@ def _drawn(stem: str, world_path: str) -> Waypoints:
     points = np.column_stack([x, y])[inside][:: 1 if rng.random() < 0.5 else -1]
     speed = np.clip(rng.normal(rng.uniform(0.4, 1.2), 0.2, size=len(points) - 1), 0.2, 2.0)
     times = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T) / speed)])
-    return tuple((float(t), float(a), float(b)) for t, (a, b) in zip(times, points))
+    frames = tuple((float(t), float(a), float(b)) for t, (a, b) in zip(times, points))
+    return Animation(frames[-1][0], True, frames)
 
 
 def arena_course() -> Course:

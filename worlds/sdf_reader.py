@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from . import course, dynabarn, sdf_geometry
+from .movers_table import Animation
 from .sdf_xml import numbers, parse
 from .world import Mover, World, WorldError
 
@@ -62,13 +63,14 @@ _NO_STATE = _State(None, np.ones(3), {}, {})
 
 
 class _Reader:
-    """One pass over a <world>. `path` is only for error lines and for DynaBARN's plugin sources."""
+    """One pass over a <world>. `path` is for error lines, and tells where DynaBARN's key frames lie."""
 
     def __init__(self, path: str, world: Element):
         self.path, self.world = path, world
         self.cylinders: List[tuple] = []
         self.boxes: List[tuple] = []
         self.movers: List[Mover] = []
+        self.animations = dynabarn.Animations(path, course.NAMESPACE)
 
     def read(self) -> Obstacles:
         for tag in ("population", "road"):
@@ -89,6 +91,7 @@ class _Reader:
             self._model(model, _IDENTITY, states)
         for model in self.world.findall("model"):
             self._model(model, _IDENTITY, states)
+        self.animations.warn()
         return Obstacles(
             np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
             np.array(self.boxes, dtype=np.float64).reshape(-1, 5),
@@ -124,13 +127,17 @@ class _Reader:
         name = "model %r in %s" % (model.get("name"), self.path)
         state = states.get(model.get("name", ""), _NO_STATE)
         pose = parent @ self._pose(model, name) if state.pose is None else state.pose
-        waypoints = dynabarn.waypoints_of(model, self.path, course.NAMESPACE)
+        animation, movers = self.animations.of(model), len(self.movers)
         for link in model.findall("link"):
-            self._link(link, pose, state, name, waypoints)
+            self._link(link, pose, state, name, animation)
+        if animation is not None and len(self.movers) == movers:
+            self.animations.stands(model)
         for inner in model.findall("model"):
             self._model(inner, pose, state.models)
 
-    def _link(self, link: Element, model_pose: np.ndarray, state: _State, name: str, waypoints) -> None:
+    def _link(
+        self, link: Element, model_pose: np.ndarray, state: _State, name: str, animation: Optional[Animation]
+    ) -> None:
         if link.get("name", "") in state.links:
             pose = state.links[link.get("name", "")]
         else:
@@ -140,11 +147,13 @@ class _Reader:
             geometry = collision.find("geometry")
             if geometry is None:
                 raise WorldError("%s has no <geometry>; give it a box or a cylinder" % what)
-            self._collision(geometry, pose @ self._pose(collision, what), state.scale, what, waypoints)
+            self._collision(geometry, pose @ self._pose(collision, what), state.scale, what, animation)
             if len(self.cylinders) + len(self.boxes) + len(self.movers) > MAX_OBSTACLES:
                 raise WorldError("%s has more than %d obstacles; give a world with fewer" % (self.path, MAX_OBSTACLES))
 
-    def _collision(self, geometry: Element, pose: np.ndarray, scale: np.ndarray, what: str, waypoints) -> None:
+    def _collision(
+        self, geometry: Element, pose: np.ndarray, scale: np.ndarray, what: str, animation: Optional[Animation]
+    ) -> None:
         for shape in geometry:
             circle = rectangle = None
             if shape.tag == "cylinder":
@@ -161,8 +170,8 @@ class _Reader:
                 raise WorldError(
                     "%s is a %r; only box, cylinder, sphere and plane are read, replace it" % (what, shape.tag)
                 )
-            if waypoints and circle:
-                self.movers.append(Mover(radius=circle[2], waypoints=waypoints))
+            if animation is not None and circle:
+                self.movers.append(Mover(circle[2], animation.frames, animation.length, animation.repeat))
             elif circle:
                 self.cylinders.append(circle)
             elif rectangle:

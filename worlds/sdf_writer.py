@@ -67,7 +67,10 @@ def _cylinder(radius: float) -> str:
 
 
 def _waypoints(mover: Mover) -> str:
-    return "\n      <applr:waypoints>%s</applr:waypoints>" % _row(v for point in mover.waypoints for v in point)
+    length = ' length="%r"' % mover.length if mover.length != mover.waypoints[-1][0] else ""
+    repeat = "" if mover.repeat else ' repeat="0"'
+    frames = _row(v for point in mover.waypoints for v in point)
+    return "\n      <applr:waypoints%s%s>%s</applr:waypoints>" % (length, repeat, frames)
 
 
 def _course(course: Course) -> str:

@@ -12,7 +12,11 @@ from typing import Optional, Tuple
 
 import numpy as np
 
+from .mover import Mover
+
 Pose = Tuple[float, float, float]
+
+MAP_REACH = 19.7  # [m]; the planners' global maps reach 20 m from the start, and their outermost cells are shut
 
 
 class WorldError(ValueError):
@@ -55,49 +59,20 @@ class Course:
         points = np.vstack([self.start[:2], path, end])
         return float(np.hypot(*np.diff(points, axis=0).T).sum())
 
+    @property
+    def sent_goal(self) -> Pose:
+        """The goal that a planner is sent: `goal`, drawn straight back towards the start until it lies on the map."""
+        dx, dy = self.goal[0] - self.start[0], self.goal[1] - self.start[1]
+        beyond = max(abs(dx), abs(dy)) / MAP_REACH
+        if beyond <= 1.0:
+            return self.goal
+        return self.start[0] + dx / beyond, self.start[1] + dy / beyond, self.goal[2]
+
     def done(self, x: float, y: float) -> bool:
         """Whether a robot at (x, y) has finished."""
         if self.finish_y is not None and y > self.finish_y:
             return True
         return math.hypot(self.goal[0] - x, self.goal[1] - y) <= self.goal_tolerance
-
-
-@dataclass(frozen=True)
-class Mover:
-    """A moving cylinder (DynaBARN).
-
-    It passes its waypoints at their times, on cubic polynomials between them, and begins anew after the last one, as
-    Gazebo's repeated animation does.
-
-    radius     [m]
-    waypoints  ((t, x, y), ...) with t rising from 0 [s, m, m]; at least two
-    """
-
-    radius: float
-    waypoints: Tuple[Tuple[float, float, float], ...]
-
-    def position(self, t: float) -> Tuple[float, float]:
-        """Centre at time t >= 0 [s]: (x, y) [m]."""
-        points = self.waypoints
-        t = math.fmod(t, points[-1][0])
-        i = 0
-        while i < len(points) - 2 and t >= points[i + 1][0]:
-            i += 1
-        u = (t - points[i][0]) / (points[i + 1][0] - points[i][0])
-        return self._between(i, u, 1), self._between(i, u, 2)
-
-    def _between(self, i: int, u: float, axis: int) -> float:
-        """Hermite cubic from waypoint i (u = 0) to i + 1 (u = 1); tangents are half the chord of the neighbours."""
-        points, last = self.waypoints, len(self.waypoints) - 1
-        a, b = points[i][axis], points[i + 1][axis]
-        tangent_a = 0.5 * (b - points[max(i - 1, 0)][axis])
-        tangent_b = 0.5 * (points[min(i + 2, last)][axis] - a)
-        return (
-            a
-            + tangent_a * u
-            + (3.0 * (b - a) - 2.0 * tangent_a - tangent_b) * u * u
-            + (2.0 * (a - b) + tangent_a + tangent_b) * u * u * u
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ WORDS = {
 
 def course_goal(course):
     """The course's goal (x, y, yaw) in frame odom: its origin is the start position, its axes are the world's."""
-    (start_x, start_y, _), (x, y, yaw) = course.start, course.goal
+    (start_x, start_y, _), (x, y, yaw) = course.start, course.sent_goal
     return x - start_x, y - start_y, yaw
 
 

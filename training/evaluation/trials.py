@@ -45,8 +45,8 @@ PROTOCOLS = {
     "barn-challenge": Protocol(
         LIMIT,
         True,
-        "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; a "
-        "collision ends the trial; 100 s.",
+        "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; among moving obstacles "
+        "start (11, 0), goal 20 m ahead; a collision ends the trial; 100 s.",
     ),
 }
 
@@ -102,8 +102,11 @@ def plan(
 
 
 def under(protocol: str, world: World) -> World:
-    """The world with the protocol's course. WorldError where it does not fit."""
-    if protocol == "paper":
+    """The world with the protocol's course. WorldError where it does not fit.
+
+    A world of moving obstacles has the BARN Challenge's course for it under both.
+    """
+    if protocol == "paper" or (world.movers and not len(world.cylinders)):
         return world
     if not field.fill_of(world.cylinders)[[0, -1]].all():
         raise WorldError(

@@ -165,7 +165,7 @@ class Episode:
         self._cycles = 0
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._cycle()
-        self.goal = self.simulator.to_odom(world.course.goal)
+        self.goal = self.simulator.to_odom(world.course.sent_goal)
         state = self.simulator.state
         self.began = state.time
         self.move_base.set_goal(self.goal, state.time)

@@ -1,0 +1,83 @@
+"""movers.csv: the key frames of moving obstacles, in a plain table beside the worlds that name their plugins.
+
+A row per key frame with the columns plugin, length, repeat, time, x, y (see docs/worlds.md). `dynabarn` reads it when a
+world is loaded; `python -m worlds.dynabarn_table` writes it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from typing import Dict, List, NamedTuple, Tuple
+
+from .sdf_xml import numbers, read_bytes
+from .world import WorldError
+
+NAME = "movers.csv"
+COLUMNS = ("plugin", "length", "repeat", "time", "x", "y")
+MAX_BYTES = 16 * 2**20  # the Challenge's 60 worlds make .1 MB
+MAX_KEY_FRAMES = 1000
+
+
+class Animation(NamedTuple):
+    """length [s], whether it starts again after that, and its key frames ((t, x, y), ...) [s, m, m]."""
+
+    length: float
+    repeat: bool
+    frames: Tuple[Tuple[float, float, float], ...]
+
+
+def checked(length: float, repeat: bool, frames: List[Tuple[float, ...]], what: str) -> Animation:
+    """An Animation whose times start at 0 or later and never fall. `what` names it in the WorldError."""
+    if not 2 <= len(frames) <= MAX_KEY_FRAMES:
+        raise WorldError("%s are %d; there must be 2 to %d" % (what, len(frames), MAX_KEY_FRAMES))
+    times = [row[0] for row in frames]
+    if times[0] < 0.0 or any(later < earlier for earlier, later in zip(times, times[1:])) or not length > 0.0:
+        raise WorldError("%s must have a length above 0 and times that rise from 0; correct them" % what)
+    return Animation(length, repeat, tuple((t, x, y) for t, x, y in frames))
+
+
+def read(path: str) -> Dict[str, Animation]:
+    """{plugin: Animation} of a table. Raises WorldError with one line that names the row."""
+    text = read_bytes(path, MAX_BYTES).decode("utf-8", "replace")
+    rows = csv.reader(io.StringIO(text))
+    groups: Dict[str, List[Tuple[float, ...]]] = {}
+    heads: Dict[str, Tuple[float, bool]] = {}
+    try:
+        header = next(rows, [])
+        if tuple(name.strip() for name in header) != COLUMNS:
+            raise WorldError("%s must begin with the line %s" % (path, ",".join(COLUMNS)))
+        for row in rows:
+            what = "line %d of %s" % (rows.line_num, path)
+            if not row:
+                continue
+            if len(row) != len(COLUMNS) or row[2].strip() not in ("0", "1"):
+                raise WorldError("%s must be %s with repeat 0 or 1" % (what, ",".join(COLUMNS)))
+            plugin = row[0].strip()
+            length, *frame = (numbers(cell, 1, what)[0] for cell in (row[1], *row[3:]))
+            head = (length, row[2].strip() == "1")
+            if heads.setdefault(plugin, head) != head:
+                raise WorldError("%s: length and repeat differ from the earlier rows of %s" % (what, plugin))
+            groups.setdefault(plugin, []).append(tuple(frame))
+    except csv.Error as error:
+        raise WorldError("%s is no table (%s); make it again" % (path, error)) from None
+    return {
+        plugin: checked(*heads[plugin], frames, "key frames of %s in %s" % (plugin, path))
+        for plugin, frames in groups.items()
+    }
+
+
+def write(path: str, animations: Dict[str, Animation]) -> None:
+    """Writes the table, whole or not at all; numbers read back to the last bit. WorldError where that fails."""
+    part = path + ".part"
+    try:
+        with open(part, "w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(COLUMNS)
+            for plugin in sorted(animations):
+                length, repeat, frames = animations[plugin]
+                table.writerows([plugin, repr(length), int(repeat), *map(repr, frame)] for frame in frames)
+        os.replace(part, path)
+    except OSError as error:
+        raise WorldError("%s cannot be written (%s); check folder and permissions" % (path, error.strerror)) from None
