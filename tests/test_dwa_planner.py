@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from test_trajectory_planner import FEET, JACKAL_FOOT, give_room, random_map, random_plan, random_pose
 
-from applr_ros1.planner.dwa.planner import DWAPlanner, DWAPlannerError
+from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.dwa.velocities import spread
+from applr_ros1.planner.parameters.parameter import ParameterError
 
 BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
 BURGER = dict(
@@ -205,16 +206,15 @@ def test_reset_is_a_new_object():
         ({"angular_sim_granularity": 0.0}, "angular_sim_granularity = 0.0 must be above 0"),
         ({"occdist_scale": -0.1}, "occdist_scale = -0.1 must be 0 or more"),
         ({"sim_time": math.nan}, "sim_time = nan is not a finite number"),
-        ({"vx_samples": 2147483647}, "give at most 1000000 together"),
     ],
 )
 def test_useless_parameters_are_refused_and_change_nothing(changes, words):
     planner = DWAPlanner(BURGER, 0.1)
-    with pytest.raises(DWAPlannerError, match=words):
+    with pytest.raises(ParameterError, match=words):
         planner.reconfigure(changes)
     assert planner.find_best_path(open_map(), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0)).cost >= 0
 
 
 def test_a_missing_parameter_is_named():
-    with pytest.raises(DWAPlannerError, match="sim_time is missing"):
+    with pytest.raises(ParameterError, match="sim_time is missing"):
         DWAPlanner({name: value for name, value in BURGER.items() if name != "sim_time"})

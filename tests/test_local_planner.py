@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.planner.parameters.declarations import JACKAL
-from applr_ros1.planner.trajectory.local_planner import LocalPlanner, cut_plan
+from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner, cut_plan
 
 FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
 PARAMS = dict(JACKAL["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0)
@@ -26,7 +26,7 @@ def straight(length, yaw=0.0, step=0.05):
 
 
 def local_planner(plan=None, **changes):
-    made = LocalPlanner(dict(PARAMS, **changes), FOOT)
+    made = TrajectoryLocalPlanner(dict(PARAMS, **changes), FOOT)
     made.set_plan(straight(3.0) if plan is None else plan)
     return made
 

@@ -1,4 +1,4 @@
-"""The parameter tables, checks and requests. Expected values: a running C++ move_base (move_base_surface.json)."""
+"""The parameter tables, checks and requests. Expected values: running C++ move_bases (*_surface.json)."""
 
 import copy
 import json
@@ -12,11 +12,14 @@ import pytest
 from applr_ros1.planner.parameters import declarations as parameters
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
-from applr_ros1.planner.parameters.declarations import JACKAL, SERVERS, STATIC, ParameterError, check
+from applr_ros1.planner.parameters.declarations import JACKAL, SERVERS, STATIC, ParameterError, check, servers
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 with open(os.path.join(HERE, "move_base_surface.json")) as file:
     SURFACE = json.load(file)
+with open(os.path.join(HERE, "dwa_surface.json")) as file:
+    DWA_SURFACE = json.load(file)
+DWA = {"base_local_planner": "dwa_local_planner/DWAPlannerROS", "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0}}
 PLANNER = "TrajectoryPlannerROS"
 
 
@@ -24,13 +27,67 @@ def number(value):
     return float(value) if value in ("inf", "-inf") else value
 
 
-@pytest.mark.parametrize("server", SERVERS)
+@pytest.mark.parametrize("server", servers(JACKAL["base_local_planner"]))
 def test_servers_equal_the_cpp_ones(server):
     theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
     ours = [(p.name, p.type, p.min, p.max, p.default, p.jackal) for p in SERVERS[server]]
     assert ours == [
         (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"]) for p in theirs
     ]
+
+
+def test_the_dwa_planners_server_equals_the_cpp_one():
+    theirs = DWA_SURFACE["dynamic_reconfigure"]["/move_base/DWAPlannerROS"]
+    ours = [(p.name, p.type, p.min, p.max, p.default) for p in SERVERS["DWAPlannerROS"]]
+    assert ours == [(p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"]) for p in theirs]
+
+
+def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
+    theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
+    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # 0 as in its own file
+    assert check(tree) == []
+    config = Configuration(complete(tree))
+    assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
+
+
+def test_only_the_servers_of_the_planner_in_use_exist():
+    for tree, there, other in ((JACKAL, PLANNER, "DWAPlannerROS"), (DWA, "DWAPlannerROS", PLANNER)):
+        config = Configuration(complete(tree))
+        assert config[there]["sim_time"] > 0
+        with pytest.raises(ParameterError, match="no server '%s'" % other):
+            config[other]
+
+
+def test_the_control_period_is_looked_for_upwards():
+    for tree in ({}, DWA):
+        assert complete(dict(tree, controller_frequency=10.0))["DWAPlannerROS"]["controller_frequency"] == 10.0
+        assert complete(dict(tree, controller_frequency=10.0))[PLANNER]["controller_frequency"] == 10.0
+    own = complete({"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}})
+    assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
+
+
+def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
+    tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], max_rot_vel=2.0, max_trans_vel=0.3))
+    assert check(tree) == []
+    assert Configuration(complete(tree))["DWAPlannerROS"] == Configuration(complete(DWA))["DWAPlannerROS"]
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"vx_samples": 2147483647}, "at most 1000000 together"),
+        ({"max_vel_y": 0.1}, "no sideways velocity"),
+        ({"sim_granularity": 0.0}, "cannot work"),
+        ({"max_vel_trans": -1.0}, "give a value from 0.0"),
+    ],
+)
+def test_what_the_dwa_planner_cannot_run_with_is_one_line(values, words):
+    (line,) = check(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
+    assert words in line
+    config = Configuration(complete(DWA))
+    if "max_vel_trans" not in values:  # that one is clamped by the server
+        with pytest.raises(ParameterError, match=words):
+            config.request("DWAPlannerROS", values)
 
 
 def test_jackal_tree_equals_the_running_one():
@@ -127,8 +184,8 @@ def test_own_recoveries_bring_their_parameters():
 
 
 def test_planners_that_are_not_built_in_are_refused():
-    (line,) = check({"base_local_planner": "dwa_local_planner/DWAPlannerROS"})
-    assert line.startswith("base_local_planner is dwa_local_planner/DWAPlannerROS: only base_local_planner/Traj")
+    (line,) = check({"base_local_planner": "teb_local_planner/TebLocalPlannerROS"})
+    assert line.startswith("base_local_planner is teb_local_planner/TebLocalPlannerROS: give base_local_planner/Traj")
 
 
 class TestConfiguration:

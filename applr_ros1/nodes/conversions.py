@@ -178,9 +178,18 @@ def polygon(vertices: np.ndarray, frame: str, stamp) -> PolygonStamped:
 
 def cost_cloud(rows: np.ndarray, frame: str, stamp) -> PointCloud2:
     """(n, 7) x, y, z, path, goal, occupancy and total cost as sensor_msgs/PointCloud2, one point per cell."""
+    return _cloud(rows, CLOUD_FIELDS, frame, stamp)
+
+
+def trajectory_cloud(rows: np.ndarray, frame: str, stamp) -> PointCloud2:
+    """(n, 5) x, y, z, theta and cost as sensor_msgs/PointCloud2, one point per point of a trajectory."""
+    return _cloud(rows, ("x", "y", "z", "theta", "cost"), frame, stamp)
+
+
+def _cloud(rows: np.ndarray, names, frame: str, stamp) -> PointCloud2:
     message = PointCloud2(header=header(frame, stamp), height=1, width=len(rows), is_dense=True)
-    message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(CLOUD_FIELDS)]
-    message.point_step = 4 * len(CLOUD_FIELDS)
+    message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)]
+    message.point_step = 4 * len(names)
     message.row_step = message.point_step * len(rows)
     message.data = np.ascontiguousarray(rows, dtype="<f4").tobytes()
     return message

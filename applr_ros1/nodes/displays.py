@@ -76,14 +76,24 @@ def _union(a, b):
 
 
 class PlanDisplay:
-    """The plans: NavfnROS/plan, TrajectoryPlannerROS/{global_plan, local_plan, cost_cloud}."""
+    """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner.
 
-    def __init__(self, frame, with_cloud):
-        self._frame, self._with_cloud = frame, with_cloud
+    Args:
+        frame: the costmaps' frame.
+        name: the name space of the local planner.
+        static: its parameters that are read once, by name.
+    """
+
+    def __init__(self, frame, name, static):
+        self._frame, self._static = frame, static
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
-        self._global = rospy.Publisher("~TrajectoryPlannerROS/global_plan", Path, queue_size=1)
-        self._local = rospy.Publisher("~TrajectoryPlannerROS/local_plan", Path, queue_size=1)
-        self._cloud = rospy.Publisher("~TrajectoryPlannerROS/cost_cloud", PointCloud2, queue_size=1)
+        self._global, self._local = (
+            rospy.Publisher("~%s/%s" % (name, topic), Path, queue_size=1) for topic in ("global_plan", "local_plan")
+        )
+        self._costs = rospy.Publisher("~%s/cost_cloud" % name, PointCloud2, queue_size=1)
+        self._trajectories = None
+        if "publish_traj_pc" in static:  # DWAPlannerROS alone
+            self._trajectories = rospy.Publisher("~%s/trajectory_cloud" % name, PointCloud2, queue_size=1)
 
     def planned(self, plan, stamp) -> None:
         """The global planner ran: (n, 3), empty where it found nothing."""
@@ -94,8 +104,15 @@ class PlanDisplay:
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
             if len(poses):
                 self._send(publisher, poses, stamp)
-        if self._with_cloud and self._cloud.get_num_connections():
-            self._cloud.publish(conversions.cost_cloud(local_planner.cost_cloud(costmap), self._frame, stamp))
+        if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
+            rows = local_planner.cost_cloud(costmap)
+            if len(rows):
+                self._costs.publish(conversions.cost_cloud(rows, self._frame, stamp))
+        if self._trajectories and self._static["publish_traj_pc"] and self._trajectories.get_num_connections():
+            rows = local_planner.trajectory_cloud()
+            if len(rows):
+                frame = self._static["global_frame_id"]
+                self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp))
 
     def _send(self, publisher, poses, stamp) -> None:
         if publisher.get_num_connections():

@@ -5,7 +5,7 @@ Called by the move_base node once per cycle. A planner that has never received a
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Optional
+from typing import Any, Callable, Dict, Optional, Sequence
 
 from applr_ros1.policy.parameter_space import SPACE
 
@@ -44,11 +44,14 @@ class HeartbeatWatchdog:
         return True
 
 
-def start_up_requests(start_up_configuration: Callable[[str], Dict[str, Any]]) -> Dict[str, Dict[str, Any]]:
+def start_up_requests(
+    start_up_configuration: Callable[[str], Dict[str, Any]], servers: Sequence[str] = tuple(SERVERS.values())
+) -> Dict[str, Dict[str, Any]]:
     """What each server has to be sent to give the eight learned parameters their values of the node's start.
 
     Args:
         start_up_configuration: Maps a server's name to its values {name: value} at the start.
+        servers: The names of the servers that there are; what others would have to be sent is left out.
 
     Returns:
         {server: {name: value}}.
@@ -57,6 +60,8 @@ def start_up_requests(start_up_configuration: Callable[[str], Dict[str, Any]]) -
     for targets in SPACE.targets.values():
         for target in targets:
             server = SERVERS[target.server]
+            if server not in servers:
+                continue
             values = start_up_configuration(server)
             name = next(name for name in target.names if name in values)
             requests.setdefault(server, {})[name] = values[name]

@@ -23,7 +23,7 @@ from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
-from applr_ros1.planner.parameters.declarations import SERVERS, check
+from applr_ros1.planner.parameters.declarations import check
 from applr_ros1.planner.warm_up import warm_up
 
 from . import conversions, heartbeat_watchdog
@@ -68,7 +68,8 @@ class MoveBaseNode:
             rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
             rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
         )
-        self._plans = PlanDisplay(self.frame, static["TrajectoryPlannerROS"]["publish_cost_grid_pc"])
+        local_planner = self.move_base.local_planner_name
+        self._plans = PlanDisplay(self.frame, local_planner, static[local_planner])
         self._maps = {
             name: CostmapDisplay(
                 name,
@@ -89,7 +90,7 @@ class MoveBaseNode:
                 mirror,
                 self.thread,
             )
-            for name in SERVERS
+            for name in self.move_base.servers
         }
         for name in ("conservative_reset", "aggressive_reset"):
             mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
@@ -193,7 +194,9 @@ class MoveBaseNode:
 
     def _back_to_start_up(self) -> None:
         """The policy is lost: the eight parameters get their start-up values."""
-        for server, values in heartbeat_watchdog.start_up_requests(self.move_base.start_up_configuration).items():
+        for server, values in heartbeat_watchdog.start_up_requests(
+            self.move_base.start_up_configuration, self.move_base.servers
+        ).items():
             self.servers[server].change(values)
         rospy.logwarn(
             "no sign of the applr node for %g s: planner parameters are back at their start-up values",

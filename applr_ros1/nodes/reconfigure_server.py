@@ -18,7 +18,7 @@ from dynamic_reconfigure.srv import Reconfigure
 
 from .planner_thread import PlannerThread, RequestTimeout
 
-CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner"}
+CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner", "DWAPlannerROS": "DWAPlanner"}
 CONFIGS.update(
     {
         costmap + layer: config

@@ -7,7 +7,7 @@ calls get their time, resets their seed. What happens to a goal is state_machine
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Optional
+from typing import Any, Dict, List, Optional
 
 import numpy as np
 
@@ -18,11 +18,10 @@ from applr_ros1.planner.make_plan import free_square, reachable_near
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
-from applr_ros1.planner.parameters.declarations import JACKAL
-from applr_ros1.planner.parts import make_costmap, padded_footprint
+from applr_ros1.planner.parameters.declarations import JACKAL, namespace, servers
+from applr_ros1.planner.parts import make_costmap, make_local_planner, padded_footprint
 from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Pose, StateMachine, Twist
 from applr_ros1.planner.timer import Timer
-from applr_ros1.planner.trajectory.local_planner import LocalPlanner
 from applr_ros1.planner.variant import CPP_LIKE, OURS, PER_CELL, PER_METRE, Variant, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
@@ -59,13 +58,8 @@ class MoveBase:
             weights=drawn.weights or (PER_METRE if static["meter_scoring"] else PER_CELL)
         )  # what is in force
         like_cpp = self.variant.planner == CPP_LIKE
-        self.local_planner = LocalPlanner(
-            dict(
-                static,
-                **self._config["TrajectoryPlannerROS"],
-                meter_scoring=self.variant.weights == PER_METRE,
-            ),
-            self.local_costmap.footprint,
+        self.local_planner = make_local_planner(
+            self.parameters, self._config, self.local_costmap.footprint, self.variant.weights == PER_METRE
         )
         self.navfn = Navfn()
         self.recoveries = recovery.build(self.parameters, like_cpp)
@@ -216,6 +210,16 @@ class MoveBase:
         """As configuration(), without a copy: not to be changed."""
         return self._config[server]
 
+    @property
+    def local_planner_name(self) -> str:
+        """The name space of the local planner in use: "TrajectoryPlannerROS" or "DWAPlannerROS"."""
+        return namespace(self.parameters["base_local_planner"])
+
+    @property
+    def servers(self) -> List[str]:
+        """The names of the dynamic_reconfigure servers that there are, "" for move_base's own."""
+        return servers(self.parameters["base_local_planner"])
+
     def configuration(self, server: str) -> Dict[str, Any]:
         """The values in force of one server ("", "TrajectoryPlannerROS", "local_costmap", ...)."""
         return dict(self._config[server])
@@ -229,7 +233,7 @@ class MoveBase:
         changed = {name for name in new if new[name] != old[name]}
         if server in COSTMAPS:
             self._check_size(server, new)
-        if server == "TrajectoryPlannerROS":
+        if server == self.local_planner_name:
             self.local_planner.reconfigure(new)
         self._config.accept(server, new)
         if server == "" and changed:

@@ -1,8 +1,8 @@
-"""Makes MoveBase's costmaps from its parameters. Called by move_base.py."""
+"""Makes MoveBase's costmaps and its local planner from its parameters. Called by move_base.py."""
 
 from __future__ import annotations
 
-from typing import Any, Dict
+from typing import Any, Callable, Dict
 
 import numpy as np
 
@@ -10,6 +10,31 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
+from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.parameters.declarations import namespace
+from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
+
+LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] = {
+    "base_local_planner/TrajectoryPlannerROS": TrajectoryLocalPlanner,
+    "dwa_local_planner/DWAPlannerROS": lambda params, footprint: DWALocalPlanner(params),
+}
+
+
+def make_local_planner(full: Dict[str, Any], config, outline: np.ndarray, per_metre: bool) -> LocalPlanner:
+    """The local planner that base_local_planner names.
+
+    Args:
+        full: the complete parameter tree.
+        config: the Configuration in force.
+        outline: the local costmap's padded footprint (n, 2) [m].
+        per_metre: TrajectoryPlannerROS's distance weights count per metre; those of DWAPlannerROS always do.
+    """
+    plugin = full["base_local_planner"]
+    place = namespace(plugin)
+    latches = full["latch_xy_goal_tolerance"] if place == "DWAPlannerROS" else full[place]["latch_xy_goal_tolerance"]
+    params = dict(full[place], **config[place], meter_scoring=per_metre, latch_xy_goal_tolerance=latches)
+    return LOCAL_PLANNERS[plugin](params, outline)
 
 
 def make_costmap(name: str, static: Dict[str, Any], config) -> Costmap:

@@ -214,7 +214,7 @@ class StateMachine:
             if self._trigger == CONTROLLING:
                 self._index = 0
             # read in the cycle that finds it: in C++ the next new plan clears it before it is read
-            if local_planner.goal_reached and not self._like_cpp:
+            if local_planner.goal_reached and not (self._like_cpp and local_planner.remembers_reached):
                 self._end(cycle, "succeeded", REACHED)
             return
         cycle.command = STOP

@@ -12,7 +12,9 @@ from applr_ros1.planner.angles import wrapped
 from applr_ros1.planner.dwa.local_plan import EMPTY, LocalPlan
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate
+from applr_ros1.planner.local_planner import LocalPlanner
 
+NO_COSTS, NO_TRAJECTORIES = np.zeros((0, 7), np.float32), np.zeros((0, 5), np.float32)
 NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
 
 
@@ -28,7 +30,7 @@ class Step(NamedTuple):
     checked: Tuple[float, float, float] = STANDING  # the command that was checked at the goal's place
 
 
-class DWALocalPlanner:
+class DWALocalPlanner(LocalPlanner):
     """params: the values of the server and the static parameters of DWAPlannerROS by name.
 
     The server's values are all in force at once after `reconfigure`; the control period, sum_scores, cheat_factor and
@@ -48,9 +50,13 @@ class DWALocalPlanner:
         """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
         self.planner.reset()
         self.stop_rotate.reset()
-        self._choice = None
-        self.cropped_plan = EMPTY
         self.set_plan(EMPTY)
+        self._forget_cycle()
+
+    def _forget_cycle(self):
+        """What belongs to one cycle alone."""
+        self.goal_reached, self._searched = False, False
+        self.cropped_plan, self._choice = EMPTY, None
 
     def reconfigure(self, params):
         """New values of the server by name. Flags, latches and the plan stay."""
@@ -70,19 +76,23 @@ class DWALocalPlanner:
         """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
         return EMPTY if self._choice is None else self._choice.points
 
-    def compute_velocity(self, pose, twist, costmap):
-        """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
+    def cost_cloud(self, costmap):
+        """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last search's cells, for display."""
+        return self.planner.cost_cloud(costmap) if self._searched else NO_COSTS
 
-        ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached, before
-        any command.
-        """
+    def trajectory_cloud(self):
+        """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
+        return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
+
+    def compute_velocity(self, pose, twist, costmap):
+        """(ok, (v, w)) for this cycle, see LocalPlanner. The goal is looked for before any command, as in C++."""
+        self._forget_cycle()
         pose = tuple(float(v) for v in pose)
         v, w = (float(v) for v in twist)
         if not all(math.isfinite(v) for v in pose + (v, w)):
             return False, STANDING[:2]
-        if self.is_goal_reached(pose, (v, 0.0, w)):
-            self.goal_reached = True
-            self.cropped_plan, self._choice = EMPTY, None
+        self.goal_reached = self.is_goal_reached(pose, (v, 0.0, w))
+        if self.goal_reached:
             return True, STANDING[:2]
         step = self.command(pose, (v, 0.0, w), costmap)
         return step.ok, (step.command[0], step.command[2])
@@ -97,14 +107,14 @@ class DWALocalPlanner:
 
         pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured.
         """
-        self.cropped_plan, self._choice = EMPTY, None
+        self._forget_cycle()
         cut = self.stored_plan.cut(pose[0], pose[1], _half_size(costmap), self._prunes)
         if len(cut) == 0:
             return Step(False, STANDING, NO_PLAN, cut)
         goal = self.stored_plan.goal()
         if not self.stop_rotate.is_position_reached(pose, goal):
             choice = self.planner.find_best_path(costmap, cut, pose, velocity)
-            ok = choice.cost >= 0
+            ok, self._searched = choice.cost >= 0, True
             if ok:
                 self.cropped_plan, self._choice = cut, choice
             return Step(ok, choice.drive, DRIVING, cut, choice.cost, choice.count)

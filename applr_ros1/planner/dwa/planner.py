@@ -18,18 +18,14 @@ from applr_ros1.planner.dwa.oscillation import clear
 from applr_ros1.planner.dwa.preparation import prepare
 from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
 from applr_ros1.planner.dwa.search import find_best
+from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
+from applr_ros1.planner.parameters.parameter import ParameterError
 
 DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
-SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
-MOST_SAMPLES = 1_000_000
 ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
 NOT_NEGATIVE = ("sim_time", "path_distance_bias", "goal_distance_bias", "occdist_scale", "twirling_scale")
 NO_PLAN = np.zeros((0, 2))
 NO_POINTS = np.zeros((0, 3))
-
-
-class DWAPlannerError(ValueError):
-    """A parameter that cannot be planned with; the message is one line."""
 
 
 class Choice:
@@ -62,7 +58,7 @@ class DWAPlanner:
 
     params: values of the DWAPlannerROS server by name. sim_period [s]: the control period, the dynamic window's width.
     sum_scores: the obstacle critic adds the costs of all points instead of taking the largest. cheat_factor: scales
-    the squared distance to the plan's end below which the nose-on-path critic is off. Raises DWAPlannerError.
+    the squared distance to the plan's end below which the nose-on-path critic is off. Raises ParameterError.
     """
 
     def __init__(self, params, sim_period=0.05, sum_scores=False, cheat_factor=1.0):
@@ -79,27 +75,21 @@ class DWAPlanner:
     def reconfigure(self, params):
         """Take over the server's values by name, some or all of them, between two cycles; other names are ignored.
 
-        Numbers of samples below 1 become 1. Raises DWAPlannerError.
+        Numbers of samples below 1 become 1. Raises ParameterError.
         """
         wanted = dict(self._wanted)
         names = [name for name in PARAMETERS.names if name not in DERIVED]
         wanted.update((name, params[name]) for name in names if name in params)
         for name in names:
             if name not in wanted:
-                raise DWAPlannerError("parameter %s is missing: give the DWA planner a value" % name)
+                raise ParameterError("parameter %s is missing: give the DWA planner a value" % name)
             if not math.isfinite(wanted[name]):
-                raise DWAPlannerError("parameter %s = %r is not a finite number" % (name, wanted[name]))
+                raise ParameterError("parameter %s = %r is not a finite number" % (name, wanted[name]))
         for name in ABOVE_ZERO + NOT_NEGATIVE:
             if wanted[name] < 0 or (wanted[name] == 0 and name in ABOVE_ZERO):
                 bound = "above 0" if name in ABOVE_ZERO else "0 or more"
-                raise DWAPlannerError("parameter %s = %r must be %s" % (name, wanted[name], bound))
+                raise ParameterError("parameter %s = %r must be %s" % (name, wanted[name], bound))
         wanted.update({name: max(int(wanted[name]), 1) for name in SAMPLES})
-        count = math.prod(max(wanted[name], 2) + 1 for name in SAMPLES)
-        if count > MOST_SAMPLES:
-            raise DWAPlannerError(
-                "vx_samples, vy_samples, vth_samples = %d, %d, %d make up to %d samples: give at most %d together"
-                % (*(wanted[name] for name in SAMPLES), count, MOST_SAMPLES)
-            )
         self._wanted = wanted
         self._scratch = allocate_scratch(*(wanted[name] for name in SAMPLES))
         self._take_parameters()
@@ -241,6 +231,13 @@ class DWAPlanner:
             + p["goal_scale"] * goal[column, row]
             + p["occdist_scale"] * cells[column, row]
         )
+        return cloud
+
+    def trajectory_cloud(self):
+        """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
+        points = self.every_sample().points
+        cloud = np.zeros((len(points), 5), np.float32)
+        cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
         return cloud
 
     def _look_at(self, costmap, plan):

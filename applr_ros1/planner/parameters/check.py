@@ -12,6 +12,8 @@ from typing import Any, Dict, List, Optional, Tuple
 
 from applr_ros1.planner.parameters.declarations import (
     BEHAVIOUR,
+    GLOBAL_PLANNERS,
+    LOCAL_PLANNERS,
     MAX_CELLS,
     PLUGINS,
     RECOVERY_TYPES,
@@ -19,7 +21,9 @@ from applr_ros1.planner.parameters.declarations import (
     STATIC,
     Parameter,
     ParameterError,
+    namespace,
 )
+from applr_ros1.planner.parameters.dwa_planner_parameters import check_together
 from applr_ros1.planner.variant import Variant
 
 
@@ -127,7 +131,7 @@ def _check(here, path, sources, behaviours, problems):
             p = known[key]
             try:
                 value = convert(p, value, label)
-                if clamp(p, value) != value:
+                if clamp(p, value) != value and not p.clamps:
                     problems.append("%s is %r: give a value from %r to %r" % (label, value, p.min, p.max))
             except ParameterError as problem:
                 problems.append(str(problem))
@@ -149,6 +153,8 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
         for p in table(path) or ():
             label = "%s/%s" % (given, p.name) if given else p.name
             named = [have[name] for name in (p.name,) + p.aliases if name in have]
+            if not named and p.name == "controller_frequency" and p.name in tree:
+                named = [tree[p.name]]  # looked for from the planner's name space upwards
             if any(other != named[0] for other in named):
                 raise ParameterError(
                     "%s is %r but its other name %s is %r: give one of them" % (label, named[0], p.aliases[0], named[1])
@@ -168,9 +174,12 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
 def _check_whole(full):
     """What only shows when several parameters are looked at together, and the plugins there are."""
     Variant(full["applr"]["weights"] or None).checked()
-    for p in SERVERS[""]:
-        if p.name in ("base_global_planner", "base_local_planner") and full[p.name] != p.default:
-            raise ParameterError("%s is %s: only %s is built in, give that" % (p.name, full[p.name], p.default))
+    known = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
+    for name, plugins in known.items():
+        if full[name] not in plugins:
+            raise ParameterError("%s is %s: give %s" % (name, full[name], " or ".join(plugins)))
+    if namespace(full["base_local_planner"]) == "DWAPlannerROS":
+        check_together(full["DWAPlannerROS"])
     for name in ("global_costmap", "local_costmap"):
         costmap = full[name]
         cells = costmap["width"] * costmap["height"] / costmap["resolution"] ** 2

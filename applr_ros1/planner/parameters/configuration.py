@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import Any, Dict
 
 from applr_ros1.planner.parameters.check import clamp, convert
-from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError
+from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError, servers
+from applr_ros1.planner.parameters.dwa_planner_parameters import check_together
 
 _TABLES = {server: {name: p for p in table for name in (p.name,) + p.aliases} for server, table in SERVERS.items()}
 
@@ -18,7 +19,8 @@ class Configuration:
 
     def __init__(self, tree: Dict[str, Any]):
         self._start: Dict[str, Dict[str, Any]] = {}
-        for server, table in _TABLES.items():
+        for server in servers(tree["base_local_planner"]):
+            table = _TABLES[server]
             here = tree
             for part in filter(None, server.split("/")):
                 here = here[part]
@@ -34,7 +36,7 @@ class Configuration:
         try:
             return self._now[server]
         except KeyError:
-            known = ", ".join(map(repr, SERVERS))
+            known = ", ".join(map(repr, self._start))
             raise ParameterError("no server %r: give one of %s" % (server, known)) from None
 
     def start_up(self, server: str) -> Dict[str, Any]:
@@ -65,6 +67,8 @@ class Configuration:
                     wanted.update({name: value for name in (p.name,) + p.aliases})
         new = dict(has)
         new.update(wanted)
+        if server == "DWAPlannerROS":
+            check_together(new)
         if server == "":
             for name in ("base_global_planner", "base_local_planner"):
                 new[name] = self._start[server][name]  # nothing else can be loaded: it stays

@@ -1,8 +1,9 @@
 """Every parameter of move_base, once: name, type, bounds, default, the Jackal's value, unit and a sentence.
 
-The rows stand in move_base_parameters.py, trajectory_planner_parameters.py and costmap_parameters.py; here they are
-joined by dynamic_reconfigure server and name space. The .cfg files, docs/parameters.md, the parameter check at start-up
-and MoveBase follow from them. Pure standard library, for the .cfg files import it at build time without numpy.
+The rows stand in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
+costmap_parameters.py; here they are joined by dynamic_reconfigure server and name space. The .cfg files,
+docs/parameters.md, the parameter check at start-up and MoveBase follow from them. Pure standard library, for the .cfg
+files import it at build time without numpy.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from applr_ros1.planner.parameters.costmap_parameters import (
     STATIC_OBSTACLES,
     STATIC_SOURCE,
 )
+from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER, STATIC_DWA_PLANNER
 from applr_ros1.planner.parameters.move_base_parameters import (
     AGGRESSIVE_RESET,
     APPLR_NODE,
@@ -42,6 +44,8 @@ __all__ = [
     "DEFAULT_RECOVERIES",
     "INF",
     "JACKAL",
+    "GLOBAL_PLANNERS",
+    "LOCAL_PLANNERS",
     "MAX_CELLS",
     "PLUGINS",
     "RECOVERY_TYPES",
@@ -50,7 +54,12 @@ __all__ = [
     "Parameter",
     "ParameterError",
     "check",
+    "namespace",
+    "servers",
 ]
+
+GLOBAL_PLANNERS = ("navfn/NavfnROS",)
+LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
 
 MAX_CELLS = 16_000_000  # of one costmap; a larger one is refused instead of filling the memory
 
@@ -64,6 +73,7 @@ GLOBAL = dict(width=40, height=40, origin_x=-20.0, origin_y=-20.0)
 SERVERS: Dict[str, Tuple[Parameter, ...]] = {
     "": MOVE_BASE,
     "TrajectoryPlannerROS": TRAJECTORY_PLANNER,
+    "DWAPlannerROS": DWA_PLANNER,
     "global_costmap": _with(COSTMAP, **GLOBAL),
     "global_costmap/inflater_layer": INFLATION,
     "global_costmap/obstacles_layer": OBSTACLES,
@@ -75,6 +85,7 @@ SERVERS: Dict[str, Tuple[Parameter, ...]] = {
 STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "": STATIC_MOVE_BASE,
     "TrajectoryPlannerROS": STATIC_TRAJECTORY_PLANNER,
+    "DWAPlannerROS": STATIC_DWA_PLANNER,
     "NavfnROS": STATIC_NAVFN,
     "conservative_reset": CONSERVATIVE_RESET,
     "aggressive_reset": AGGRESSIVE_RESET,
@@ -87,6 +98,17 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "local_costmap/obstacles_layer": STATIC_OBSTACLES,
     "local_costmap/obstacles_layer/scan": STATIC_SOURCE,
 }
+
+
+def servers(base_local_planner: str) -> List[str]:
+    """The dynamic_reconfigure servers that exist with this local planner: all but those of the other ones."""
+    others = {namespace(name) for name in LOCAL_PLANNERS} - {namespace(base_local_planner)}
+    return [name for name in SERVERS if name not in others]
+
+
+def namespace(plugin: str) -> str:
+    """The name space of a plugin's parameters and topics: its name without the package."""
+    return plugin.rpartition("/")[2]
 
 
 def _jackal_tree() -> Dict[str, Any]:

@@ -26,7 +26,8 @@ MOVE_BASE = (
     text("base_global_planner", "navfn/NavfnROS", "navfn/NavfnROS",
         "Plugin name of the global planner. Only navfn is available."),
     text("base_local_planner", "base_local_planner/TrajectoryPlannerROS", "base_local_planner/TrajectoryPlannerROS",
-        "Plugin name of the local planner. Only the one named as default is available."),
+        "Plugin name of the local planner: base_local_planner/TrajectoryPlannerROS or dwa_local_planner/DWAPlannerROS. "
+        "Read once, when the node starts."),
     real("planner_frequency", 0.0, 0.0, 100.0, 20.0, "Hz",
         "How often the global plan is renewed while the robot drives. With 0 a plan is made for each new goal and "
         "after each failure to find a velocity."),
@@ -64,6 +65,8 @@ STATIC_MOVE_BASE = (
         "four default behaviours."),
     real("scan_timeout", 1.0, 0.0, INF, None, "s",
         "Age of the newest scan at which the robot is stopped. 0 switches this check off."),
+    flag("latch_xy_goal_tolerance", False, None,
+        "Of DWAPlannerROS: whether the goal position, once reached, keeps counting as reached until the next plan."),
     real("clearing_radius", 0.46, 0.0, INF, None, "m",
         "Half of the side of the square that make_plan_clear_costmap clears."),
 )

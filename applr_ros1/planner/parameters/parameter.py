@@ -21,6 +21,7 @@ class Parameter:
     also be a "list". default, min, max: of that type. jackal: the value in Clearpath's files, None where these leave
     the default. unit: "" for none. doc: one or two sentences. aliases: older names that always show the same value.
     enum: (name, value, sentence) of each choice. not_zero: 0 lies within the bounds but cannot work and is refused.
+    clamps: a start-up value beyond the bounds is moved to them, as the C++ node does, instead of being refused.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Parameter:
     aliases: Tuple[str, ...] = ()
     enum: Tuple[Tuple[str, int, str], ...] = ()
     not_zero: bool = False
+    clamps: bool = False
 
     @property
     def value(self) -> Any:

@@ -18,6 +18,7 @@ WIDTH = 119
 PLACES = {
     "": "`/move_base`",
     "TrajectoryPlannerROS": "`/move_base/TrajectoryPlannerROS`",
+    "DWAPlannerROS": "`/move_base/DWAPlannerROS`",
     "NavfnROS": "`/move_base/NavfnROS`",
     "local_costmap": "`/move_base/local_costmap` and `/move_base/global_costmap`",
     "local_costmap/inflater_layer": "`inflater_layer` of both costmaps",

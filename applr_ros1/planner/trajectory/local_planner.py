@@ -13,6 +13,7 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.trajectory.planner import Result, TrajectoryPlanner
 
 STOPPED = 0.01  # [m/s] and [rad/s]
@@ -21,7 +22,7 @@ STANDING = (0.0, 0.0)
 EMPTY = np.zeros((0, 3))
 
 
-class LocalPlanner:
+class TrajectoryLocalPlanner(LocalPlanner):
     """params: the values of the server and the static parameters of TrajectoryPlannerROS by name (planner/parameters).
 
     footprint: padded vertices (n, 2) [m] of the local costmap. Both are kept as they are now: `reconfigure` reaches
@@ -30,6 +31,8 @@ class LocalPlanner:
 
     After compute_velocity: goal_reached, cropped_plan (n, 3), local_plan (k, 3), cost_cloud(costmap).
     """
+
+    remembers_reached = True
 
     def __init__(self, params: Mapping[str, Any], footprint: np.ndarray):
         frequency = params.get("controller_frequency", 20.0)

@@ -1,0 +1,138 @@
+"""Parameters of the local planner DWAPlannerROS.
+
+Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, ParameterError, flag, real, text, whole
+
+# Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
+# Flags and texts have no bounds and no unit.
+# fmt: off
+SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
+MOST_SAMPLES = 1_000_000  # of one cycle; more are refused instead of filling the memory
+
+# Live, through dynamic_reconfigure
+DWA_PLANNER = (
+    real("max_vel_trans", 0.55, 0.0, INF, None, "m/s",
+        "Largest speed over ground. Also the speed at which the footprint counts largest, see max_scaling_factor."),
+    real("min_vel_trans", 0.1, 0.0, INF, None, "m/s",
+        "Smallest speed over ground, except for samples that turn at min_vel_theta or faster."),
+    real("max_vel_x", 0.55, -INF, INF, None, "m/s", "Largest forward velocity that is sampled."),
+    real("min_vel_x", 0.0, -INF, INF, None, "m/s",
+        "Smallest forward velocity that is sampled; a negative value lets the robot drive backwards."),
+    real("max_vel_y", 0.1, -INF, INF, None, "m/s",
+        "Largest sideways velocity that is sampled. Both sideways limits are 0 for a base that cannot strafe."),
+    real("min_vel_y", -0.1, -INF, INF, None, "m/s",
+        "Smallest sideways velocity that is sampled; negative values are to the right."),
+    real("max_vel_theta", 1.0, 0.0, INF, None, "rad/s",
+        "Largest angular velocity that is sampled, in both directions."),
+    real("min_vel_theta", 0.4, 0.0, INF, None, "rad/s",
+        "Smallest angular velocity of a sample slower than min_vel_trans, and of the turn to the goal heading."),
+    real("acc_lim_x", 2.5, 0.0, 20.0, None, "m/s^2",
+        "Forward acceleration limit of the dynamic window and of stopping at the goal."),
+    real("acc_lim_y", 2.5, 0.0, 20.0, None, "m/s^2",
+        "Sideways acceleration limit of the dynamic window and of stopping at the goal."),
+    real("acc_lim_theta", 3.2, 0.0, 20.0, None, "rad/s^2",
+        "Angular acceleration limit of the dynamic window and of the turn to the goal heading."),
+    real("acc_lim_trans", 0.1, 0.0, INF, None, "m/s^2",
+        "Without effect, as in the C++ node; exists so that clients find it."),
+    flag("prune_plan", False, None, "Whether points of the plan that the robot has passed are removed."),
+    real("xy_goal_tolerance", 0.1, -INF, INF, None, "m",
+        "Distance from the goal position at which the position counts as reached."),
+    real("yaw_goal_tolerance", 0.1, -INF, INF, None, "rad",
+        "Difference from the goal heading at which the heading counts as reached."),
+    real("trans_stopped_vel", 0.1, -INF, INF, None, "m/s",
+        "Measured velocity along either axis at which the robot counts as standing."),
+    real("theta_stopped_vel", 0.1, -INF, INF, None, "rad/s",
+        "Measured angular velocity at which the robot counts as standing."),
+    real("sim_time", 1.7, 0.0, INF, None, "s",
+        "Duration for which each sampled velocity is simulated. With 0 no velocity is legal."),
+    real("sim_granularity", 0.025, 0.0, INF, None, "m",
+        "Distance between two simulated points of a trajectory.", not_zero=True),
+    real("angular_sim_granularity", 0.1, 0.0, INF, None, "rad",
+        "Rotation between two simulated points of a trajectory.", not_zero=True),
+    real("path_distance_bias", 0.6, 0.0, INF, None, "1/m",
+        "Weight of the final distance of a trajectory from the plan in its cost. With 0 trajectories through cells "
+        "that the robot cannot enter are no longer refused by this distance."),
+    real("goal_distance_bias", 0.8, 0.0, INF, None, "1/m",
+        "Weight of the final distance of a trajectory from the local goal in its cost."),
+    real("occdist_scale", 0.01, 0.0, INF, None, "",
+        "Weight of the largest costmap value along a trajectory in its cost. With 0 the footprint is not checked "
+        "against obstacles."),
+    real("twirling_scale", 0.0, 0.0, INF, None, "s/rad", "Weight of the angular velocity of a trajectory in its cost."),
+    real("stop_time_buffer", 0.2, 0.0, INF, None, "s",
+        "Without effect, as in the C++ node; exists so that clients find it."),
+    real("oscillation_reset_dist", 0.05, 0.0, INF, None, "m",
+        "Distance that the robot has to move before a direction that was barred because of oscillation is allowed "
+        "again."),
+    real("oscillation_reset_angle", 0.2, 0.0, INF, None, "rad",
+        "Rotation after which a direction that was barred because of oscillation is allowed again."),
+    real("forward_point_distance", 0.325, -INF, INF, None, "m",
+        "Distance ahead of the robot of a second point that is kept near the plan and driven towards the goal."),
+    real("scaling_speed", 0.25, 0.0, INF, None, "m/s", "Speed above which the footprint counts larger."),
+    real("max_scaling_factor", 0.2, 0.0, INF, None, "",
+        "Share by which the footprint counts larger at max_vel_trans."),
+    whole("vx_samples", 3, 1, INT_MAX, None, "",
+        "Number of forward velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
+    whole("vy_samples", 10, 1, INT_MAX, None, "",
+        "Number of sideways velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
+    whole("vth_samples", 20, 1, INT_MAX, None, "",
+        "Number of angular velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
+    flag("use_dwa", True, None,
+        "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
+        "within sim_time."),
+    replace(RESTORE, jackal=None),
+)
+
+
+def check_together(values):
+    """Refuse what only shows in several values of the server: ParameterError, one line."""
+    counts = tuple(values[name] for name in SAMPLES)
+    most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
+    if most > MOST_SAMPLES:
+        raise ParameterError(
+            "vx_samples, vy_samples, vth_samples are %d, %d, %d, up to %d samples: give at most %d together"
+            % (*counts, most, MOST_SAMPLES)
+        )
+    sideways = values["min_vel_y"], values["max_vel_y"]
+    if sideways != (0.0, 0.0):
+        raise ParameterError("min_vel_y, max_vel_y are %g, %g: give 0: no sideways velocity is commanded" % sideways)
+
+
+def _older(name, newer):
+    return real(name, 0.0, -INF, INF, None, "",
+        "Older name of %s. Without effect, as in the C++ node: give %s." % (newer, newer))
+
+
+# Read once, when the node starts
+STATIC_DWA_PLANNER = (
+    real("controller_frequency", 20.0, 0.0, INF, None, "Hz",
+        "Its inverse is the control period that the dynamic window is computed with. Where it is not given, that of "
+        "move_base counts."),
+    flag("sum_scores", False, None,
+        "Whether the costs under all points of a trajectory are added instead of taking the largest."),
+    real("cheat_factor", 1.0, 0.0, INF, None, "",
+        "Scales the squared distance to the end of the local plan below which the second point of "
+        "forward_point_distance is no longer kept near the plan."),
+    flag("latch_xy_goal_tolerance", False, None,
+        "Without effect, as in the C++ node, which reads the parameter of the same name of move_base itself."),
+    flag("publish_cost_grid_pc", False, None,
+        "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
+    flag("publish_traj_pc", False, None,
+        "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
+    text("global_frame_id", "odom", None, "Frame of trajectory_cloud."),
+    text("odom_topic", "odom", None, "Topic of the odometry; only odom is available, which can be remapped."),
+    _older("max_trans_vel", "max_vel_trans"),
+    _older("min_trans_vel", "min_vel_trans"),
+    _older("max_rot_vel", "max_vel_theta"),
+    _older("min_rot_vel", "min_vel_theta"),
+    _older("max_vel_rot", "max_vel_theta"),
+    _older("min_vel_rot", "min_vel_theta"),
+    _older("acc_limit_trans", "acc_lim_trans"),
+    _older("rot_stopped_vel", "theta_stopped_vel"),
+)
