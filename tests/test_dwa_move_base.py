@@ -1,0 +1,111 @@
+"""MoveBase with DWAPlannerROS: goals, parameters and a drive of the simulated Jackal through a generated course."""
+
+import copy
+import math
+
+import pytest
+from toy_robot import ToyRobot, run, start
+
+import sim_bridge
+import worlds
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import JACKAL, ParameterError
+from sim_bridge import jackal
+from training.mdp.episode import laser_pose
+
+DWA = "DWAPlannerROS"
+JACKAL_DWA = dict(
+    max_vel_trans=0.5,
+    max_vel_x=0.5,
+    min_vel_x=-0.1,
+    max_vel_y=0.0,
+    min_vel_y=0.0,
+    max_vel_theta=1.57,
+    min_vel_theta=0.3,
+    acc_lim_x=10.0,
+    acc_lim_theta=20.0,
+    xy_goal_tolerance=0.25,
+    yaw_goal_tolerance=0.157,
+    sim_time=1.5,
+    path_distance_bias=20.0,
+    goal_distance_bias=24.0,
+    occdist_scale=0.05,
+    forward_point_distance=0.2,
+    vx_samples=6,
+    vth_samples=20,
+)
+
+
+def tree(**changes):
+    made = copy.deepcopy(JACKAL)
+    made.update(changes, base_local_planner="dwa_local_planner/DWAPlannerROS", DWAPlannerROS=dict(JACKAL_DWA))
+    return made
+
+
+def test_reaches_goals_one_after_the_other():
+    made, robot = start((3.0, 0.0, 0.5), ToyRobot(circles=[(1.5, 0.5, 0.15)]), tree())
+    assert run(made, robot, 30.0) == ("succeeded", "Goal reached.")
+    assert math.hypot(robot.pose[0] - 3.0, robot.pose[1]) <= 0.26
+    assert abs(robot.pose[2] - 0.5) <= 0.16
+    made.set_goal((1.0, 0.0, math.pi), robot.time)
+    assert run(made, robot, 40.0) == ("succeeded", "Goal reached.")
+
+
+def test_success_is_found_whatever_the_planner_frequency():
+    """C++ has no mark that a new plan could clear here: cpp-like and ours both end at the goal at once."""
+    for planner in ("ours", "cpp-like"):
+        made, robot = MoveBase(tree(), planner=planner), ToyRobot()
+        made.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
+        assert robot.time < 6.0
+
+
+def test_reconfigure_reaches_the_planner_and_no_other_server():
+    made, robot = start((4.0, 0.0, 0.0), tree=tree())
+    assert made.local_planner_name == DWA
+    assert "TrajectoryPlannerROS" not in made.servers
+    assert made.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})["acc_lim_x"] == 20.0
+    run(made, robot, 1.0)
+    assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
+    with pytest.raises(ParameterError, match="no sideways"):
+        made.reconfigure(DWA, {"max_vel_y": 0.2, "max_vel_x": 0.1})
+    assert made.configuration(DWA)["max_vel_x"] == 0.2
+    with pytest.raises(ParameterError, match="TrajectoryPlannerROS"):
+        made.reconfigure("TrajectoryPlannerROS", {"max_vel_x": 0.2})
+    made.reset(robot.time)
+    assert made.configuration(DWA)["max_vel_x"] == 0.5
+
+
+def test_the_latch_is_read_from_move_bases_own_name_space():
+    """As in C++: the entry below DWAPlannerROS, which TurtleBot3's file has, is without effect."""
+    for own, nested in ((True, False), (False, True)):
+        params = tree(latch_xy_goal_tolerance=own, planner_frequency=0.0)
+        params[DWA]["latch_xy_goal_tolerance"] = nested
+        made, robot = start((1.0, 0.0, 2.0), tree=params)
+        while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:
+            assert run(made, robot, 0.05) is None
+        run(made, robot, 0.1)
+        robot.pose = (0.7, 0.0, 0.0)  # pushed out of the tolerance
+        robot.twist = (0.0, 0.0)
+        run(made, robot, 0.1)
+        assert (robot.twist[0] == 0.0) is own
+
+
+def test_the_simulated_jackal_drives_through_a_course():
+    world = worlds.load("generated:0")
+    simulator, made = sim_bridge.make("kinematic"), MoveBase(tree())
+    state = simulator.reset(world, seed=1)
+    made.set_goal(simulator.to_odom(world.course.goal), state.time)
+    result, touched = None, False
+    while result is None and state.time < 60.0:
+        beams = jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX
+        scan = LaserScan(state.time, *beams, simulator.scan(), laser_pose(state.odom_pose))
+        cycle = made.step(state.time, state.odom_pose, state.odom_twist, scan)
+        if cycle.command is not None:
+            simulator.command(*cycle.command)
+        result = cycle.result
+        state = simulator.advance(0.05)
+        touched |= state.contact
+    assert result == ("succeeded", "Goal reached.")
+    assert not touched
