@@ -1,0 +1,90 @@
+"""The move_base node with DWAPlannerROS: names, types, parameters and displays beside the C++ one's."""
+
+import copy
+import json
+from pathlib import Path
+
+import pytest
+import ros_harness
+from fake_jackal import FakeJackal
+from move_base_stack import POSTS, goal, start
+from ros_harness import wait_for
+from test_dwa_move_base import tree
+
+pytestmark = pytest.mark.ros
+SURFACE = json.loads((Path(__file__).parent / "dwa_surface.json").read_text())
+SERVER = "/move_base/DWAPlannerROS"
+OTHER = "/move_base/TrajectoryPlannerROS"
+
+
+@pytest.fixture(scope="module")
+def master():
+    return ros_harness.session()
+
+
+@pytest.fixture(scope="module")
+def node(master):
+    import rospy
+
+    parameters = copy.deepcopy(tree())
+    parameters["DWAPlannerROS"].update(publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0)
+    jackal = FakeJackal(POSTS)
+    child = start(master, parameters)
+    yield child
+    jackal.close()
+    assert child.end() == 0, child.text
+    rospy.delete_param("/move_base")
+
+
+def test_topics_and_services_are_those_of_the_cpp_node(node):
+    import rosservice
+    import rostopic
+
+    published, subscribed = rostopic.get_topic_list()
+    ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
+    assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE["publishes"]
+    assert not any(name.startswith(OTHER) for name in ours)
+    assert not any(name.startswith(OTHER) for name in rosservice.get_service_list(node="/move_base"))
+    for name, kind in SURFACE["services"].items():
+        assert rosservice.get_service_type(name) == kind
+
+
+def test_the_server_describes_the_cpp_parameters_and_clamps(node):
+    import rospy
+    from dynamic_reconfigure.client import Client
+
+    client = Client(SERVER, timeout=5.0)
+    got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=5.0)}
+    for p in SURFACE["dynamic_reconfigure"][SERVER]:
+        mine = got.pop(p["name"])
+        low, high = (float(v) if v in ("inf", "-inf") else v for v in (p["min"], p["max"]))
+        assert (mine["type"], mine["min"], mine["max"], mine["default"]) == (p["type"], low, high, p["default"])
+    assert not got
+    assert client.get_configuration(timeout=5.0)["vy_samples"] == 1
+    assert client.update_configuration({"acc_lim_x": 99.0})["acc_lim_x"] == 20.0
+    wait_for(lambda: rospy.get_param(SERVER + "/acc_lim_x") == 20.0, 3.0, "mirror")
+    assert client.update_configuration({"restore_defaults": True})["acc_lim_x"] == 10.0
+    client.close()
+
+
+def test_drives_to_a_goal_and_shows_plans_and_clouds(node):
+    import actionlib
+    import rospy
+    from move_base_msgs.msg import MoveBaseAction
+    from nav_msgs.msg import Path as PathMessage
+    from sensor_msgs.msg import PointCloud2
+
+    seen = {}
+    kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)
+    for topic, kind in kinds.items():
+        rospy.Subscriber(SERVER + "/" + topic, kind, lambda m, topic=topic: seen.setdefault(topic, m))
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(10.0))
+    client.send_goal(goal(1.0))
+    assert client.wait_for_result(rospy.Duration(30.0)), node.text
+    assert client.get_goal_status_text() == "Goal reached."
+    assert set(seen) == set(kinds)
+    assert [f.name for f in seen["trajectory_cloud"].fields] == ["x", "y", "z", "theta", "cost"]
+    assert seen["trajectory_cloud"].header.frame_id == "odom"
+    assert seen["trajectory_cloud"].width > 20
+    assert seen["cost_cloud"].point_step == 28
