@@ -10,6 +10,7 @@ import sys
 import xml.etree.ElementTree as xml
 
 import pytest
+import yaml
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 ROBOT_SIDE = ("applr_ros1", "sim_bridge", "worlds")
@@ -317,3 +318,18 @@ def test_linters_and_types(command):
         pytest.skip("%s is not installed for this Python" % command[0])
     found = subprocess.run(tool, cwd=ROOT, capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stdout + found.stderr
+
+
+def test_citation_workflow_and_hooks_are_well_formed():
+    """CITATION.cff names the version of package.xml and the paper; the workflow runs .ci/run; hooks run what is here."""
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert citation["version"] == xml.parse(os.path.join(ROOT, "package.xml")).getroot().findtext("version")
+    assert len(citation["references"][0]["authors"]) == 8
+    (job,) = yaml.safe_load(text_of(".github/workflows/ci.yml"))["jobs"].values()
+    assert job["container"] == "debian:12"
+    assert job["steps"][-1]["run"] == ".ci/run"
+    (hooks,) = yaml.safe_load(text_of(".pre-commit-config.yaml"))["repos"]
+    for hook in hooks["hooks"]:
+        assert hook["language"] == "system"
+        assert hook["entry"].startswith(".applr/venv/bin/python -m ")
