@@ -321,7 +321,7 @@ def test_linters_and_types(command):
 
 
 def test_citation_workflow_and_hooks_are_well_formed():
-    """CITATION.cff names the version of package.xml and the paper; the workflow runs .ci/run; hooks run what is here."""
+    """CITATION.cff names the version and the paper, the workflow runs .ci/run, and hooks run the venv's tools."""
     citation = yaml.safe_load(text_of("CITATION.cff"))
     assert {"cff-version", "message", "title", "authors"} <= set(citation)
     assert citation["version"] == xml.parse(os.path.join(ROOT, "package.xml")).getroot().findtext("version")

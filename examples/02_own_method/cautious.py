@@ -1,0 +1,21 @@
+"""A method: slow where something is near, fast where there is room. run.py evaluates it."""
+
+import numpy as np
+
+from applr_ros1.policy.parameter_space import SPACE
+
+
+class Cautious:
+    """The speed limit follows the smallest range of the scan.
+
+    Args:
+        text: What stands after the second colon of `cautious:Cautious:text`: the range [m] below which it is slow.
+    """
+
+    def __init__(self, text: str = "0.6"):
+        self.near = float(text)
+
+    def theta(self, context) -> np.ndarray:
+        """The parameters (8,) until the next decision; names left out keep their default."""
+        slow = context.ranges.min() < self.near
+        return SPACE.from_dict({"max_vel_x": 0.4 if slow else 1.2, "inflation_radius": 0.3 if slow else 0.2})
