@@ -17,6 +17,7 @@ from typing import Any, List, Sequence
 
 import numpy as np
 
+from applr_ros1.common.angles import quaternion_of
 from worlds import Mover, World
 
 from . import jackal
@@ -181,7 +182,7 @@ def _compound(p, on, obstacles):
             for is_round, (_, _, _, shape) in zip(round_ones, obstacles)
         ],
         collisionFramePositions=[_upright(x, y) for x, y, _, _ in obstacles],
-        collisionFrameOrientations=[(0, 0, math.sin(yaw / 2), math.cos(yaw / 2)) for _, _, yaw, _ in obstacles],
+        collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, _ in obstacles],
         **on,
     )
     body = p.createMultiBody(0, shape, **on)

@@ -15,11 +15,13 @@ from typing import Callable, Iterator, List, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import wrapped
+from applr_ros1.common.errors import run_main
 from worlds import Mover, World
 
 from . import NAMES, jackal, make
 from .scenes import small_world
-from .simulator import RobotState, Simulator, SimulatorError, wrap
+from .simulator import RobotState, Simulator, SimulatorError
 
 Factory = Callable[..., Simulator]  # called with keyword arguments of Randomisation, such as slip=0.0
 STEP = 0.05  # simulated seconds between commands
@@ -217,7 +219,8 @@ def _believes_its_odometry(factory: Factory) -> None:
     x, y, yaw = simulator.to_odom(state.pose)
     apart = hypot(x - state.odom_pose[0], y - state.odom_pose[1])
     _need(apart < 0.1, "after 2 m the odometry is %.2f m off", apart)
-    _need(abs(wrap(yaw - state.odom_pose[2])) < 0.05, "its heading is off by %.3f rad", wrap(yaw - state.odom_pose[2]))
+    off = wrapped(yaw - state.odom_pose[2])
+    _need(abs(off) < 0.05, "its heading is off by %.3f rad", off)
     back = simulator.to_world(simulator.to_odom((1.5, -2.0, 3.0)))
     _need(bool(np.allclose(back, (1.5, -2.0, 3.0))), "to_world(to_odom(pose)) is %s, not the pose", back)
     before = state.pose
@@ -287,15 +290,15 @@ PROMISES: Tuple[Callable[[Factory], None], ...] = (
 
 
 def main() -> int:
-    """Print a line for every promise. Exit status 1 where one is not kept, 2 for a simulator that cannot be made."""
+    """Print a line for every promise. Exit status 1 where one is not kept, or there is no such simulator."""
     parser = argparse.ArgumentParser(prog="python -m sim_bridge.check", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("simulator", help="%s, or module:Class" % ", ".join(NAMES))
     name = parser.parse_args().simulator
-    try:
-        make(name).close()
-    except SimulatorError as error:
-        print("check: %s" % error, file=sys.stderr)
-        return 2
+    return run_main(lambda: _print_results(name), "check")
+
+
+def _print_results(name: str) -> int:
+    make(name).close()
     broken = 0
     for promise, problem in _results(lambda **options: make(name, **options)):
         broken += bool(problem)

@@ -11,15 +11,17 @@ from __future__ import annotations
 import argparse
 import sys
 from dataclasses import astuple
-from math import pi
 from typing import Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import wrapped_modulo
+from applr_ros1.common.errors import run_main
+
 from .kinematic_simulator import KinematicParameters, KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
 from .scenes import small_world
-from .simulator import RobotState, Simulator, SimulatorError
+from .simulator import RobotState, Simulator
 from .tracking_table import OPEN_PLANE, run
 
 Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
@@ -79,7 +81,7 @@ def compare(scenes: Sequence[Scene], recorded: Recordings, parameters: Kinematic
     for seed, (scene, (poses, touched)) in enumerate(zip(scenes, recorded)):
         mine, mine_touched = scene.drive(simulator, seed)
         apart = np.hypot(*(mine[:, :2] - poses[:, :2]).T)
-        turn = np.abs((mine[:, 2] - poses[:, 2] + pi) % (2 * pi) - pi)
+        turn = np.abs(wrapped_modulo(mine[:, 2] - poses[:, 2]))
         rows.append((apart[-1], turn[-1], apart.mean(), turn.mean(), touched.any(), mine_touched.any()))
     return np.array(rows, dtype=float)
 
@@ -174,11 +176,11 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 0, or a message where a simulator cannot be made."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", type=int, default=60, help="as many again are kept aside for the check")
-    arguments = parser.parse_args(argv)
-    try:
-        bullet, kinematic = PybulletSimulator(), KinematicSimulator()
-    except SimulatorError as error:
-        sys.exit("fit_kinematic: %s" % error)
+    return run_main(lambda: _print_fit(parser.parse_args(argv)), "fit_kinematic")
+
+
+def _print_fit(arguments: argparse.Namespace) -> None:
+    bullet, kinematic = PybulletSimulator(), KinematicSimulator()
     pair = (("pybullet", bullet), ("kinematic", kinematic))
     responses(pair)
     drifts(pair)
@@ -192,7 +194,6 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     best = fit(scenes[:half], recorded[:half], start)
     report("after ", compare(scenes[half:], recorded[half:], best))
     print("fitted on the first %d, reported on the others: %s" % (half, best))
-    return 0
 
 
 if __name__ == "__main__":

@@ -6,10 +6,12 @@ simulators call it.
 
 from __future__ import annotations
 
-from math import cos, exp, pi, sin, sqrt
+from math import cos, exp, sin, sqrt
 from typing import Tuple
 
 import numpy as np
+
+from applr_ros1.common.angles import wrapped_modulo
 
 from . import jackal
 
@@ -52,12 +54,12 @@ class Odometry:
         )
         x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
-        turn = (yaw - old + pi) % (2 * pi) - pi
+        turn = wrapped_modulo(yaw - old)
         ahead = wheel_speed * self._gain * duration
         middle = old + 0.5 * turn
-        self._heading = (old + turn + pi) % (2 * pi) - pi
+        self._heading = wrapped_modulo(old + turn)
         seen = self._heading + self.scale * jackal.ODOM_HEADING_NOISE * self._normal()
-        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), (seen + pi) % (2 * pi) - pi)
+        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), wrapped_modulo(seen))
         rate = yaw_rate + self.scale * jackal.GYRO_NOISE * self._normal()
         self.twist = (wheel_speed * self._gain + self.scale * jackal.ODOM_SPEED_NOISE * self._normal(), rate)
         self.imu = (acceleration + self.scale * jackal.ACCELEROMETER_NOISE * self._normal(), rate)

@@ -19,7 +19,7 @@ import gc
 import sys
 import threading
 import time
-from math import atan2, isfinite
+from math import isfinite
 from typing import Any
 
 import rospy
@@ -28,6 +28,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
+from applr_ros1.common.angles import yaw_of
 
 from . import make
 from .ros_topics import Topics
@@ -175,9 +176,8 @@ class Bridge:
         if not all(map(isfinite, values)) or abs(sum(value * value for value in values[2:]) - 1.0) > 0.1:
             rospy.logwarn("sim_bridge: /set_pose refused: give finite numbers and a quaternion of length 1")
             return
-        yaw = atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
         with self.lock:
-            self.simulator.set_odometry((p.x, p.y, yaw))
+            self.simulator.set_odometry((p.x, p.y, yaw_of(q)))
 
     def on_reset(self, _: Any) -> EmptyResponse:
         """Service ~reset: the same world from the start, under the next seed."""

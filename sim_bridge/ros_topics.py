@@ -5,7 +5,7 @@ ros_bridge.py publishes through it. Positions are planar; z is base_link's plane
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import pi
 
 import numpy as np
 import rospy
@@ -16,6 +16,8 @@ from sensor_msgs.msg import Imu, JointState, LaserScan
 from std_msgs.msg import Bool, ColorRGBA, String
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
+
+from applr_ros1.common.angles import quaternion_of
 
 from . import jackal
 from .simulator import RobotState, Simulator
@@ -107,7 +109,7 @@ class Topics:
 
 def quaternion(yaw: float) -> Quaternion:
     """A geometry_msgs/Quaternion for a yaw [rad]."""
-    return Quaternion(0.0, 0.0, sin(yaw / 2), cos(yaw / 2))
+    return Quaternion(*quaternion_of(yaw))
 
 
 def _transform(parent, child, pose, stamp, z=0.0):

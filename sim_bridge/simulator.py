@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from math import cos, isfinite, pi, sin
+from math import isfinite
 from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common import angles
+from applr_ros1.common.errors import ApplrError
 from worlds import World
 
 from . import jackal
@@ -23,7 +25,7 @@ Pose = Tuple[float, float, float]
 Span = Union[float, Tuple[float, float]]  # a number, or (low, high): drawn anew at every reset
 
 
-class SimulatorError(ValueError):
+class SimulatorError(ApplrError):
     """A wrong argument to a simulator: one line that says which, its value and what to do."""
 
 
@@ -84,11 +86,6 @@ class Randomisation:
         )
 
 
-def wrap(angle: float) -> float:
-    """The angle in [-pi, pi)."""
-    return (angle + pi) % (2 * pi) - pi
-
-
 @dataclass
 class _Command:
     v: float = 0.0
@@ -136,7 +133,7 @@ class Simulator(ABC):
         pose = (
             place[0] + shift[0] * self.drawn.start_xy,
             place[1] + shift[1] * self.drawn.start_xy,
-            wrap(place[2] + shift[2] * self.drawn.start_yaw),
+            angles.wrapped_modulo(place[2] + shift[2] * self.drawn.start_yaw),
         )
         new_world = self._lidar is None or world is not self.world
         if new_world:
@@ -168,12 +165,10 @@ class Simulator(ABC):
         +inf where nothing returns and -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new
         noise.
         """
-        x, y, yaw = self.state.pose
-        c, s = cos(yaw), sin(yaw)
-        ox, oy = jackal.LASER_OFFSET
+        pose = self.state.pose
         if self._lidar is None:
             raise SimulatorError("there is no scan before the first reset(): call reset(world, seed)")
-        ranges = self._lidar.scan(x + c * ox - s * oy, y + s * ox + c * oy, yaw, self.mover_circles())
+        ranges = self._lidar.scan(*angles.place(pose, *jackal.LASER_OFFSET), pose[2], self.mover_circles())
         noise = self._rng.standard_normal(jackal.BEAMS, dtype=np.float32)
         noise *= np.float32(jackal.SCAN_NOISE * self.drawn.scan_noise)
         return np.add(ranges, noise, out=ranges)

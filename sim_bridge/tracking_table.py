@@ -14,9 +14,12 @@ from typing import Iterable, Optional, Sequence
 
 import numpy as np
 
+from applr_ros1.common.angles import wrapped_modulo
+from applr_ros1.common.errors import run_main
+
 from . import NAMES, jackal, make
 from .scenes import small_world
-from .simulator import RobotState, Simulator, SimulatorError
+from .simulator import RobotState, Simulator
 
 # (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
 CASES = (
@@ -73,7 +76,7 @@ def _measure(simulator, v, w, seconds, seed):
     for _ in range(int(round(seconds / 0.05))):
         last = state
         state = run(simulator, v, w, 0.05)
-        turn = (state.pose[2] - last.pose[2] + pi) % (2 * pi) - pi
+        turn = wrapped_modulo(state.pose[2] - last.pose[2])
         middle = last.pose[2] + turn / 2
         dx, dy = state.pose[0] - last.pose[0], state.pose[1] - last.pose[1]
         # the chord of the arc, made as long as the arc
@@ -98,11 +101,11 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     parser.add_argument("--simulator", default="pybullet", help=" or ".join(NAMES))
     parser.add_argument("--even", action="store_true", help="even ground: no random slip")
     parser.add_argument("--seeds", type=int, default=4, help="runs to average")
-    arguments = parser.parse_args(argv)
-    try:
-        simulator = make(arguments.simulator, slip=0.0 if arguments.even else 1.0)
-    except SimulatorError as error:
-        sys.exit("tracking_table: %s" % error)
+    return run_main(lambda: _print_table(parser.parse_args(argv)), "tracking_table")
+
+
+def _print_table(arguments: argparse.Namespace) -> int:
+    simulator = make(arguments.simulator, slip=0.0 if arguments.even else 1.0)
     print("commanded        driven           error   drift of a turn in place")
     worst = 0.0
     for v, w in CASES:

@@ -15,7 +15,7 @@ from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 from toy_robot import ANGLE_MAX, ANGLE_MIN, INCREMENT, LASER_X, RANGE_MAX, RANGE_MIN, ToyRobot
 
-from applr_ros1.nodes.conversions import compose
+from applr_ros1.common.angles import compose
 
 TICK = 0.01
 COMMAND_TIMEOUT = 0.25

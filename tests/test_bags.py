@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from applr_ros1.common.files import StorageError
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from training import bags_to_dataset
@@ -16,7 +17,6 @@ from training.bags.reader import BagError, find, read
 from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
 from training.experience.dataset import Dataset
 from training.experience.trajectory import Layout
-from training.storage import StorageError
 
 SERVERS = {
     "planner": "TrajectoryPlannerROS",

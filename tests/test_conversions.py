@@ -11,6 +11,7 @@ from geometry_msgs.msg import Quaternion
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan
 
+from applr_ros1.common import angles
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
 
@@ -83,11 +84,11 @@ def test_quaternions(q, upright):
 
 
 def test_compose_and_yaw():
-    x, y, yaw = conversions.compose((1.0, 2.0, math.pi / 2), (1.0, 0.0, math.pi))
+    x, y, yaw = angles.compose((1.0, 2.0, math.pi / 2), (1.0, 0.0, math.pi))
     assert (x, y) == pytest.approx((1.0, 3.0))
     assert yaw == pytest.approx(-math.pi / 2)
     q = conversions.pose_stamped((0, 0, -2.5), "odom", STAMP).pose.orientation
-    assert conversions.yaw_of(q) == pytest.approx(-2.5)
+    assert angles.yaw_of(q) == pytest.approx(-2.5)
 
 
 @pytest.mark.parametrize(

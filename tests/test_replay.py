@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from applr_ros1.common.files import StorageError
 from training.experience.journal import Journal
 from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 from training.gorila.batch import draw_batch
-from training.storage import StorageError
 
 SMALL = Layout(scan=4, rest=2, action=2)
 

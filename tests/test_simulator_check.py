@@ -117,5 +117,5 @@ def test_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "sim_bridge.check", "nonsense"], capture_output=True, text=True, timeout=60, check=False
     )
-    assert done.returncode == 2
+    assert done.returncode == 1
     assert done.stderr.count("\n") == 1

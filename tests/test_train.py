@@ -195,7 +195,7 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
         np.testing.assert_allclose(mine.reward, theirs.reward - price, atol=1e-6)
         np.testing.assert_array_equal(mine.action, theirs.action)
     assert dataset.main([str(tmp_path), str(tmp_path / "none")]) == 1
-    assert capsys.readouterr().err.strip() == "error: %s: no training run (no journal in it)" % tmp_path
+    assert capsys.readouterr().err.strip() == "dataset: %s: no training run (no journal in it)" % tmp_path
 
 
 def one_line(capsys, arguments, status, pattern):

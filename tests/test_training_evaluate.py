@@ -14,11 +14,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from applr_ros1.common.files import StorageError
+from applr_ros1.policy.parameter_space import SpaceError
 from training import evaluate
 from training.evaluation import methods, trials
 from training.evaluation import store as trial_store
 from training.mdp.episode import TIME_LIMIT
-from training.storage import StorageError
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
@@ -53,7 +54,7 @@ def run(*arguments, **env):
 
 
 def refused(done, *words):
-    lines = [line for line in done.stderr.splitlines() if line.startswith("error: ")]
+    lines = [line for line in done.stderr.splitlines() if line.startswith("evaluate.py: ")]
     assert done.returncode == 1, done.stderr
     assert len(lines) == 1, done.stderr
     assert "Traceback" not in done.stderr, done.stderr
@@ -268,7 +269,7 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     assert evaluate.main(["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"] + arguments) == 1
     line = capsys.readouterr().err
     assert line.count("\n") == 1
-    assert line.startswith("error: ")
+    assert line.startswith("evaluate.py: ")
     for word in words:
         assert word in line, line
     assert not (tmp_path / "o" / "trials.csv").exists()
@@ -303,7 +304,7 @@ def test_baselines(tmp_path):
     (tmp_path / "set.json").write_text('{"parameters": {"max_vel_x": 1.5}, "log": "whatever"}')
     assert theta(methods.make(str(tmp_path / "set.json")), "max_vel_x") == 1.5
     (tmp_path / "set.json").write_text('{"max_vel_x": 99}')
-    with pytest.raises(methods.MethodError, match="0.2 to 2"):
+    with pytest.raises(SpaceError, match="0.2 to 2"):
         methods.make(str(tmp_path / "set.json"))
     published = methods.make("appld:published")
     assert theta(published, "max_vel_x") in (0.8, 0.71, 0.25, 1.59)

@@ -30,7 +30,7 @@ def test_draw(tmp_path, spec):
 def test_draw_mistakes(arguments):
     done = run("worlds.draw", *arguments)
     assert done.returncode == 1
-    assert done.stderr.startswith("error: ")
+    assert done.stderr.startswith("draw: ")
     assert done.stderr.count("\n") == 1
 
 

@@ -67,11 +67,11 @@ def test_bad_files(tmp_path, text, words):
 
 
 def test_missing_folder_and_device(tmp_path):
-    refused(tmp_path / "missing.world", "missing.world", "check the path")
+    refused(tmp_path / "missing.world", "missing.world", "give an existing file")
     (tmp_path / "folder.world").mkdir()
-    refused(tmp_path / "folder.world", "not a file")
+    refused(tmp_path / "folder.world", "a folder, pipe or device")
     os.mkfifo(str(tmp_path / "pipe.world"))
-    refused(tmp_path / "pipe.world", "not a file")
+    refused(tmp_path / "pipe.world", "a folder, pipe or device")
     refused("x\0y.world", "cannot be read")
     (tmp_path / "empty").mkdir()
     with pytest.raises(worlds.WorldError, match="0 .world files"):

@@ -16,6 +16,9 @@ from typing import Any, Dict, List
 
 import numpy as np
 
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, WEIGHTS
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.parameter_space import SPACE
@@ -25,7 +28,7 @@ from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
 from training.baselines.appld.card import card
 from training.baselines.appld.demonstration import Demonstration, read
-from training.storage import StorageError, make_folder, write_bytes
+from training.storage import make_folder
 
 
 def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[str, Any]:
@@ -51,14 +54,11 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     )
     log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
-    try:
-        make_folder(Path(out).parent)
-        short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
-        runtime.save(out, sets, weights, {"training": json.dumps(short)})
-    except OSError as error:
-        raise StorageError("%s: cannot be written (%s)" % (out, error.strerror or error)) from None
+    make_folder(Path(out).parent)
+    short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
+    runtime.save(out, sets, weights, {"training": json.dumps(short)})
     stem = str(Path(out).with_suffix(""))
-    write_bytes(stem + "_log.json", (json.dumps(log, indent=1) + "\n").encode())
+    write_json(stem + "_log.json", log)
     write_bytes(stem + ".md", card(log).encode())
     return log
 
@@ -132,7 +132,7 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
     }
 
 
-def parse(arguments) -> argparse.Namespace:
+def parse(arguments=None) -> argparse.Namespace:
     """Read the command line."""
     p = argparse.ArgumentParser(
         prog="appld.py", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
@@ -157,7 +157,7 @@ def parse(arguments) -> argparse.Namespace:
     p.add_argument("--odometry", default=Topics.odometry, help="topic of the odometry")
     p.add_argument("--command", default=Topics.command, help="topic of the velocity commands")
     p.add_argument("--verbose", action="store_true", help="a line for each generation of the search")
-    given = [a for a in arguments if ":=" not in a]  # ROS remapping arguments are ignored
+    given = without_remappings(arguments)
     options = p.parse_args(given)
     options.given = [_plain(a) for a in given]
     return options
@@ -170,25 +170,24 @@ def _plain(word: str) -> str:
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when there is no file."""
-    options = parse(sys.argv[1:] if arguments is None else arguments)
+    return run_main(lambda: run(parse(arguments)), "appld.py")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Learns from the bags that the options name and writes the file, its log and its card."""
+    if not options.out.endswith(".safetensors"):
+        raise UsageError("--out %s: give a name that ends in .safetensors" % options.out)
+    if options.contexts < 0 or min(options.evaluations, options.longest, options.steps) < 1:
+        raise UsageError("--contexts must be 0 or more, --evaluations, --longest and --steps 1 or more")
+    bags = find(options.bags)
+    if not bags:
+        raise BagError("%s: no bags there" % ", ".join(options.bags))
+    topics = Topics(scan=options.scan, odometry=options.odometry, command=options.command)
     try:
-        if not options.out.endswith(".safetensors"):
-            raise ValueError("--out %s: give a name that ends in .safetensors" % options.out)
-        if options.contexts < 0 or min(options.evaluations, options.longest, options.steps) < 1:
-            raise ValueError("--contexts must be 0 or more, --evaluations, --longest and --steps 1 or more")
-        bags = find(options.bags)
-        if not bags:
-            raise BagError("%s: no bags there" % ", ".join(options.bags))
-        topics = Topics(scan=options.scan, odometry=options.odometry, command=options.command)
         log = learn([read(bag, topics) for bag in bags], options.out, options)
-    except (ValueError, StorageError) as error:
-        print("appld.py: %s" % error, file=sys.stderr)
-        return 1
     except KeyboardInterrupt:
-        print("stopped; nothing was written", file=sys.stderr)
-        return 130
+        raise KeyboardInterrupt("stopped; nothing was written") from None
     print("%s: %d contexts in %.0f s" % (options.out, len(log["contexts"]), log["seconds"]))
-    return 0
 
 
 if __name__ == "__main__":

@@ -11,12 +11,13 @@ import sys
 from dataclasses import asdict, fields
 from pathlib import Path
 
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import UsageError, run_main
 from training.bags.episodes import Report, trajectories
 from training.bags.reader import BagError, Topics, find, read
-from training.experience.dataset import DatasetError, Writer
+from training.experience.dataset import Writer
 from training.experience.trajectory import TrajectoryError
 from training.mdp.reward import Reward
-from training.storage import StorageError
 
 
 def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(), finish=None, say=print) -> dict:
@@ -88,36 +89,35 @@ def parse(arguments) -> argparse.Namespace:
         parser.add_argument(
             "--" + topic.name.replace("_", "-"), default=topic.default, help="topic or name space (default %(default)s)"
         )
-    return parser.parse_args([a for a in arguments if ":=" not in a])  # ROS remapping arguments are ignored
+    return parser.parse_args(without_remappings(arguments))
 
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when no dataset could be made."""
-    options = parse(sys.argv[1:] if arguments is None else arguments)
-    try:
-        reward = Reward(**dict(_coefficient(text) for text in options.reward))
-        topics = Topics(**{f.name: getattr(options, f.name) for f in fields(Topics)})
-        manifest = convert(options.bags, options.out, topics, reward, options.finish)
-    except (BagError, DatasetError, StorageError, ValueError) as error:
-        print("bags_to_dataset: %s" % error, file=sys.stderr)
-        return 1
+    return run_main(lambda: run(parse(arguments)), "bags_to_dataset")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Converts the bags that the options name."""
+    reward = Reward(**dict(_coefficient(text) for text in options.reward))
+    topics = Topics(**{f.name: getattr(options, f.name) for f in fields(Topics)})
+    manifest = convert(options.bags, options.out, topics, reward, options.finish)
     print("%s: %d transitions in %d shards" % (options.out, manifest["transitions"], len(manifest["shards"])))
-    return 0
 
 
 def _coefficient(text: str):
     name, _, value = text.partition("=")
     kinds = {f.name: f.default for f in fields(Reward)}
     if name not in kinds:
-        raise ValueError("--reward %s: there are %s" % (text, ", ".join(kinds)))
+        raise UsageError("--reward %s: there are %s" % (text, ", ".join(kinds)))
     if isinstance(kinds[name], bool):
         if value.lower() not in ("true", "false"):
-            raise ValueError("--reward %s: give true or false" % text)
+            raise UsageError("--reward %s: give true or false" % text)
         return name, value.lower() == "true"
     try:
         return name, float(value)
     except ValueError:
-        raise ValueError("--reward %s: give a number" % text) from None
+        raise UsageError("--reward %s: give a number" % text) from None
 
 
 if __name__ == "__main__":

@@ -11,20 +11,21 @@ import csv
 import json
 import re
 import sys
-from typing import Any, Dict, List, NamedTuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 from scipy import stats
 
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.files import read_bytes
 from training.evaluation.store import read_rows
 from training.evaluation.trials import COLUMNS as OURS
-from training.storage import StorageError, read_bytes
 
 COLUMNS = ("world", "n", "n_success", "time_mean_succ")
 LONGER = 2.0  # [s] that Gazebo's course, to y = 11 m, takes longer than ours, to y = 10 m
 
 
-class CompareError(ValueError):
+class CompareError(ApplrError):
     """One line: what cannot be compared, and why."""
 
 
@@ -122,8 +123,13 @@ def lines(found: Dict[str, Any]) -> List[str]:
     return out
 
 
-def main() -> int:
+def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command; returns the exit status."""
+    return run_main(lambda: run(arguments), "compare_gazebo")
+
+
+def run(arguments: Optional[Sequence[str]] = None) -> None:
+    """Compare the two tables that the arguments name and print the result."""
     parser = argparse.ArgumentParser(prog="python -m training.compare_gazebo", description=__doc__)
     parser.add_argument("trials", help="trials.csv of BARN's own worlds")
     parser.add_argument("gazebo", help="table with the columns %s" % ", ".join(COLUMNS))
@@ -135,14 +141,9 @@ def main() -> int:
         help="seconds that the table's course takes longer (default: %(default)s)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    options = parser.parse_args()
-    try:
-        found = compare(ours(options.trials, options.method), gazebo(options.gazebo, options.longer))
-    except (CompareError, StorageError) as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
+    options = parser.parse_args(arguments)
+    found = compare(ours(options.trials, options.method), gazebo(options.gazebo, options.longer))
     print(json.dumps(found) if options.json else "\n".join(lines(found)))
-    return 0
 
 
 if __name__ == "__main__":

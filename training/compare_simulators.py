@@ -20,13 +20,13 @@ import numpy as np
 from scipy import stats
 
 import worlds as worlds_package
+from applr_ros1.common.errors import run_main
+from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.parameter_space import SPACE
 from training import evaluate
 from training.evaluation.store import TRIALS, read_rows
 from training.evaluation.trials import COLUMNS
 from training.gorila.tasks import spread
-from training.storage import StorageError, write_bytes
-from worlds import WorldError
 
 KNOWN = ("dwa", "fast_dwa")  # the first sets, theta_0 and Fast-DWA; those behind them are drawn
 LIMIT = 100.0  # [s] what a failure counts as, where failures are ranked, too
@@ -240,11 +240,7 @@ def parse(arguments: Sequence[str] = None) -> argparse.Namespace:
 
 def main(arguments: Sequence[str] = None) -> int:
     """Exit status 0; 1 and one line on stderr for a mistake; 130 after Ctrl-C."""
-    try:
-        return run(parse(arguments))
-    except (evaluate.UsageError, StorageError, WorldError) as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
+    return run_main(lambda: run(parse(arguments)), "compare_simulators")
 
 
 def run(options: argparse.Namespace) -> int:

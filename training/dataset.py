@@ -6,9 +6,8 @@ import argparse
 import sys
 from typing import List, Optional
 
-from training.experience.dataset import DatasetError, export_replay
-from training.experience.trajectory import TrajectoryError
-from training.storage import StorageError
+from applr_ros1.common.errors import run_main
+from training.experience.dataset import export_replay
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -23,14 +22,12 @@ def main(arguments: Optional[List[str]] = None) -> int:
         help="what changing the parameters costs in the dataset beyond what it cost in the run, in reward per mean "
         "change of an action unit (default: 0)",
     )
-    options = parser.parse_args(arguments)
-    try:
-        manifest = export_replay(options.run, options.folder, c_switch=options.c_switch)
-    except (DatasetError, StorageError, TrajectoryError) as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
+    return run_main(lambda: _export(parser.parse_args(arguments)), "dataset")
+
+
+def _export(options: argparse.Namespace) -> None:
+    manifest = export_replay(options.run, options.folder, c_switch=options.c_switch)
     print("%d transitions in %s" % (manifest["transitions"], options.folder))
-    return 0
 
 
 if __name__ == "__main__":

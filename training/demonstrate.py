@@ -11,13 +11,14 @@ import sys
 
 import sim_bridge
 import worlds
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import ApplrError, run_main
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import NAME, Demonstrator
 from training.mdp.episode import CONTROL_PERIOD
-from training.storage import StorageError
 
 
-class DemonstrationError(ValueError):
+class DemonstrationError(ApplrError):
     """The demonstrator did not get through; one line."""
 
 
@@ -63,32 +64,32 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
     }
 
 
-def parse(arguments) -> argparse.Namespace:
+def parse(arguments=None) -> argparse.Namespace:
     """Read the command line."""
     p = argparse.ArgumentParser(prog="demonstrate.py", description=__doc__)
     p.add_argument("bag", help="bag to write (.bag); must not be there")
     p.add_argument("--world", default="physical_course", help="course to drive (default %(default)s)")
     p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet", help="default %(default)s")
     p.add_argument("--seed", type=int, default=0, help="of the simulator's noise")
-    return p.parse_args([a for a in arguments if ":=" not in a])  # ROS remapping arguments are ignored
+    return p.parse_args(without_remappings(arguments))
 
 
 def main(arguments=None) -> int:
     """Run the command; returns the exit status."""
-    options = parse(sys.argv[1:] if arguments is None else arguments)
-    try:
-        world = worlds.load(options.world)
-        found = demonstrate(
-            world, sim_bridge.make(options.simulator), options.bag, options.seed, said={"simulator": options.simulator}
-        )
-    except (ValueError, StorageError, OSError) as error:
-        print("demonstrate.py: %s" % error, file=sys.stderr)
-        return 1
+    """Exit status 0; 1 with one line when there is no usable demonstration."""
+    return run_main(lambda: run(parse(arguments)), "demonstrate.py")
+
+
+def run(options: argparse.Namespace) -> None:
+    """Drives and records as the options say."""
+    world = worlds.load(options.world)
+    found = demonstrate(
+        world, sim_bridge.make(options.simulator), options.bag, options.seed, said={"simulator": options.simulator}
+    )
     print(
         "%s: %s demonstrated by a script in %.1f s, %.1f m at %.2f m/s, %d contacts"
         % (options.bag, world.name, found["seconds"], found["metres"], found["speed"], found["contacts"])
     )
-    return 0
 
 
 if __name__ == "__main__":

@@ -12,34 +12,22 @@ import sys
 import time
 from typing import Any, Dict, List, Sequence
 
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from training.evaluation import methods
 from training.evaluation.store import TRIALS, Store
 from training.evaluation.trial_pool import Processes, RayActors
 from training.evaluation.trials import PROTOCOLS, Task, plan, world_list
-from training.storage import StorageError
 
 AHEAD = 8  # finished trials held back per worker, until those before them are done too
 RETRIES = 2  # times a trial is driven again after its worker died
 
 
-class UsageError(ValueError):
-    """A wrong argument; one line."""
-
-
 def main(arguments: Sequence[str] = None) -> int:
     """Exit status 0 when all trials are done and reported; 1 and one line on stderr otherwise; 130 after Ctrl-C."""
     signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        return run(parse(sys.argv[1:] if arguments is None else arguments))
-    except KeyboardInterrupt:
-        print("stopped; the same command continues", file=sys.stderr)
-        return 130
-    except (ValueError, OSError, RuntimeError) as error:  # every error of ours is one of these, of one line
-        if not isinstance(error, _OURS):
-            raise
-        print("error: %s" % error, file=sys.stderr)
-        return 1
+    return run_main(lambda: run(parse(arguments)), "evaluate.py")
 
 
 def run(options: argparse.Namespace) -> int:
@@ -51,6 +39,8 @@ def run(options: argparse.Namespace) -> int:
     try:
         if store.done < len(tasks):
             drive(tasks, store, options)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; the same command continues") from None
     finally:
         store.close()
     print("%d trials in %s" % (len(tasks), os.path.join(options.out, TRIALS)))
@@ -199,7 +189,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     p.add_argument("--driver", default="training.evaluation.trials:Driver", help=argparse.SUPPRESS)  # tests give a toy
     p.add_argument("--no-report", dest="report", action="store_false", help="only trials.csv, no tables and figures")
-    return p.parse_args([a for a in arguments if ":=" not in a])
+    return p.parse_args(without_remappings(arguments))
 
 
 class _Parser(argparse.ArgumentParser):
@@ -231,18 +221,6 @@ def _whole(low: int, high: int):
 
     return convert
 
-
-def _ours():
-    from applr_ros1.policy.actor import ActorError
-    from applr_ros1.policy.appld import AppldError
-    from applr_ros1.policy.parameter_space import SpaceError
-    from training.gorila.actor_pool import PoolError
-    from worlds import WorldError
-
-    return UsageError, StorageError, methods.MethodError, ActorError, AppldError, SpaceError, PoolError, WorldError
-
-
-_OURS = _ours()
 
 if __name__ == "__main__":
     sys.exit(main())

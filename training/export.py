@@ -16,13 +16,16 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
-from applr_ros1.policy.actor import Actor, ActorError
-from training.storage import StorageError, make_folder, write_bytes
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.files import write_bytes
+from applr_ros1.policy.actor import Actor
+from training.storage import make_folder
 
 LARGEST_DIFFERENCE = 1e-5
 
 
-class ExportError(ValueError):
+class ExportError(ApplrError):
     """An export that is not what it should be; one line."""
 
 
@@ -111,20 +114,20 @@ def _texts(actor: Actor) -> Dict[str, str]:
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """Run the command; returns the exit status."""
-    arguments = [a for a in (sys.argv[1:] if arguments is None else arguments) if ":=" not in a]
+    return run_main(lambda: run(without_remappings(arguments)), "export")
+
+
+def run(arguments: List[str]) -> int:
+    """Exports as the arguments (ACTOR FOLDER) say."""
     if len(arguments) != 2 or "--help" in arguments or "-h" in arguments:
         print(__doc__)
         return 0 if {"--help", "-h"} & set(arguments) else 2
     try:
         for kind, path in export(*arguments).items():
             print("%-12s %s" % (kind, path))
-        return 0
-    except (ActorError, ExportError, StorageError) as error:
-        print("export: %s" % error, file=sys.stderr)
-        return 1
     except ImportError as error:
-        print("export: %s is not installed; ./applr setup brings it" % error.name, file=sys.stderr)
-        return 1
+        raise ExportError("%s is not installed; ./applr setup brings it" % error.name) from None
+    return 0
 
 
 if __name__ == "__main__":

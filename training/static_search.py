@@ -15,11 +15,13 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.common.files import read_json, write_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
-from applr_ros1.policy.methods import read_parameters
 from applr_ros1.policy.parameter_space import SPACE
 from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool
-from training.storage import StorageError, make_folder, read_json, write_bytes, write_json
+from training.storage import make_folder
 
 FAILURE_SECONDS = 100.0
 FINALISTS = 3
@@ -172,7 +174,7 @@ def _start(path: str):
     content = read_json(path)
     if isinstance(content, dict) and content.get("log"):
         return np.array(content["log"][-1]["mean"]["theta"]), list(content["log"])
-    return read_parameters(path), []
+    return SPACE.read(path), []
 
 
 def _named(action) -> Dict[str, Any]:
@@ -224,7 +226,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    arguments = [a for a in (sys.argv[1:] if arguments is None else arguments) if ":=" not in a]
+    """Exit status 0; 1 with one line for a mistake; 130 after Ctrl-C."""
+    return run_main(lambda: run(without_remappings(arguments)), "static_search.py")
+
+
+def run(arguments: List[str]) -> None:
+    """Searches as the arguments say and writes the set and its log."""
     options = parser().parse_args(arguments)
     from training.mdp.env import load_worlds
 
@@ -232,9 +239,9 @@ def main(arguments: Optional[List[str]] = None) -> int:
     log, partial = (Path(str(Path(options.out).with_suffix("")) + end) for end in ("_log.json", "_partial.json"))
     try:
         if min(options.generations, options.worlds_per_set) < 1 or options.population < 4 or options.actors < 0:
-            raise ValueError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")
+            raise UsageError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")
         if not 0.0 < options.sigma <= 2.0:
-            raise ValueError("--sigma is %r: give more than 0, 2 at most" % options.sigma)
+            raise UsageError("--sigma is %r: give more than 0, 2 at most" % options.sigma)
         make_folder(Path(options.out).parent)
         count = len(load_worlds(options.worlds))
         settings = {
@@ -249,22 +256,16 @@ def main(arguments: Optional[List[str]] = None) -> int:
         }
         trials = Trials(settings, options.actors, options.pool, options.ray_address, options.contact_seconds)
         found = search(trials, count, options, lambda lines: write_json(partial, {"command": command, "log": lines}))
-        write_bytes(options.out, (json.dumps(found["theta"], indent=1) + "\n").encode())
+        write_json(options.out, found["theta"])
         write_json(log, dict(found, command=command))
         partial.unlink(missing_ok=True)
         print("%s: %s" % (options.out, found["theta"]))
-        return 0
-    except (ValueError, StorageError, PoolError) as error:
-        print("static_search.py: %s" % error, file=sys.stderr)
-        return 1
     except KeyboardInterrupt:
-        print(
+        raise KeyboardInterrupt(
             "stopped; --start %s goes on from the last generation" % partial
             if partial.exists()
-            else "stopped in the first generation; nothing was written",
-            file=sys.stderr,
-        )
-        return 130
+            else "stopped in the first generation; nothing was written"
+        ) from None
     finally:
         if trials is not None:
             trials.pool.close()

@@ -1,71 +1,13 @@
-"""Files written whole or not at all, and one line when they cannot be. Used by everything in training/ that writes."""
+"""The folder of a run: made where it is missing, and one process at a time in it."""
 
 from __future__ import annotations
 
 import fcntl
-import hashlib
-import json
 import os
 from pathlib import Path
-from typing import Any
 
-
-class StorageError(OSError):
-    """A file or folder that cannot be read or written; one line with what, why and the remedy."""
-
-    def __str__(self):
-        return str(self.args[0])
-
-
-def write_bytes(path, data: bytes) -> None:
-    """Write beside, flush to disk, rename: a crash leaves the old file or the new one, never a part."""
-    path = Path(path)
-    partial = path.with_name("%s.%d.partial" % (path.name, os.getpid()))
-    try:
-        with open(partial, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    except OSError as error:
-        try:  # noqa: SIM105
-            partial.unlink()
-        except OSError:
-            pass
-        raise StorageError(
-            "%s: cannot be written (%s); the file that was there is untouched" % (path, reason(error))
-        ) from None
-
-
-def write_json(path, value: Any) -> None:
-    """Write a value as JSON, in one step (see write_bytes)."""
-    write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
-
-
-def read_bytes(path) -> bytes:
-    """The content of a file. Raises StorageError with one line if it cannot be read."""
-    try:
-        return Path(path).read_bytes()
-    except OSError as error:
-        raise StorageError("%s: cannot be read (%s)" % (path, reason(error))) from None
-
-
-def read_json(path) -> Any:
-    """The content of a JSON file. Raises StorageError with one line if it is absent or damaged."""
-    try:
-        return json.loads(read_bytes(path))
-    except (ValueError, RecursionError):
-        raise StorageError("%s: not JSON; the file is damaged" % path) from None
-
-
-def sha256(data: bytes) -> str:
-    """The SHA-256 digest in hexadecimal digits."""
-    return hashlib.sha256(data).hexdigest()
-
-
-def reason(error: OSError) -> str:
-    """What the system says of a failed file operation."""
-    return error.strerror or str(error)
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError
 
 
 def make_folder(path) -> Path:

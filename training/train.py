@@ -17,17 +17,17 @@ from typing import Dict, List, Optional
 
 import safetensors.numpy
 
+from applr_ros1.common.errors import run_main
+from applr_ros1.common.files import write_bytes, write_json
 from training.evaluation.periodic import Episodes, Rounds, draw_curves
 from training.experience.dataset import Dataset, DatasetError
-from training.experience.replay import ReplayError
 from training.gorila.actor_pool import InProcess, Pool, PoolError, Processes, RayPool
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.console import Board, ProgressLine, clock, describe
 from training.gorila.learner import Learner
 from training.gorila.tasks import Tasks, easiest_first, spread
 from training.gorila.worker import RESULT, TRAJECTORY, layout_of
-from training.storage import Lock, StorageError, make_folder, write_bytes, write_json
-from training.td3.td3 import LearnerError
+from training.storage import Lock, make_folder
 
 OURS = TrainConfig.env
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
@@ -407,18 +407,7 @@ def _main_thread() -> bool:
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command. 0: done; 1: a run could not go on; 2: options that cannot be; 130: stopped and saved."""
-    try:
-        return Training(parse(arguments)).run()
-    except ConfigError as error:
-        print("train.py: %s" % error, file=sys.stderr)
-        return 2
-    except (StorageError, LearnerError, ReplayError, PoolError, DatasetError, ValueError) as error:
-        if type(error) is ValueError:
-            raise
-        print("train.py: %s" % error, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 130
+    return run_main(lambda: Training(parse(arguments)).run(), "train.py")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ from typing import Dict, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common import files
+
 from . import field, generator
 from .world import World, WorldError
 
@@ -72,9 +74,7 @@ def main() -> None:
     """Generate the 300 worlds and write the data file."""
     data = pack([generator.generate_field(n) for n in range(generator.COUNT)])
     os.makedirs(os.path.dirname(FILE), exist_ok=True)
-    with open(FILE + ".part", "wb") as file:
-        file.write(data)
-    os.replace(FILE + ".part", FILE)
+    files.write_bytes(FILE, data)
     print("%s: %d worlds, %d bytes" % (FILE, generator.COUNT, len(data)))
 
 

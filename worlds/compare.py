@@ -15,6 +15,8 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
+from applr_ros1.common.errors import run_main
+
 from . import builtin, field, metrics
 from .loading import folder_files, load
 from .world import World, WorldError
@@ -112,19 +114,17 @@ def main() -> int:
         help="table of BARN's metrics (columns world, %s): checks ours on the folder's files"
         % ", ".join(CSV_COLUMNS.values()),
     )
-    arguments = parser.parse_args()
-    try:
-        if arguments.csv and not arguments.folder:
-            raise WorldError("--csv %s needs the folder of the same worlds; give it too" % arguments.csv)
-        barn = [load(f) for f in folder_files(arguments.folder)] if arguments.folder else []
-        built_in = [builtin.world(n) for n in sorted(builtin.fields())]
-        print("\n".join(table(measure(built_in), measure(barn) if barn else None)))
-        if arguments.csv:
-            print("\n".join(csv_agreement(barn, arguments.csv)))
-    except WorldError as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
-    return 0
+    return run_main(lambda: _print_comparison(parser.parse_args()), "compare")
+
+
+def _print_comparison(arguments: argparse.Namespace) -> None:
+    if arguments.csv and not arguments.folder:
+        raise WorldError("--csv %s needs the folder of the same worlds; give it too" % arguments.csv)
+    barn = [load(f) for f in folder_files(arguments.folder)] if arguments.folder else []
+    built_in = [builtin.world(n) for n in sorted(builtin.fields())]
+    print("\n".join(table(measure(built_in), measure(barn) if barn else None)))
+    if arguments.csv:
+        print("\n".join(csv_agreement(barn, arguments.csv)))
 
 
 if __name__ == "__main__":

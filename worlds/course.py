@@ -14,8 +14,11 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from applr_ros1.common import files
+from applr_ros1.common.angles import outside_box
+
 from . import dynabarn, field, search
-from .sdf_xml import numbers, read_bytes
+from .sdf_xml import numbers
 from .world import Course, WorldError
 
 NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
@@ -74,7 +77,7 @@ def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -
 
 def read_path_file(file: str) -> np.ndarray:
     """(k, 2) int64 cells from a path_N.npy, its doubled first point once. Nothing in the file is executed."""
-    data = read_bytes(file, MAX_PATH_BYTES)
+    data = files.read_bytes(file, MAX_PATH_BYTES, WorldError)
     stream = io.BytesIO(data)
     try:
         version = np.lib.format.read_magic(stream)
@@ -200,8 +203,5 @@ def free_grid(low: np.ndarray, high: np.ndarray, cylinders: np.ndarray, boxes: n
         cells &= np.hypot(dx, dy) >= radius + ROBOT_RADIUS
     for x, y, yaw, size_x, size_y in boxes:
         cells, dx, dy = window(x, y, 0.5 * math.hypot(size_x, size_y) + ROBOT_RADIUS)
-        c, s = math.cos(yaw), math.sin(yaw)
-        outside_x = np.maximum(np.abs(c * dx + s * dy) - 0.5 * size_x, 0.0)
-        outside_y = np.maximum(np.abs(c * dy - s * dx) - 0.5 * size_y, 0.0)
-        cells &= np.hypot(outside_x, outside_y) >= ROBOT_RADIUS
+        cells &= np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) >= ROBOT_RADIUS
     return free

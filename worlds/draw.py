@@ -9,6 +9,8 @@ from typing import Any, List, Sequence
 
 import numpy as np
 
+from applr_ros1.common.errors import run_main
+
 from .loading import FORMS, load
 from .world import World, WorldError
 
@@ -79,12 +81,7 @@ def main() -> int:
     parser.add_argument("world", help=FORMS)
     parser.add_argument("picture", help="file to write, say out.png")
     arguments = parser.parse_args()
-    try:
-        picture(load(arguments.world), arguments.picture)
-    except WorldError as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
-    return 0
+    return run_main(lambda: picture(load(arguments.world), arguments.picture), "draw")
 
 
 if __name__ == "__main__":

@@ -15,10 +15,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from applr_ros1.common import files
+
 from . import movers_table
 from .movers_table import Animation
-from .sdf_xml import numbers, read_bytes
-from .world import Course
+from .sdf_xml import numbers
+from .world import Course, WorldError
 
 SIDE = 10.0  # the arena reaches 10 m from its middle each way
 START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # the BARN Challenge's: 20 m, heading -x
@@ -111,7 +113,7 @@ class Animations:
 
 
 def _from_source(source: str) -> Animation:
-    text = read_bytes(source, MAX_SOURCE).decode("utf-8", "replace")
+    text = files.read_bytes(source, MAX_SOURCE, WorldError).decode("utf-8", "replace")
     what = "key frames in %s" % source
     frames = [tuple(numbers(cell, 1, what)[0] for cell in match) for match in _KEY.findall(text)]
     return movers_table.checked(frames[-1][0] if frames else 0.0, True, frames, what)

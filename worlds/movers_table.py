@@ -11,7 +11,9 @@ import io
 import os
 from typing import Dict, List, NamedTuple, Tuple
 
-from .sdf_xml import numbers, read_bytes
+from applr_ros1.common import files
+
+from .sdf_xml import numbers
 from .world import WorldError
 
 NAME = "movers.csv"
@@ -40,7 +42,7 @@ def checked(length: float, repeat: bool, frames: List[Tuple[float, ...]], what: 
 
 def read(path: str) -> Dict[str, Animation]:
     """{plugin: Animation} of a table. Raises WorldError with one line that names the row."""
-    text = read_bytes(path, MAX_BYTES).decode("utf-8", "replace")
+    text = files.read_bytes(path, MAX_BYTES, WorldError).decode("utf-8", "replace")
     rows = csv.reader(io.StringIO(text))
     groups: Dict[str, List[Tuple[float, ...]]] = {}
     heads: Dict[str, Tuple[float, bool]] = {}

@@ -10,7 +10,8 @@ from __future__ import annotations
 import struct
 from typing import Dict, List, NamedTuple, Optional, Tuple
 
-from .sdf_xml import read_bytes
+from applr_ros1.common import files
+
 from .world import WorldError
 
 MAX_BYTES = 16 * 2**20  # DynaBARN's plugins have .2 MB
@@ -58,7 +59,7 @@ class PluginFile:
 
     def __init__(self, path: str):
         self.path = path
-        self._data = read_bytes(path, MAX_BYTES)
+        self._data = files.read_bytes(path, MAX_BYTES, WorldError)
         self.code: List[Tuple[int, bytes]] = []
         self.functions: Dict[int, Tuple[str, int]] = {}
         self._constants: List[Tuple[int, bytes]] = []  # loaded sections that are never written

@@ -5,9 +5,11 @@ Reading it back gives the same world, course included; Gazebo itself passes over
 
 from __future__ import annotations
 
-import os
 import sys
 from typing import Iterable, List
+
+from applr_ros1.common import files
+from applr_ros1.common.errors import run_main
 
 from .world import Course, Mover, World, WorldError
 
@@ -35,13 +37,7 @@ _MODEL = """    <model name="{name}">
 
 def write(world: World, path: str) -> None:
     """Writes `world` to `path`, whole or not at all. WorldError when that cannot be done."""
-    part = path + ".part"
-    try:
-        with open(part, "w", encoding="utf-8") as file:
-            file.write(text(world))
-        os.replace(part, path)
-    except OSError as error:
-        raise WorldError("%s cannot be written (%s); check folder and permissions" % (path, error.strerror)) from None
+    files.write_bytes(path, text(world).encode("utf-8"), WorldError)
 
 
 def text(world: World) -> str:
@@ -100,12 +96,7 @@ def main() -> int:
     if len(sys.argv) != 3 or sys.argv[1] in ("-h", "--help"):
         print("usage: python -m worlds.sdf_writer WORLD OUT.world\nWorlds: see worlds/loading.py")
         return 0 if sys.argv[1:2] in (["-h"], ["--help"]) else 2
-    try:
-        write(load(sys.argv[1]), sys.argv[2])
-    except WorldError as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
-    return 0
+    return run_main(lambda: write(load(sys.argv[1]), sys.argv[2]), "sdf_writer")
 
 
 if __name__ == "__main__":

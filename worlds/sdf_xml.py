@@ -6,11 +6,11 @@ Bytes, elements and depth are bounded, there are no entities, and numbers have t
 from __future__ import annotations
 
 import io
-import os
 import re
-import stat
 from typing import List, Optional
 from xml.etree.ElementTree import Element, ParseError
+
+from applr_ros1.common import files
 
 from .world import WorldError
 
@@ -26,30 +26,11 @@ MAX_DEPTH = 64
 FAR = 10_000.0  # [m]; nothing in a course lies farther out
 
 
-def read_bytes(path: str, limit: int = MAX_BYTES) -> bytes:
-    """A regular file's content. WorldError when it is missing, unreadable, no file, or larger than `limit` bytes."""
-    try:
-        kind = os.stat(path)
-        if stat.S_ISDIR(kind.st_mode) or not stat.S_ISREG(kind.st_mode):
-            raise WorldError("%s is not a file; give the path of a .world file" % path)
-        if kind.st_size > limit:
-            raise WorldError(
-                "%s has %d bytes, more than the %d that are read; give a smaller file" % (path, kind.st_size, limit)
-            )
-        with open(path, "rb") as file:
-            return file.read(limit + 1)
-    except (OSError, ValueError) as error:
-        if isinstance(error, WorldError):
-            raise
-        reason = getattr(error, "strerror", None) or error
-        raise WorldError("%s cannot be read (%s); check the path" % (path, reason)) from None
-
-
 def parse(path: str) -> Element:
     """The root element of an SDF file. Anything wrong with it is a WorldError of one line."""
     if iterparse is None:  # pragma: no cover
         raise WorldError("reading %s needs defusedxml; install python3-defusedxml (apt) or defusedxml (pip)" % path)
-    data = read_bytes(path)
+    data = files.read_bytes(path, MAX_BYTES, WorldError)
     try:
         return _bounded_tree(path, data)
     except ParseError as error:

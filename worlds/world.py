@@ -12,6 +12,8 @@ from typing import Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+
 from .mover import Mover
 
 Pose = Tuple[float, float, float]
@@ -19,7 +21,7 @@ Pose = Tuple[float, float, float]
 MAP_REACH = 19.7  # [m]; the planners' global maps reach 20 m from the start, and their outermost cells are shut
 
 
-class WorldError(ValueError):
+class WorldError(ApplrError):
     """A world cannot be had. One line: what, which value, what to do."""
 
 

@@ -8,7 +8,6 @@ import struct
 import threading
 from collections import deque
 from dataclasses import dataclass
-from math import atan2
 
 import numpy as np
 import rospy
@@ -16,6 +15,7 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
+from applr_ros1.common.angles import yaw_of
 from applr_ros1.policy.observation import ObservationError, check_scan
 
 MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
@@ -104,7 +104,7 @@ class Inputs:
         """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
         if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
             p, q = odometry.pose.pose.position, odometry.pose.pose.orientation
-            return p.x, p.y, _yaw(q)
+            return p.x, p.y, yaw_of(q)
         import tf2_ros
 
         if self._tf is None:
@@ -115,7 +115,7 @@ class Inputs:
             t = self._tf[0].lookup_transform(frame.lstrip("/"), base.lstrip("/"), rospy.Time(0)).transform
         except tf2_ros.TransformException as e:
             raise ObservationError(f"no transform {frame} <- {base} ({str(e).splitlines()[0]})") from None
-        return t.translation.x, t.translation.y, _yaw(t.rotation)
+        return t.translation.x, t.translation.y, yaw_of(t.rotation)
 
     def _on_scan(self, msg):
         with self._lock:
@@ -168,7 +168,3 @@ def _check_age(what, topic, now, stamp):
             if age > 0
             else f"{what} on {topic} is stamped {-age:.2f} s ahead of the clock"
         )
-
-
-def _yaw(q):
-    return atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))

@@ -4,14 +4,15 @@ Called by nodes/applr_node.py. Standard message types only, so that bags need no
 """
 
 import json
-from math import atan2, cos, sin
+from math import atan2
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, Quaternion
 from std_msgs.msg import Float32MultiArray, Float64MultiArray, MultiArrayDimension, String, Time
 from visualization_msgs.msg import Marker
 
+from applr_ros1.common.angles import place, quaternion_of
 from applr_ros1.policy.parameter_space import SPACE
 
 
@@ -87,11 +88,9 @@ class Topics:
 
 def _local_goal(seen, target):
     """The local goal (robot frame) as a pose in the plan's frame, heading from the robot towards it."""
-    x, y, yaw = seen.pose
-    heading = yaw + atan2(target[1], target[0])
+    heading = seen.pose[2] + atan2(target[1], target[0])
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = seen.frame, seen.odom_stamp
-    message.pose.position.x = x + cos(yaw) * target[0] - sin(yaw) * target[1]
-    message.pose.position.y = y + sin(yaw) * target[0] + cos(yaw) * target[1]
-    message.pose.orientation.z, message.pose.orientation.w = sin(heading / 2), cos(heading / 2)
+    message.pose.position.x, message.pose.position.y = place(seen.pose, *target)
+    message.pose.orientation = Quaternion(*quaternion_of(heading))
     return message

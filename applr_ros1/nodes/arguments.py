@@ -10,13 +10,14 @@ import xml.etree.ElementTree as xml
 
 import sim_bridge
 import worlds
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 
 MOVE_BASES = ("python", "cpp")
 
 
-class ArgumentError(ValueError):
+class ArgumentError(ApplrError):
     """An argument that the stack cannot start with; one line: what, which value, what to give."""
 
 

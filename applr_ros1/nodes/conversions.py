@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Optional, Tuple
+from typing import Optional
 
 import numpy as np
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 
+from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.scan import LaserScan
 
-Pose = Tuple[float, float, float]
 MAX_BEAMS = 100000
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
@@ -28,16 +29,11 @@ OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + 
 CLOUD_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")
 
 
-class MessageError(ValueError):
+class MessageError(ApplrError):
     """A message that cannot be used; one line says why."""
 
 
 # -- angles ----------------------------------------------------------------------------------------------------
-def yaw_of(q) -> float:
-    """Yaw [rad] in (-pi, pi] of a quaternion message."""
-    return math.atan2(2.0 * (q.x * q.y + q.w * q.z), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
-
-
 def is_upright(q) -> bool:
     """Whether a quaternion is finite, not zero, and turns about z only (move_base.cpp, isQuaternionValid)."""
     length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
@@ -52,18 +48,12 @@ def pose_of(transform) -> Pose:
     return transform.translation.x, transform.translation.y, yaw_of(transform.rotation)
 
 
-def compose(a: Pose, b: Pose) -> Pose:
-    """The pose b, given in the frame at a, in the frame in which a is given."""
-    c, s = math.cos(a[2]), math.sin(a[2])
-    return a[0] + c * b[0] - s * b[1], a[1] + s * b[0] + c * b[1], math.remainder(a[2] + b[2], 2.0 * math.pi)
-
-
 def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
     """A geometry_msgs/PoseStamped of pose (x, y, yaw) [m, m, rad] in `frame`."""
     message = PoseStamped()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.position.x, message.pose.position.y = pose[0], pose[1]
-    message.pose.orientation.z, message.pose.orientation.w = math.sin(0.5 * pose[2]), math.cos(0.5 * pose[2])
+    message.pose.orientation = Quaternion(*quaternion_of(pose[2]))
     return message
 
 

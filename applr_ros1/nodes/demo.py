@@ -15,6 +15,7 @@ import textwrap
 import time
 
 import worlds
+from applr_ros1.common.errors import ApplrError
 
 from . import arguments, processes
 
@@ -31,7 +32,7 @@ EXTRA = {
 }
 
 
-class DemoError(RuntimeError):
+class DemoError(ApplrError):
     """Why the demo cannot go on, in one line."""
 
 

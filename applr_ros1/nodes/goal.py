@@ -1,14 +1,16 @@
 """Sends a goal to move_base, ours or the C++ one, through its action. Used by scripts/send_goal.py and the demo."""
 
-import math
 import time
 
 import actionlib
 import rospy
 from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import Quaternion
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 import worlds
+from applr_ros1.common.angles import quaternion_of
+from applr_ros1.common.errors import run_main
 
 from . import arguments
 
@@ -34,20 +36,20 @@ def message(pose, frame="odom", stamp=None):
     goal.target_pose.header.frame_id = frame
     goal.target_pose.header.stamp = stamp or rospy.Time(0)
     goal.target_pose.pose.position.x, goal.target_pose.pose.position.y = pose[:2]
-    goal.target_pose.pose.orientation.z = math.sin(pose[2] / 2)
-    goal.target_pose.pose.orientation.w = math.cos(pose[2] / 2)
+    goal.target_pose.pose.orientation = Quaternion(*quaternion_of(pose[2]))
     return goal
 
 
 def main():
-    """Send ~goal (auto: the course of ~world), wait and say how it ended."""
+    """Send ~goal (auto: the course of ~world), wait and say how it ended. Exit status 0, or 1 for a wrong argument."""
     rospy.init_node("send_goal")
-    try:
-        pose = arguments.goal(rospy.get_param("~goal", "auto"))
-        if pose is None:
-            pose = course_goal(worlds.load(rospy.get_param("~world", "generated:0")).course)
-    except ValueError as problem:
-        raise SystemExit("send_goal: %s" % problem) from None
+    return run_main(_send, "send_goal")
+
+
+def _send():
+    pose = arguments.goal(rospy.get_param("~goal", "auto"))
+    if pose is None:
+        pose = course_goal(worlds.load(rospy.get_param("~world", "generated:0")).course)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     client.wait_for_server()
     while rospy.get_time() == 0.0 and not rospy.is_shutdown():

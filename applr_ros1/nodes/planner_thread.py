@@ -14,12 +14,14 @@ from typing import Any, Callable, Deque, Optional
 import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
+from applr_ros1.common.errors import ApplrError
+
 STALLED = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
 ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 LONGEST_DELAY = 0.2  # s for which a long request gives way to control cycles
 
 
-class RequestTimeout(RuntimeError):
+class RequestTimeout(ApplrError):
     """A request was not begun in time, or the node is shutting down. The request will not run later."""
 
 

@@ -14,6 +14,8 @@ import tf2_ros
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan as ScanMessage
 
+from applr_ros1.common.angles import compose, yaw_of
+
 from . import conversions
 from .conversions import MessageError, Pose
 
@@ -118,7 +120,7 @@ class Sensors:
     def to_fixed(self, message):
         """(x, y, yaw) of a geometry_msgs/PoseStamped in the fixed frame; MessageError if its frame is not known."""
         p, frame = message.pose, message.header.frame_id.lstrip("/")
-        pose = p.position.x, p.position.y, conversions.yaw_of(p.orientation)
+        pose = p.position.x, p.position.y, yaw_of(p.orientation)
         if frame == self.fixed:
             return pose
         transform, trouble = self._look_up(frame, rospy.Time(0))
@@ -126,7 +128,7 @@ class Sensors:
             raise MessageError(
                 "frame %r cannot be transformed to %s: %s" % (message.header.frame_id, self.fixed, trouble)
             )
-        return conversions.compose(conversions.pose_of(transform.transform), pose)
+        return compose(conversions.pose_of(transform.transform), pose)
 
     def _look_up(self, frame: str, stamp):
         """(transform fixed <- frame, "") or (None, why there is none)."""

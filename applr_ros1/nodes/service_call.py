@@ -15,11 +15,13 @@ import xmlrpc.client
 from io import BytesIO
 from urllib.parse import urlparse
 
+from applr_ros1.common.errors import ApplrError
+
 MAX_BYTES = 2**22  # of one answer; a set of parameters has a few kB
 KEEP = 30.0  # s that a connection waits for a frozen server
 
 
-class ServiceError(IOError):
+class ServiceError(ApplrError):
     """A call that failed; one line.
 
     answered: the server said no. uncertain: the request was sent and nothing came back, so the server may still carry
@@ -118,8 +120,6 @@ class ServiceCaller:
         except socket.timeout:
             raise ServiceError(f"{self.name} does not answer", uncertain=sent) from None
         except OSError as e:
-            if isinstance(e, ServiceError):
-                raise
             raise ServiceError(f"{self.name}: connection failed ({_short(e)})", uncertain=sent) from None
         if ok != b"\x01":
             text = answer.decode("utf-8", "replace").strip() or "without a reason"

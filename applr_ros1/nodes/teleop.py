@@ -18,6 +18,7 @@ from geometry_msgs.msg import Twist
 from sensor_msgs.msg import Joy
 from std_msgs.msg import String
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
 
 PERIOD = 0.05  # s of wall time between commands
@@ -56,7 +57,7 @@ Keys:
 )
 
 
-class TeleopError(ValueError):
+class TeleopError(ApplrError):
     """A parameter or an input device that cannot be used; one line."""
 
 

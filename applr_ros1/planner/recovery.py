@@ -9,16 +9,11 @@ from __future__ import annotations
 import math
 from typing import Optional, Tuple
 
+from applr_ros1.common.angles import Pose
+from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.parameters.declarations import DEFAULT_RECOVERIES, RECOVERY_TYPES
 
-Pose = Tuple[float, float, float]
 PATIENCE = 4.0  # a rotation that takes this many times its unhindered time is over (C++ would turn for ever)
-
-
-def angle_difference(a: float, b: float) -> float:
-    """Shortest turn from a to b [rad], in (-pi, pi]."""
-    r = math.fmod(b - a + math.pi, 2.0 * math.pi)
-    return r + math.pi if r <= 0.0 else r - math.pi
 
 
 class ClearCostmapRecovery:

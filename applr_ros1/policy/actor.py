@@ -12,6 +12,8 @@ import struct
 import numpy as np
 import safetensors.numpy
 
+from applr_ros1.common import files
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import observation
 from applr_ros1.policy.parameter_space import SPACE
 
@@ -21,7 +23,7 @@ MAX_HEADER = 2**20
 MAX_LAYERS = 16
 
 
-class ActorError(ValueError):
+class ActorError(ApplrError):
     """An actor file that cannot be read, used or written; one line with what, why and the remedy."""
 
 
@@ -71,18 +73,7 @@ def save(path, weights, metadata=None, space=SPACE):
     _layers(weights, observation.BEAMS + 1 + len(space), len(space), "actor to save")
     header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
     header.update(format=FORMAT, space=space.to_json(), layout=json.dumps(observation.LAYOUT), sha256=checksum(weights))
-    path = os.fspath(path)
-    partial = f"{path}.{os.getpid()}.partial"
-    try:
-        with open(partial, "wb") as f:
-            f.write(safetensors.numpy.save(weights, metadata=header))
-            f.flush()
-            os.fsync(f.fileno())
-        os.replace(partial, path)
-    except OSError as e:
-        if os.path.exists(partial):
-            os.unlink(partial)
-        raise ActorError(f"{path}: cannot be written ({e.strerror or e})") from None
+    files.write_bytes(path, safetensors.numpy.save(weights, metadata=header), ActorError)
 
 
 def checksum(weights):
@@ -97,16 +88,7 @@ def checksum(weights):
 
 def _read(path):
     """(weights, metadata) of a safetensors file whose structure, sizes and checksum hold; else ActorError."""
-    try:
-        size = os.path.getsize(path)
-        if not os.path.isfile(path):
-            raise ActorError(f"{path}: no actor file but a folder or device; give a .safetensors file")
-        if size > MAX_BYTES:
-            raise ActorError(f"{path}: {size} bytes are too many for an actor (at most {MAX_BYTES})")
-        with open(path, "rb") as f:
-            data = f.read(MAX_BYTES + 1)
-    except OSError as e:
-        raise ActorError(f"{path}: cannot be read ({e.strerror or e}); give an existing .safetensors file") from None
+    data = files.read_bytes(path, MAX_BYTES, ActorError)
     if data[:2] in (b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"):
         raise ActorError(f"{path}: a pickle, not a safetensors file; nothing of it was executed")
     if len(data) < 10:

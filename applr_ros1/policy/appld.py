@@ -9,6 +9,8 @@ import os
 import numpy as np
 import safetensors.numpy
 
+from applr_ros1.common import files
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.observation import BEAMS
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
@@ -25,7 +27,7 @@ PUBLISHED = {
 }
 
 
-class AppldError(ValueError):
+class AppldError(ApplrError):
     """An APPLD file that cannot be used: one line with what, why and the remedy."""
 
 
@@ -47,17 +49,10 @@ class Appld:
     def load(cls, path, space=SPACE):
         """Reads a file that `save` wrote. Raises AppldError."""
         path = os.fspath(path)
+        data = files.read_bytes(path, MAX_BYTES, AppldError)
         try:
-            if not os.path.isfile(path) or os.path.getsize(path) > MAX_BYTES:
-                raise AppldError(f"{path}: no APPLD file (absent, a folder, or too big); give a .safetensors file")
-            with open(path, "rb") as file:
-                data = file.read(MAX_BYTES)
             header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")]).get("__metadata__") or {}
             weights = safetensors.numpy.load(data)
-        except OSError as error:
-            raise AppldError(f"{path}: cannot be read ({error.strerror or error})") from None
-        except AppldError:
-            raise
         except Exception as error:  # safetensors and json let several kinds through
             raise AppldError(f"{path}: damaged, or no safetensors file ({str(error).splitlines()[0]})") from None
         if header.get("format") != FORMAT:
@@ -116,14 +111,8 @@ def save(path, contexts, weights, metadata=None):
     _layers(weights, len(contexts))
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
     header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries))
-    part = f"{os.fspath(path)}.{os.getpid()}.partial"
-    with open(part, "wb") as file:
-        file.write(
-            safetensors.numpy.save(
-                {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()}, metadata=header
-            )
-        )
-    os.replace(part, path)
+    tensors = {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()}
+    files.write_bytes(path, safetensors.numpy.save(tensors, metadata=header), AppldError)
 
 
 def _layers(weights, outputs):

@@ -4,7 +4,6 @@ The applr node makes one by the launch argument `mode` and asks it every two sec
 at once a mode.
 """
 
-import json
 import os
 
 import numpy as np
@@ -90,7 +89,7 @@ class Fixed(Method):
             raise SpaceError(
                 'mode fixed has no set of parameters: give parameters:=FILE, JSON such as {"max_vel_x": 1.0}'
             )
-        self.values = read_parameters(parameters, space)
+        self.values = space.read(parameters)
 
     def theta(self, obs):
         return self.values.copy()
@@ -130,28 +129,3 @@ def shipped(name="applr.safetensors"):
         if os.path.exists(path):
             return path
     return os.path.join(package, "models", name)
-
-
-def read_parameters(path, space=SPACE):
-    """theta (8,) from a JSON file {name: value}. Raises SpaceError with one line that names the file."""
-    try:
-        if os.path.getsize(path) > 2**16:
-            raise SpaceError(f"{path}: too big for a set of parameters")
-        with open(path, encoding="utf-8") as f:
-            values = json.load(f)
-    except OSError as e:
-        raise SpaceError(
-            f'{path}: cannot be read ({e.strerror or e}); give a JSON file such as {{"max_vel_x": 1.0}}'
-        ) from None
-    except (ValueError, RecursionError) as e:
-        if isinstance(e, SpaceError):
-            raise
-        raise SpaceError(
-            f'{path}: not JSON ({str(e).splitlines()[0]}); give one object such as {{"max_vel_x": 1.0}}'
-        ) from None
-    if not isinstance(values, dict):
-        raise SpaceError(f'{path}: give one object such as {{"max_vel_x": 1.0}}')
-    try:
-        return space.from_dict(values)
-    except SpaceError as e:
-        raise SpaceError(f"{path}: {e}") from None

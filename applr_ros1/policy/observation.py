@@ -8,6 +8,7 @@ from math import atan2, cos, pi, sin
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import SPACE
 
 BEAMS = 720
@@ -28,7 +29,7 @@ LAYOUT = {
 }
 
 
-class ObservationError(ValueError):
+class ObservationError(ApplrError):
     """A scan or plan that no observation can be made of; one line says what, which value and what to do."""
 
 

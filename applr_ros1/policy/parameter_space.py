@@ -11,10 +11,14 @@ from typing import Dict, Tuple
 
 import numpy as np
 
+from applr_ros1.common import files
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.declarations import SERVERS
 
+MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
 
-class SpaceError(ValueError):
+
+class SpaceError(ApplrError):
     """An action or a parameter vector that must not reach the planner; one line says which value and why."""
 
 
@@ -96,6 +100,19 @@ class Space:
                 raise SpaceError(f"parameter {name} is {value}: give {self.low[i]:g} to {self.high[i]:g}")
             theta[i] = value
         return self.clip(theta)
+
+    def read(self, path):
+        """theta (n,) from a JSON file: {name: value}, or {"parameters": {name: value}, ...}; names left out keep
+        theta_0. Raises SpaceError.
+        """
+        values = files.read_json(path, MAX_SET_BYTES, SpaceError)
+        values = values.get("parameters", values) if isinstance(values, dict) else values
+        if not isinstance(values, dict):
+            raise SpaceError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')
+        try:
+            return self.from_dict(values)
+        except SpaceError as e:
+            raise SpaceError(f"{path}: {e}") from None
 
     def to_json(self):
         """The space as a JSON string (what an actor file's metadata hold)."""

@@ -3,12 +3,15 @@
 
 import sys
 
+from applr_ros1.common.errors import run_main
 from applr_ros1.nodes import arguments
 
-try:
+
+def _check():
     known = arguments.declared()
     given = arguments.parse([word for word in sys.argv[1:] if not word.startswith("_")], known)
     arguments.check(dict({name: default for name, (default, _) in known.items()}, **given))
-except (ValueError, OSError) as problem:
-    sys.exit("applr: %s" % problem)
-print("checked")
+    print("checked")
+
+
+sys.exit(run_main(_check, "applr"))

@@ -13,6 +13,8 @@ from typing import Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import place
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags.reader import SECOND, Recording
@@ -27,7 +29,7 @@ EARLIER = SECOND // 4  # a recorder's clock may lag so far behind the node's
 CLOSE = 1e-5  # difference at which a rebuilt observation still equals the node's (float32, pose rounding)
 
 
-class Skipped(ValueError):
+class Skipped(ApplrError):
     """An episode, or a part of one, that cannot be used; the text is the reason, without numbers, to be counted."""
 
 
@@ -404,9 +406,7 @@ def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
     known = [t for time, t in recording.transforms.get((frame, recording.odometry.frame), ()) if time <= at]
     if not known:
         raise Skipped("no transform between the plan's frame and the odometry's")
-    tx, ty, ta = known[-1]
-    c, s = math.cos(ta), math.sin(ta)
-    return tx + c * x - s * y, ty + s * x + c * y, a + ta
+    return (*place(known[-1], x, y), a + known[-1][2])
 
 
 def _jerk(recording, start, end) -> float:

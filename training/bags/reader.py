@@ -7,7 +7,6 @@ episodes.py rebuilds transitions from it. Only standard topics are needed; what 
 from __future__ import annotations
 
 import json
-import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,8 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from applr_ros1.common.angles import yaw_of
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import SPACE
 
 SECOND = 1_000_000_000
@@ -24,7 +25,7 @@ PATH_HEADER = 80  # a packed nav_msgs/Path of fewer bytes has no poses
 RUNNING = (1, 6)  # actionlib: active, preempting
 
 
-class BagError(ValueError):
+class BagError(ApplrError):
     """A bag that cannot be used as a whole; one line with which and why."""
 
 
@@ -190,7 +191,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
 
 def _odometry(recording, at, message, rows):
     p, q, t = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
-    rows.append((stamp(message), p.x, p.y, yaw(q), t.linear.x, t.angular.z, message.header.frame_id.lstrip("/")))
+    rows.append((stamp(message), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z, message.header.frame_id.lstrip("/")))
 
 
 def _status(recording, at, message, rows):
@@ -222,7 +223,7 @@ def _tf(recording, at, message, rows):
     for t in message.transforms:
         key = t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")
         p = t.transform.translation
-        recording.transforms.setdefault(key, []).append((at, (p.x, p.y, yaw(t.transform.rotation))))
+        recording.transforms.setdefault(key, []).append((at, (p.x, p.y, yaw_of(t.transform.rotation))))
 
 
 def _decision(recording, at, message, rows):
@@ -265,11 +266,6 @@ def stamp(message) -> int:
     """A header's stamp in nanoseconds."""
     t = message.header.stamp
     return int(t.sec) * SECOND + int(t.nanosec)
-
-
-def yaw(q) -> float:
-    """Rotation about z [rad] of a quaternion message."""
-    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
 def find(paths) -> List[Path]:

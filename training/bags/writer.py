@@ -7,7 +7,6 @@ every ROS tool read the result. No ROS is needed to write it.
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,12 @@ from rosbags.rosbag1 import Writer
 from rosbags.rosbag1.writer import WriterError
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from applr_ros1.common.angles import quaternion_of
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError
 from sim_bridge import jackal
 from training.bags.reader import SECOND, Topics
 from training.mdp.episode import SERVERS, Episode, Outcome
-from training.storage import StorageError, reason
 
 PAUSE = 5.0  # s of time between two courses of a bag
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
@@ -201,7 +202,7 @@ class BagWriter:
 
     def _pose(self, pose):
         x, y, yaw = pose
-        turn = self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+        turn = self._make("geometry_msgs/msg/Quaternion", *quaternion_of(yaw))
         return self._make("geometry_msgs/msg/Pose", self._vector(x, y, kind="Point"), turn)
 
     def _status(self, goal_id, status):

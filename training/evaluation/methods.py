@@ -12,9 +12,7 @@ class of this shape, in any module:
 
 from __future__ import annotations
 
-import hashlib
 import importlib
-import json
 import os
 import re
 from dataclasses import dataclass
@@ -22,6 +20,8 @@ from typing import Any, Callable, Dict, List, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy import methods as modes
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.appld import Appld, Published
@@ -33,7 +33,7 @@ APPLD = os.path.join(MODELS, "appld.safetensors")
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
 
 
-class MethodError(ValueError):
+class MethodError(ApplrError):
     """A method that cannot be had, or that misbehaves: one line."""
 
 
@@ -107,7 +107,7 @@ class Policy(Method):
 
     def describe(self):
         kind = {"class": type(self.policy).__name__}
-        return dict(kind, file=os.path.basename(self.path), sha256=_sha256(self.path)) if self.path else kind
+        return dict(kind, file=os.path.basename(self.path), sha256=sha256(read_bytes(self.path))) if self.path else kind
 
 
 class Frozen(Method):
@@ -162,7 +162,7 @@ def _fast() -> np.ndarray:
 METHODS: Dict[str, Tuple[Callable[[], Method], str]] = {
     "dwa": (lambda: Fixed(SPACE.theta0), "the planner's default parameters, theta_0"),
     "fast_dwa": (lambda: Fixed(_fast()), "theta_0 with max_vel_x 1.0 and 12 vx samples, as in the BARN Challenge"),
-    "static": (lambda: Fixed(read_set(STATIC)), "the best single set that CMA-ES found on the training worlds"),
+    "static": (lambda: Fixed(SPACE.read(STATIC)), "the best single set that CMA-ES found on the training worlds"),
     "random": (Random, "uniform over the ranges, every step"),
     "applr": (lambda: Policy(Actor.load(modes.shipped()), modes.shipped()), "the shipped policy"),
     "appld": (lambda: Policy(Appld.load(APPLD), APPLD), "the shipped contexts and classifier"),
@@ -186,7 +186,7 @@ def make(spec: str) -> Method:
     if spec.endswith(".safetensors"):
         return Policy(Actor.load(spec), spec)
     if spec.endswith(".json"):
-        return Fixed(read_set(spec))
+        return Fixed(SPACE.read(spec))
     match = re.match(r"^([A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$", spec)
     if match:
         return _own(spec, *match.groups())
@@ -212,25 +212,6 @@ def parse(text: str) -> List[Tuple[str, str]]:
     return found
 
 
-def read_set(path: str) -> np.ndarray:
-    """theta (8,) from a JSON file: {name: value}, or {"parameters": {name: value}, ...}. Others keep theta_0."""
-    try:
-        with open(path, encoding="utf-8") as file:
-            values = json.load(file)
-    except (OSError, ValueError, RecursionError) as error:
-        raise MethodError(
-            '%s: no set of parameters can be read (%s); give a JSON file such as {"max_vel_x": 1.0}'
-            % (path, getattr(error, "strerror", None) or str(error).splitlines()[0])
-        ) from None
-    values = values.get("parameters", values) if isinstance(values, dict) else values
-    if not isinstance(values, dict):
-        raise MethodError('%s: holds no object; give {"max_vel_x": 1.0}' % path)
-    try:
-        return SPACE.from_dict(values)
-    except ValueError as error:
-        raise MethodError("%s: %s" % (path, error)) from None
-
-
 def _name(spec: str) -> str:
     """What a method is called where the person gave no name."""
     if spec in METHODS:
@@ -253,8 +234,3 @@ def _own(spec: str, module: str, name: str, text) -> Method:
         raise MethodError(
             "method %s cannot be made: %s: %s" % (spec, type(error).__name__, (str(error).splitlines() or [""])[0])
         ) from None
-
-
-def _sha256(path: str) -> str:
-    with open(path, "rb") as file:
-        return hashlib.sha256(file.read()).hexdigest()

@@ -11,7 +11,8 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
-from training.storage import StorageError, reason, write_bytes
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError, write_bytes
 
 THETA0 = -1  # number of the round that drives the default
 

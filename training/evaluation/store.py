@@ -13,8 +13,10 @@ import re
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, Task
-from training.storage import Lock, StorageError, make_folder, read_bytes, read_json, reason, write_bytes, write_json
+from training.storage import Lock, make_folder
 
 OLDER = {"weights": ["per_metre"], "planner": "ours"}  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"

@@ -20,15 +20,17 @@ from typing import Any, Dict, Iterator, List, Optional
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from training.experience.journal import Journal
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
-from training.storage import StorageError, make_folder, read_bytes, read_json, sha256, write_bytes, write_json
+from training.storage import make_folder
 
 FORMAT = "applr-dataset-1"
 SHARD_ROWS = 20_000
 
 
-class DatasetError(ValueError):
+class DatasetError(ApplrError):
     """A dataset that cannot be used; one line with which file and why."""
 
 

@@ -14,7 +14,9 @@ import zlib
 from pathlib import Path
 from typing import Dict, Iterator, List, Optional, Tuple
 
-from training.storage import StorageError, make_folder, reason
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError
+from training.storage import make_folder
 
 MAGIC, FORMAT = b"APTR", "applr-journal-1"
 _FRAME = struct.Struct("<4sII")

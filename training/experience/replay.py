@@ -12,12 +12,13 @@ from typing import Dict, Iterable, NamedTuple, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
 
 
-class ReplayError(ValueError):
+class ReplayError(ApplrError):
     """A replay that this machine cannot hold; one line with the size and the remedy."""
 
 

@@ -13,11 +13,13 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
+from applr_ros1.common.errors import ApplrError
+
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
 MAX_NAME = 200
 
 
-class TrajectoryError(ValueError):
+class TrajectoryError(ApplrError):
     """A trajectory that must not enter the replay; one line with the reason."""
 
 

@@ -21,13 +21,14 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Tuple
 
+from applr_ros1.common.errors import ApplrError
 from training.gorila.worker import ERROR, Worker, frame
 
 ROOT = str(Path(__file__).resolve().parents[2])
 GIVE_UP = 8  # actors that die one after the other without a single answer: something is wrong with all of them
 
 
-class PoolError(RuntimeError):
+class PoolError(ApplrError):
     """The actors cannot work; one line with what and why."""
 
 

@@ -8,18 +8,19 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Dict, List, Optional, get_type_hints
 
 import yaml
 
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError, read_bytes, read_json
 from applr_ros1.planner.variant import PER_METRE
 from training.gorila.learner import LearnerConfig
 from training.gorila.options import PAPER_STEPS, Options
 from training.mdp.reward import Reward
-from training.storage import StorageError, read_bytes, read_json
 from training.td3.td3 import TD3Config
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
@@ -27,7 +28,7 @@ MOST_ROWS = 10**8
 MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}  # of what is randomised
 
 
-class ConfigError(ValueError):
+class ConfigError(ApplrError):
     """An option that cannot be meant; one line with the option, its value and the remedy."""
 
 
@@ -267,8 +268,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     """From the command line. ROS remapping arguments (name:=value) are ignored; --resume brings the run's own options.
     Raises ConfigError or StorageError with one line.
     """
-    arguments = sys.argv[1:] if arguments is None else arguments
-    given = vars(parser().parse_args([a for a in arguments if ":=" not in a]))
+    given = vars(parser().parse_args(without_remappings(arguments)))
     if not given.get("resume"):
         return TrainConfig(**{**recipe(given.pop("recipe", "")), **given})
     given.pop("recipe", None)  # a run keeps the options that it began with

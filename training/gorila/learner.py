@@ -15,11 +15,12 @@ from typing import Any, Dict, Optional
 import numpy as np
 import safetensors.numpy
 
+from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from training.experience.journal import Journal
 from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError, unpack
 from training.gorila.batch import draw_batch
-from training.storage import StorageError, make_folder, read_bytes, read_json, sha256, write_bytes, write_json
+from training.storage import make_folder
 from training.td3.td3 import TD3, LearnerError, TD3Config
 
 FORMAT = "applr-checkpoint-1"

@@ -14,6 +14,7 @@ import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
@@ -107,7 +108,7 @@ class ApplrEnv(gymnasium.Env):
             return self.worlds[int(self.np_random.integers(len(self.worlds)))]
         if isinstance(which, (int, np.integer)):
             if not 0 <= which < len(self.worlds):
-                raise ValueError("world %d does not exist: there are %d" % (which, len(self.worlds)))
+                raise ApplrError("world %d does not exist: there are %d" % (which, len(self.worlds)))
             return self.worlds[which]
         if isinstance(self.worlds, worlds_package.Worlds):
             found = self.worlds.named(which)
@@ -115,7 +116,7 @@ class ApplrEnv(gymnasium.Env):
             found = next((world for world in self.worlds if world.name == which), None)
         if found is not None:
             return found
-        raise ValueError("world %r is not among this environment's %d" % (which, len(self.worlds)))
+        raise ApplrError("world %r is not among this environment's %d" % (which, len(self.worlds)))
 
     def _info(self, outcome):
         return {

@@ -13,6 +13,8 @@ from typing import List, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import place, wrapped
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
@@ -136,7 +138,7 @@ class Episode:
         """
         cycles = round(period / CONTROL_PERIOD) if math.isfinite(period) else 0
         if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
-            raise ValueError(
+            raise ApplrError(
                 "decision period of %r s: give a multiple of %g s, at most 10 s" % (period, CONTROL_PERIOD)
             )
         self.period, self.cycles = float(period), cycles
@@ -294,7 +296,7 @@ class Episode:
         if plan is not None and len(plan):
             return goal_angle(local_goal(plan, pose))
         dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
-        return math.remainder(math.atan2(dy, dx) - yaw, 2.0 * math.pi)
+        return wrapped(math.atan2(dy, dx) - yaw)
 
     def _progress(self, p, q) -> Tuple[float, float]:
         """The paper's R_p, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
@@ -307,9 +309,7 @@ class Episode:
 
 def laser_pose(pose) -> Tuple[float, float, float]:
     """The laser's pose for a robot at pose (x, y, yaw)."""
-    ox, oy = jackal.LASER_OFFSET
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return pose[0] + c * ox - s * oy, pose[1] + s * ox + c * oy, pose[2]
+    return (*place(pose, *jackal.LASER_OFFSET), pose[2])
 
 
 def nearest(ranges: np.ndarray) -> float:

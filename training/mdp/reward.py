@@ -7,6 +7,7 @@ from typing import Dict, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from training.mdp.episode import LIMIT, PERIOD, Outcome
 
 STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
@@ -46,7 +47,7 @@ class Reward:
     def __post_init__(self):
         for f in fields(self):
             if not np.isfinite(getattr(self, f.name)):
-                raise ValueError("reward coefficient %s is %r: give a finite number" % (f.name, getattr(self, f.name)))
+                raise ApplrError("reward coefficient %s is %r: give a finite number" % (f.name, getattr(self, f.name)))
 
     def __call__(
         self, outcome: Outcome, change: float, limit: int = LIMIT, period: float = PERIOD

@@ -2,23 +2,24 @@
 
 import argparse
 import sys
+from typing import Optional, Sequence
 
-from training.report import ReportError, write
-from training.storage import StorageError
+from applr_ros1.common.errors import run_main
+from training.report import write
 
 
-def main() -> int:
+def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command; returns the exit status."""
+    return run_main(lambda: run(arguments), "report")
+
+
+def run(arguments: Optional[Sequence[str]] = None) -> None:
+    """Write the report and print its path."""
     parser = argparse.ArgumentParser(prog="python -m training.report", description=__doc__)
     parser.add_argument("folder", help="what evaluate.py --out wrote")
     parser.add_argument("--training", default="", help="folder of a training run, whose learning curves are shown too")
-    options = parser.parse_args()
-    try:
-        print(write(options.folder, options.training))
-    except (ReportError, StorageError) as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
-    return 0
+    options = parser.parse_args(arguments)
+    print(write(options.folder, options.training))
 
 
 if __name__ == "__main__":

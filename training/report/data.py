@@ -12,9 +12,10 @@ from typing import Any, Dict, List
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_json
 from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, read_rows
 from training.evaluation.trials import COLUMNS, MEASURES
-from training.storage import read_json
 from worlds import builtin
 
 SETS = ("Training", "Test", "Physical course", "Other")
@@ -22,7 +23,7 @@ THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
 
 
-class ReportError(ValueError):
+class ReportError(ApplrError):
     """No report can be made: one line."""
 
 

@@ -12,13 +12,14 @@ import shutil
 from pathlib import Path
 from typing import List, Tuple
 
+from applr_ros1.common.files import write_bytes
 from training.evaluation.trials import PROTOCOLS
 from training.report import figures, paper
 from training.report.data import ReportError, Results
 from training.report.table import Table
 from training.report.tables import PAPER
 from training.report.tables_more import MORE
-from training.storage import make_folder, write_bytes
+from training.storage import make_folder
 
 FOLDER = "report"
 CURVES = ("learning_curves.png", "curves.png")  # what a training run calls its picture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from applr_ros1.common.angles import outside_box
 from worlds import World
 
 # label and colour, the tightest first; LIMITS [m] of the distance from the robot's middle to the nearest obstacle
@@ -28,9 +29,6 @@ def clearance(world: World, points: np.ndarray) -> np.ndarray:
     for x, y, radius in world.cylinders:
         nearest = np.minimum(nearest, np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
     for x, y, yaw, size_x, size_y in world.boxes:
-        c, s = np.cos(yaw), np.sin(yaw)
-        dx, dy = points[:, 0] - x, points[:, 1] - y
-        outside_x = np.maximum(np.abs(c * dx + s * dy) - 0.5 * size_x, 0.0)
-        outside_y = np.maximum(np.abs(c * dy - s * dx) - 0.5 * size_y, 0.0)
-        nearest = np.minimum(nearest, np.hypot(outside_x, outside_y))
+        outside = outside_box(points[:, 0] - x, points[:, 1] - y, yaw, size_x, size_y)
+        nearest = np.minimum(nearest, np.hypot(*outside))
     return nearest

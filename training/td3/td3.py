@@ -17,10 +17,11 @@ from typing import Dict, Tuple
 import numpy as np
 import torch
 
+from applr_ros1.common.errors import ApplrError
 from training.td3.networks import MLP
 
 
-class LearnerError(ValueError):
+class LearnerError(ApplrError):
     """Weights, sizes or a device that cannot be used; one line with what, why and the remedy."""
 
 

@@ -13,6 +13,7 @@ from typing import Any, Deque, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import (
     FREE,
@@ -27,7 +28,7 @@ from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstaclePar
 from applr_ros1.planner.costmap.scan import PointCloud
 
 
-class CostmapError(ValueError):
+class CostmapError(ApplrError):
     """A costmap that cannot be made or used so; the message is one line."""
 
 

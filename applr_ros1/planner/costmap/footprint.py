@@ -11,6 +11,7 @@ from typing import Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, walk_line, world_to_map
 
@@ -20,7 +21,7 @@ ON_LETHAL = -1.0
 HUGE = float(np.finfo(np.float64).max)
 
 
-class FootprintError(ValueError):
+class FootprintError(ApplrError):
     """A footprint that cannot be used; the message is one line."""
 
 

@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Tuple
 
+from applr_ros1.common.errors import ApplrError
+
 INF = math.inf
 INT_MAX = 2147483647
 
@@ -43,7 +45,7 @@ class Parameter:
         return self.default if self.jackal is None else self.jackal
 
 
-class ParameterError(ValueError):
+class ParameterError(ApplrError):
     """A name or value that cannot be taken; the message is one line with the remedy."""
 
 

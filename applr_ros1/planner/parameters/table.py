@@ -11,6 +11,7 @@ import sys
 import textwrap
 from typing import List
 
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.planner.parameters.declarations import SERVERS, STATIC, Parameter
 
 BEGIN, END = "<!-- begin: written by python -m applr_ros1.planner.parameters.table -->", "<!-- end -->"
@@ -72,18 +73,15 @@ def _value(value) -> str:
 
 
 def write(path: str) -> None:
-    """Put the lists between the marks of a Markdown file. ValueError where it has no marks."""
+    """Put the lists between the marks of a Markdown file. ApplrError where it has no marks."""
     with open(path, encoding="utf-8") as file:
         text = file.read()
     if BEGIN not in text or END not in text:
-        raise ValueError("%s has no place for the lists: give it the lines %s and %s" % (path, BEGIN, END))
+        raise ApplrError("%s has no place for the lists: give it the lines %s and %s" % (path, BEGIN, END))
     before, after = text[: text.index(BEGIN)], text[text.index(END) + len(END) :]
     with open(path, "w", encoding="utf-8") as file:
         file.write(before + tables() + after)
 
 
 if __name__ == "__main__":
-    try:
-        write(*sys.argv[1:2] or ["docs/parameters.md"])
-    except (OSError, ValueError) as problem:
-        sys.exit("table: %s" % problem)
+    sys.exit(run_main(lambda: write(*sys.argv[1:2] or ["docs/parameters.md"]), "table"))

@@ -10,6 +10,7 @@ from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.costmap.outline import line_offsets
@@ -23,7 +24,7 @@ ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
 _NAMES = PARAMETERS.names or ()
 
 
-class TrajectoryPlannerError(ValueError):
+class TrajectoryPlannerError(ApplrError):
     """A parameter that cannot be planned with; the message is one line."""
 
 

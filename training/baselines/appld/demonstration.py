@@ -14,8 +14,9 @@ from typing import Any, Dict, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import yaw_of
 from applr_ros1.policy.observation import ObservationError, check_scan
-from training.bags.reader import SECOND, BagError, Topics, open_bag, stamp, yaw
+from training.bags.reader import SECOND, BagError, Topics, open_bag, stamp
 from training.mdp.episode import CONTROL_PERIOD
 
 STANDING = 0.02  # m/s and rad/s; less is no driving
@@ -107,7 +108,8 @@ def _scan(heard, at, message):
 def _odometry(heard, at, message):
     p, t = message.pose.pose, message.twist.twist
     heard["frame"] = message.header.frame_id.lstrip("/")
-    heard["odometry"].append((stamp(message), p.position.x, p.position.y, yaw(p.orientation), t.linear.x, t.angular.z))
+    yaw = yaw_of(p.orientation)
+    heard["odometry"].append((stamp(message), p.position.x, p.position.y, yaw, t.linear.x, t.angular.z))
 
 
 def _command(heard, at, message):
@@ -117,7 +119,8 @@ def _command(heard, at, message):
 
 def _goal(heard, at, message):
     position = message.pose.position
-    heard["goal"].append((message.header.frame_id.lstrip("/"), (position.x, position.y, yaw(message.pose.orientation))))
+    pose = position.x, position.y, yaw_of(message.pose.orientation)
+    heard["goal"].append((message.header.frame_id.lstrip("/"), pose))
 
 
 def _source(heard, at, message):

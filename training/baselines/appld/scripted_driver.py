@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from applr_ros1.common.angles import outside_box, place, wrapped
 from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
@@ -52,7 +53,7 @@ class Demonstrator:
         self._at += int(np.argmin(near))
         ahead = s.lookahead + 0.35 * self._v
         target = self.route[min(len(self.route) - 1, self._at + int(ahead / SPACING))]
-        bearing = math.remainder(math.atan2(target[1] - y, target[0] - x) - yaw, 2.0 * math.pi)
+        bearing = wrapped(math.atan2(target[1] - y, target[0] - x) - yaw)
         if abs(bearing) > 1.0:
             return self._smooth(0.0, math.copysign(s.turn, bearing))
         distance = max(0.2, math.hypot(target[0] - x, target[1] - y))
@@ -126,8 +127,5 @@ def _offsets(world: World, points):
         rows = np.arange(len(points))
         yield offset[rows, nearest], gap[rows, nearest]
     for x, y, yaw, size_x, size_y in world.boxes:
-        c, s = math.cos(yaw), math.sin(yaw)
-        turn = np.array([[c, s], [-s, c]])
-        local = (points - (x, y)) @ turn.T
-        outside = local - np.clip(local, (-size_x / 2, -size_y / 2), (size_x / 2, size_y / 2))
-        yield outside @ turn, np.hypot(*outside.T)
+        outside = outside_box(points[:, 0] - x, points[:, 1] - y, yaw, size_x, size_y)
+        yield np.column_stack(place((0.0, 0.0, yaw), *outside)), np.hypot(*outside)

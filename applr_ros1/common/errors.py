@@ -1,0 +1,49 @@
+"""The base of the project's exceptions, and the wrapper that turns them into one line and an exit status."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import Callable, Optional
+
+
+class ApplrError(ValueError):
+    """Something that a user can put right. Its text is one line: what is wrong, which value, what to do.
+
+    exit_status: what a command that ends with this error returns to the shell.
+    """
+
+    exit_status = 1
+
+
+class UsageError(ApplrError):
+    """A command-line argument that cannot be."""
+
+
+def reason(error: BaseException) -> str:
+    """Why the system refused, in its own words, without the error number and the path."""
+    return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def run_main(main: Callable[[], Optional[int]], program: str) -> int:
+    """Runs a command and returns its exit status.
+
+    ApplrError and OSError become one line "PROGRAM: ..." on stderr and the error's exit status, Ctrl-C becomes 130
+    (with the text of the KeyboardInterrupt, if it has one). Other exceptions are defects and pass through.
+
+    Args:
+        main: the command; returns an exit status, or None for 0.
+        program: what the person called it, for instance "evaluate.py".
+    """
+    try:
+        return main() or 0
+    except KeyboardInterrupt as stopped:
+        print("%s: %s" % (program, str(stopped) or "stopped"), file=sys.stderr)
+        return 128 + signal.SIGINT
+    except ApplrError as error:
+        print("%s: %s" % (program, error), file=sys.stderr)
+        return error.exit_status
+    except OSError as error:
+        where = "%s: " % error.filename if error.filename else ""
+        print("%s: %s%s" % (program, where, reason(error)), file=sys.stderr)
+        return 1

@@ -1,0 +1,80 @@
+"""Files are written whole or not at all and read with a bound; what goes wrong is an error of one line.
+
+`error` is always the exception class to raise, so that a caller's own kind of file is refused with its own error.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import stat
+from typing import Any, Type
+
+from applr_ros1.common.errors import ApplrError, reason
+
+MAX_BYTES = 2**31  # of a file that is read where the caller knows no smaller bound
+MAX_JSON = 2**28
+
+
+class StorageError(ApplrError):
+    """A file or folder that cannot be read or written."""
+
+
+def write_bytes(path, data: bytes, error: Type[ApplrError] = StorageError) -> None:
+    """Writes beside the file, flushes to disk, renames: a crash leaves the old file or the new one, never a part."""
+    path = os.fspath(path)
+    partial = "%s.%d.partial" % (path, os.getpid())
+    try:
+        with open(partial, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    except (OSError, ValueError) as problem:
+        if os.path.exists(partial):
+            os.unlink(partial)
+        raise error(
+            "%s: cannot be written (%s); the file that was there is untouched" % (path, reason(problem))
+        ) from None
+
+
+def write_json(path, value: Any, error: Type[ApplrError] = StorageError) -> None:
+    """Writes a value as JSON that a person can read, as `write_bytes` does."""
+    write_bytes(path, (json.dumps(value, indent=1) + "\n").encode(), error)
+
+
+def read_bytes(path, limit: int = MAX_BYTES, error: Type[ApplrError] = StorageError) -> bytes:
+    """The content of a regular file of at most `limit` bytes. Pipes, devices and folders are refused at once."""
+    path = os.fspath(path)
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            found = os.fstat(descriptor)
+            if not stat.S_ISREG(found.st_mode):
+                raise error("%s: a folder, pipe or device; give a regular file" % path)
+            with open(descriptor, "rb", closefd=False) as file:  # sizes in /proc read as 0
+                data = file.read(min(limit, max(found.st_size, 2**16)) + 1)
+        finally:
+            os.close(descriptor)
+    except error:
+        raise
+    except (OSError, ValueError) as problem:  # ValueError: a NUL in the path
+        raise error("%s: cannot be read (%s); give an existing file" % (path, reason(problem))) from None
+    if len(data) > limit:
+        raise error("%s: more than %d bytes are too many; give another file" % (path, limit))
+    return data
+
+
+def read_json(path, limit: int = MAX_JSON, error: Type[ApplrError] = StorageError) -> Any:
+    """The value in a JSON file."""
+    data = read_bytes(path, limit, error)
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as problem:
+        raise error("%s: not JSON (%s); the file is damaged or of another kind" % (path, reason(problem))) from None
+
+
+def sha256(data: bytes) -> str:
+    """The checksum of some bytes, in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()

@@ -1,0 +1,128 @@
+"""What every package uses: errors that end a command in one line, files whole or refused, angles and boxes."""
+
+import math
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common import angles, files
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import ApplrError, run_main
+
+
+class Wrong(ApplrError):
+    exit_status = 2
+
+
+def test_a_command_ends_in_one_line_and_a_status(capsys, tmp_path):
+    def raising(error):
+        def main():
+            raise error
+
+        return main
+
+    def missing():
+        open(tmp_path / "none")  # noqa: SIM115
+
+    assert run_main(lambda: None, "p") == 0
+    assert run_main(lambda: 3, "p") == 3
+    assert capsys.readouterr().err == ""
+    for main, status, line in (
+        (raising(ApplrError("speed is 9: give 0 to 2")), 1, "speed is 9: give 0 to 2"),
+        (raising(Wrong("no")), 2, "no"),
+        (raising(KeyboardInterrupt("stopped; go on with --resume")), 130, "stopped; go on with --resume"),
+        (raising(KeyboardInterrupt()), 130, "stopped"),
+        (missing, 1, "%s: No such file or directory" % (tmp_path / "none")),
+    ):
+        assert run_main(main, "p") == status
+        assert capsys.readouterr().err == "p: %s\n" % line
+    with pytest.raises(ZeroDivisionError):  # a defect is not dressed up as a user's mistake
+        run_main(lambda: 1 // 0, "p")
+
+
+def test_every_exception_of_the_project_has_the_one_base():
+    import importlib
+    import pkgutil
+
+    import applr_ros1.policy
+    import sim_bridge
+    import training
+    import worlds
+
+    for package in (applr_ros1.policy, sim_bridge, training, worlds):
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if module.name.startswith(("sim_bridge.ros_", "training.report.__main__")):
+                continue
+            for thing in vars(importlib.import_module(module.name)).values():
+                ours = str(getattr(thing, "__module__", "")).startswith(
+                    ("applr_ros1", "sim_bridge", "training", "worlds")
+                )
+                if ours and isinstance(thing, type) and issubclass(thing, Exception):
+                    assert issubclass(thing, (ApplrError, AssertionError)), thing
+
+
+def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "file.json"
+    files.write_json(path, {"a": 1})
+    assert files.read_json(path) == {"a": 1}
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(Wrong, match="file.json: cannot be written .No space left on device.; the file that was there"):
+        files.write_bytes(path, b"other", Wrong)
+    assert files.read_json(path) == {"a": 1}
+    assert os.listdir(tmp_path) == ["file.json"]
+
+
+def test_only_regular_files_within_the_bound_are_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "long").write_bytes(b"x" * 11)
+    (tmp_path / "text").write_text("{")
+    for name, words in (
+        ("pipe", "a folder, pipe or device"),  # opening it for reading would wait for ever
+        (".", "a folder, pipe or device"),
+        ("/dev/zero", "a folder, pipe or device"),
+        ("none", "No such file or directory"),
+        ("a\0b", "null byte"),
+        ("long", "more than 10 bytes"),
+    ):
+        with pytest.raises(Wrong, match=words) as refused:
+            files.read_bytes(os.path.join(str(tmp_path), name), 10, Wrong)
+        assert "\n" not in str(refused.value)
+    assert files.read_bytes(tmp_path / "long", 11) == b"x" * 11
+    with pytest.raises(files.StorageError, match="not JSON"):
+        files.read_json(tmp_path / "text")
+
+
+def test_remapping_arguments_are_left_out():
+    assert without_remappings(["--seed", "3", "__name:=train", "scan:=/front/scan"]) == ["--seed", "3"]
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])
+def test_quaternions_and_poses(yaw):
+    q = SimpleNamespace(**dict(zip("xyzw", (3.0 * part for part in angles.quaternion_of(yaw)))))
+    assert angles.yaw_of(q) == pytest.approx(yaw)
+    x, y, turned = angles.compose((1.0, 2.0, yaw), (2.0, 0.5, 3.0))
+    moved = complex(1.0, 2.0) + complex(2.0, 0.5) * complex(math.cos(yaw), math.sin(yaw))
+    assert complex(x, y) == pytest.approx(moved)
+    assert abs(turned) <= math.pi
+    assert math.sin(turned) == pytest.approx(math.sin(yaw + 3.0))
+    np.testing.assert_allclose(angles.wrapped_modulo(np.array([yaw + 4 * math.pi])), [yaw], atol=1e-12)
+    assert angles.wrapped(yaw - 2 * math.pi) == pytest.approx(yaw)
+
+
+def test_outside_box():
+    draw = np.random.default_rng(0)
+    dx, dy = draw.uniform(-3, 3, (2, 200))
+    yaw, size = 0.7, (2.0, 1.0)
+    edge = np.linspace(-0.5, 0.5, 101)
+    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)  # a raster of the box
+    turned = inside @ np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    nearest = np.hypot(dx[:, None] - turned[:, 0], dy[:, None] - turned[:, 1]).min(1)
+    found = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
+    assert np.all(np.abs(found - nearest) < 0.015)
+    assert np.any(found == 0.0)
