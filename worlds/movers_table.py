@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from typing import Dict, List, NamedTuple, Tuple
 
 from applr_ros1.common import files
@@ -72,14 +71,10 @@ def read(path: str) -> Dict[str, Animation]:
 
 def write(path: str, animations: Dict[str, Animation]) -> None:
     """Writes the table, whole or not at all; numbers read back to the last bit. WorldError where that fails."""
-    part = path + ".part"
-    try:
-        with open(part, "w", encoding="utf-8", newline="") as file:
-            table = csv.writer(file, lineterminator="\n")
-            table.writerow(COLUMNS)
-            for plugin in sorted(animations):
-                length, repeat, frames = animations[plugin]
-                table.writerows([plugin, repr(length), int(repeat), *map(repr, frame)] for frame in frames)
-        os.replace(part, path)
-    except OSError as error:
-        raise WorldError("%s cannot be written (%s); check folder and permissions" % (path, error.strerror)) from None
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for plugin in sorted(animations):
+        length, repeat, frames = animations[plugin]
+        table.writerows([plugin, repr(length), int(repeat), *map(repr, frame)] for frame in frames)
+    files.write_bytes(path, text.getvalue().encode("utf-8"), WorldError)
