@@ -1,7 +1,7 @@
 """Evaluates a method of one's own (cautious.py) beside the planner's default parameters.
 
-The same as the command `evaluate.py --methods dwa,cautious=cautious:Cautious:0.5 ...` with this folder on PYTHONPATH. The
-report with all tables and figures is OUT/report/index.html.
+The same as the command `evaluate.py --methods dwa,cautious=cautious:Cautious:0.5 ...` with this folder on PYTHONPATH.
+The report with all tables and figures is OUT/report/index.html.
 """
 
 import argparse
@@ -27,7 +27,7 @@ def main() -> None:
     subprocess.run(command + ["--out", options.out], env=environment, check=True)
     with open(Path(options.out) / "trials.csv", newline="") as file:
         for row in csv.DictReader(file):
-            reached = "goal" if row["success"] == "1" else "no goal"
+            reached = "goal" if row["success"] == "True" else "no goal"
             print("%s %s trial %s: %s after %s s" % (row["method"], row["world"], row["trial"], reached, row["time_s"]))
 
 
