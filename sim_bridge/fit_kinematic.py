@@ -175,7 +175,9 @@ def report(title: str, rows: np.ndarray) -> None:
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 0, or a message where a simulator cannot be made."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--scenes", type=int, default=60, help="as many again are kept aside for the check")
+    parser.add_argument(
+        "--scenes", type=int, default=60, help="Number of scenes to fit; as many again are kept aside for the check."
+    )
     return run_main(lambda: _print_fit(parser.parse_args(argv)), "fit_kinematic")
 
 

@@ -98,9 +98,9 @@ def run(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Print the table. Exit status 0 where all speeds are driven within five percent."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--simulator", default="pybullet", help=" or ".join(NAMES))
-    parser.add_argument("--even", action="store_true", help="even ground: no random slip")
-    parser.add_argument("--seeds", type=int, default=4, help="runs to average")
+    parser.add_argument("--simulator", default="pybullet", help="Simulator to measure: %s." % " or ".join(NAMES))
+    parser.add_argument("--even", action="store_true", help="Even ground: no random slip.")
+    parser.add_argument("--seeds", type=int, default=4, help="Number of runs that are averaged.")
     return run_main(lambda: _print_table(parser.parse_args(argv)), "tracking_table")
 
 

@@ -285,6 +285,27 @@ def test_every_folder_and_file_of_the_guide_is_there():
         assert any(os.path.exists(os.path.join(ROOT, place)) for place in places), "the guide names " + file
 
 
+def help_texts(name):
+    """(line, text) of each option that a file declares, for argparse or as a field of the training options."""
+    for node in ast.walk(ast.parse(text_of(name))):
+        called = getattr(getattr(node, "func", None), "attr", getattr(getattr(node, "func", None), "id", ""))
+        if called == "add_argument":
+            text = next((keyword.value for keyword in node.keywords if keyword.arg == "help"), None)
+        elif called == "option" and len(node.args) > 1:
+            text = node.args[1]
+        else:
+            continue
+        text = text.left if isinstance(text, ast.BinOp) and isinstance(text.op, ast.Mod) else text
+        if text is None or isinstance(text, ast.Constant):
+            yield node.lineno, text and text.value
+
+
+@pytest.mark.parametrize("name", python_files(PACKAGES))
+def test_help_texts_are_whole_sentences(name):
+    for line, text in help_texts(name):
+        assert text and text[0].isupper() and text.endswith("."), "%s:%d: help text %r" % (name, line, text)  # noqa: PT018
+
+
 @pytest.mark.parametrize("name", python_files(PACKAGES) + tracked(".md"))
 def test_modules_named_in_the_text_are_there(name):
     """A module that a comment, docstring or page names, with or without its folder, exists."""

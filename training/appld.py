@@ -1,8 +1,9 @@
-"""Learns APPLD, the paper's second baseline, from recorded demonstrations.
+"""APPLD, the paper's second baseline: from recorded demonstrations to a file that can drive.
 
 Started as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
-contexts, CMA-ES finds the parameters of each context, and a small network learns to recognise the context in the scan.
-The file that is written serves evaluate.py (appld:FILE) and mode:=appld of the launch file.
+segments, similar segments form contexts, CMA-ES finds the parameters of each context, and a small network learns to
+recognise the context from the scan. evaluate.py (appld:FILE) and mode:=appld use the file. docs/appld.md describes the
+method.
 """
 
 from __future__ import annotations
@@ -137,26 +138,46 @@ def parse(arguments=None) -> argparse.Namespace:
     p = argparse.ArgumentParser(
         prog="appld.py", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
     )
-    p.add_argument("bags", nargs="+", help="demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and commands")
-    p.add_argument("--out", required=True, help="the file to write (.safetensors); log and card go beside it")
     p.add_argument(
-        "--contexts", type=int, default=4, help="at most so many; 0: each segment is one, as in the APPLD paper"
+        "bags",
+        nargs="+",
+        help="Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and, if possible, commands.",
     )
-    p.add_argument("--penalty", type=float, default=3.0, help="of a changepoint: more gives fewer segments")
-    p.add_argument("--evaluations", type=int, default=150, help="replays of each context in the search")
-    p.add_argument("--longest", type=int, default=100, help="instants of 50 ms of a segment that are replayed")
+    p.add_argument(
+        "--out",
+        required=True,
+        help="File to write (.safetensors). The log and a card that describes the file are written beside it.",
+    )
+    p.add_argument(
+        "--contexts",
+        type=int,
+        default=4,
+        help="Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.",
+    )
+    p.add_argument(
+        "--penalty", type=float, default=3.0, help="Cost of a changepoint; a larger one gives fewer segments."
+    )
+    p.add_argument(
+        "--evaluations", type=int, default=150, help="Number of parameter sets that the search of each context tries."
+    )
+    p.add_argument(
+        "--longest",
+        type=int,
+        default=100,
+        help="Largest number of instants (50 ms each) of a segment that the search uses.",
+    )
     p.add_argument(
         "--weights",
         default=DEFAULT_WEIGHTS,
         choices=WEIGHTS,
-        help="how the distance biases of the planner that is fitted count (default: %(default)s)",
+        help="What the distance weights of the planner count while parameters are fitted, metres or cells.",
     )
-    p.add_argument("--steps", type=int, default=500, help="of the classifier's training")
-    p.add_argument("--seed", type=int, default=0, help="of everything drawn")
-    p.add_argument("--scan", default=Topics.scan, help="topic of the scans")
-    p.add_argument("--odometry", default=Topics.odometry, help="topic of the odometry")
-    p.add_argument("--command", default=Topics.command, help="topic of the velocity commands")
-    p.add_argument("--verbose", action="store_true", help="a line for each generation of the search")
+    p.add_argument("--steps", type=int, default=500, help="Number of gradient steps of the classifier's training.")
+    p.add_argument("--seed", type=int, default=0, help="Seed of all random draws.")
+    p.add_argument("--scan", default=Topics.scan, help="Topic of the laser scans in the bags.")
+    p.add_argument("--odometry", default=Topics.odometry, help="Topic of the odometry in the bags.")
+    p.add_argument("--command", default=Topics.command, help="Topic of the velocity commands in the bags.")
+    p.add_argument("--verbose", action="store_true", help="Print a line for each generation of the search.")
     given = without_remappings(arguments)
     options = p.parse_args(given)
     options.given = [_plain(a) for a in given]

@@ -1,7 +1,7 @@
-"""Makes a dataset for offline training from recorded drives.
+"""Converts recorded drives to a dataset for offline training.
 
-Started as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. Bags of ROS 1 and ROS 2, of
-real robots and of simulation, may be mixed.
+Started as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.bags_to_dataset`. Bags of ROS 1 and ROS 2, from
+real robots and from simulation, can be mixed.
 """
 
 from __future__ import annotations
@@ -70,24 +70,31 @@ def _reasons(skipped) -> str:
 def parse(arguments) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(prog="bags_to_dataset.py", description=__doc__)
-    parser.add_argument("bags", nargs="+", help="bags (.bag, .mcap), ROS 2 bag folders, or folders that hold bags")
-    parser.add_argument("--out", required=True, help="folder for the dataset; must not hold one")
+    parser.add_argument(
+        "bags", nargs="+", help="Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags."
+    )
+    parser.add_argument("--out", required=True, help="Folder for the dataset; it must not hold one already.")
     parser.add_argument(
         "--finish",
         type=float,
-        help="metres towards the goal after which a course counts as reached "
-        "(5.925 on the paper's course); without it, move_base's result decides",
+        help=(
+            "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. "
+            "Without it the result of move_base decides."
+        ),
     )
     parser.add_argument(
         "--reward",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a coefficient of the reward: %s" % ", ".join(f.name for f in fields(Reward)),
+        help="Coefficient of the reward to use instead of its default; can be given several times. Names: %s."
+        % ", ".join(f.name for f in fields(Reward)),
     )
     for topic in fields(Topics):
         parser.add_argument(
-            "--" + topic.name.replace("_", "-"), default=topic.default, help="topic or name space (default %(default)s)"
+            "--" + topic.name.replace("_", "-"),
+            default=topic.default,
+            help="Topic or name space in the bags. Default: %(default)s.",
         )
     return parser.parse_args(without_remappings(arguments))
 

@@ -1,7 +1,7 @@
-"""Compares our simulator's trials with Gazebo's, world by world.
+"""Compares trials in our simulator with default DWA's times in Gazebo, world by world.
 
-Started as `python -m training.compare_gazebo results/trials.csv gazebo_dwa_train.csv`. The second file is a table of
-default DWA's times in Gazebo with the columns COLUMNS; it is not part of this repository.
+`python -m training.compare_gazebo results/trials.csv gazebo_dwa_train.csv`. The second file is a table with the columns
+in COLUMNS. It is other people's data and not part of this repository.
 """
 
 from __future__ import annotations
@@ -131,16 +131,16 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Compare the two tables that the arguments name and print the result."""
     parser = argparse.ArgumentParser(prog="python -m training.compare_gazebo", description=__doc__)
-    parser.add_argument("trials", help="trials.csv of BARN's own worlds")
-    parser.add_argument("gazebo", help="table with the columns %s" % ", ".join(COLUMNS))
-    parser.add_argument("--method", default="dwa", help="whose trials (default: dwa)")
+    parser.add_argument("trials", help="The trials.csv of an evaluation in BARN's own worlds.")
+    parser.add_argument("gazebo", help="Table of times in Gazebo with the columns %s." % ", ".join(COLUMNS))
+    parser.add_argument("--method", default="dwa", help="Method whose trials are compared. Default: %(default)s.")
     parser.add_argument(
         "--longer",
         type=float,
         default=LONGER,
-        help="seconds that the table's course takes longer (default: %(default)s)",
+        help="Seconds that the table's course takes longer than ours. Default: %(default)s.",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--json", action="store_true", help="Print the result as one JSON object.")
     options = parser.parse_args(arguments)
     found = compare(ours(options.trials, options.method), gazebo(options.gazebo, options.longer))
     print(json.dumps(found) if options.json else "\n".join(lines(found)))

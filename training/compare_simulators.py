@@ -1,10 +1,10 @@
-"""Whether the kinematic simulator ranks parameters and worlds as pybullet does:
-`python -m training.compare_simulators --worlds generated:train --count 50 --sets 5`.
+"""Shows whether the kinematic simulator ranks parameter sets and worlds as pybullet does.
 
-Drives the same worlds, parameter sets and seeds in both, as evaluate.py does (stopped, the same command continues), and
-writes them side by side: comparison.csv, a row per trial, and comparison.md, correlation and ratio of traversal times,
-agreement of failures, contacts. A single trial is chaotic: with --trials 2 or more, pybullet's agreement with itself on
-other seeds stands beside it, which is the best that any simulator could reach.
+`python -m training.compare_simulators --worlds generated:train --count 50 --sets 5` drives the same worlds, parameter
+sets and seeds in both, as evaluate.py does; a comparison that was stopped continues with the same command. It writes
+comparison.csv, a row per trial, and comparison.md with the correlation and ratio of traversal times, the agreement of
+failures, and contacts. Single trials are chaotic. With --trials 2 or more, pybullet's agreement with itself on other
+seeds stands beside it, which is the best that any simulator could reach.
 """
 
 from __future__ import annotations
@@ -211,24 +211,52 @@ def parse(arguments: Sequence[str] = None) -> argparse.Namespace:
         allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    p.add_argument("--worlds", default="generated:train", help="as for evaluate.py (default: generated:train)")
     p.add_argument(
-        "--count", type=whole(0, 100_000), default=50, help="how many of them, evenly spread; 0: all (default: 50)"
+        "--worlds",
+        default="generated:train",
+        help=(
+            "Worlds to drive in: generated:N, generated:train, generated:test, fresh:N-M, physical_course, a "
+            ".world file or a folder of them; several are separated by commas. Default: %(default)s."
+        ),
+    )
+    p.add_argument(
+        "--count",
+        type=whole(0, 100_000),
+        default=50,
+        help="Number of these worlds that are used, evenly spread over them; 0 uses all. Default: %(default)s.",
     )
     p.add_argument(
         "--sets",
         type=whole(1, 1000),
         default=5,
-        help="parameter sets: theta_0, Fast-DWA, and random ones, always the same (default: 5)",
+        help=(
+            "Number of parameter sets: theta_0, Fast-DWA, and random ones that are the same in every run. "
+            "Default: %(default)s."
+        ),
     )
     p.add_argument(
-        "--trials", type=whole(1, 100_000), default=1, help="of each set in each world and simulator (default: 1)"
+        "--trials",
+        type=whole(1, 100_000),
+        default=1,
+        help="Number of trials of each set in each world and simulator. Default: %(default)s.",
     )
-    p.add_argument("--workers", type=whole(1, 4096), default=2, help="processes (default: 2)")
-    p.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, help="of all trials (default: 0)")
-    p.add_argument("--out", default="results/simulators", help="folder (default: results/simulators)")
     p.add_argument(
-        "--simulators", default="pybullet,kinematic", help="the two to compare (default: pybullet,kinematic)"
+        "--workers",
+        type=whole(1, 4096),
+        default=2,
+        help="Number of trials that are driven at the same time. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--seed",
+        type=whole(0, 2**31 - 1),
+        default=0,
+        help="Seed from which the seeds of all trials follow. Default: %(default)s.",
+    )
+    p.add_argument("--out", default="results/simulators", help="Folder for the comparison. Default: %(default)s.")
+    p.add_argument(
+        "--simulators",
+        default="pybullet,kinematic",
+        help="The two simulators to compare, separated by a comma. Default: %(default)s.",
     )
     p.add_argument("--driver", default="training.evaluation.trials:Driver", help=argparse.SUPPRESS)  # tests give a toy
     options = p.parse_args(arguments)

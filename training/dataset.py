@@ -1,4 +1,4 @@
-"""A training run as a dataset for offline training: python -m training.dataset RUN FOLDER. --help lists the options."""
+"""Converts a training run to a dataset for offline training: `python -m training.dataset RUN FOLDER`."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from training.experience.dataset import export_replay
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command. Exit status 0; 1 with one line on stderr when there is no dataset."""
     parser = argparse.ArgumentParser(prog="python -m training.dataset", description=__doc__)
-    parser.add_argument("run", help="folder of the training run, --out of train.py")
-    parser.add_argument("folder", help="empty folder for the dataset")
+    parser.add_argument("run", help="Folder of the training run, --out of train.py.")
+    parser.add_argument("folder", help="Empty folder for the dataset.")
     parser.add_argument(
         "--c-switch",
         type=float,
         default=0.0,
-        help="what changing the parameters costs in the dataset beyond what it cost in the run, in reward per mean "
-        "change of an action unit (default: 0)",
+        help="Cost of changing the parameters that is charged in addition to the run's own reward.",
     )
     return run_main(lambda: _export(parser.parse_args(arguments)), "dataset")
 

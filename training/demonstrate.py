@@ -1,7 +1,7 @@
-"""Records scripted demonstrations for APPLD.
+"""Records a scripted demonstration for APPLD, in simulation and without ROS.
 
-Started as `rosrun applr_ros1 demonstrate.py` or `python -m training.demonstrate`. The demonstrator is a script
-(training/baselines/appld/scripted_driver.py), and the bag says so. A person demonstrates with teleop.py.
+Started as `rosrun applr_ros1 demonstrate.py` or `python -m training.demonstrate`. The demonstrator is the script
+training/baselines/appld/scripted_driver.py, and the bag says so. A person demonstrates with teleop.py instead.
 """
 
 from __future__ import annotations
@@ -67,10 +67,15 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
 def parse(arguments=None) -> argparse.Namespace:
     """Read the command line."""
     p = argparse.ArgumentParser(prog="demonstrate.py", description=__doc__)
-    p.add_argument("bag", help="bag to write (.bag); must not be there")
-    p.add_argument("--world", default="physical_course", help="course to drive (default %(default)s)")
-    p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet", help="default %(default)s")
-    p.add_argument("--seed", type=int, default=0, help="of the simulator's noise")
+    p.add_argument("bag", help="Bag to write (.bag); it must not exist.")
+    p.add_argument("--world", default="physical_course", help="World to drive in. Default: %(default)s.")
+    p.add_argument(
+        "--simulator",
+        choices=("pybullet", "kinematic"),
+        default="pybullet",
+        help="Simulator to drive in. Default: %(default)s.",
+    )
+    p.add_argument("--seed", type=int, default=0, help="Seed of the simulator's noise. Default: %(default)s.")
     return p.parse_args(without_remappings(arguments))
 
 

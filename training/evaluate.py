@@ -1,5 +1,7 @@
-"""Drives methods x worlds x trials and makes the paper's tables and figures of them: `rosrun applr_ros1 evaluate.py`,
-or `python -m training.evaluate`. Stopped at any moment, the same command continues; the rows come out the same.
+"""Evaluation: drives every method in every world, and makes tables, figures and statistics of the trials.
+
+Started as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. An evaluation that was stopped continues
+with the same command, and its rows are the same as without the stop. docs/evaluation.md describes the results.
 """
 
 from __future__ import annotations
@@ -156,39 +158,84 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     p.add_argument(
         "--worlds",
         default="generated:test",
-        help="generated:N, generated:train, generated:test, fresh:N-M, physical_course, a .world file or "
-        "a folder of them; several with commas (default: generated:test)",
+        help=(
+            "Worlds to drive in: generated:N, generated:train, generated:test, fresh:N-M, physical_course, a "
+            ".world file or a folder of them; several are separated by commas. Default: %(default)s."
+        ),
     )
-    p.add_argument("--methods", default="dwa,applr", help="with commas: %s (default: dwa,applr)" % methods.FORMS)
-    p.add_argument("--trials", type=_whole(1, 100_000), default=20, help="of each method in each world (default: 20)")
-    p.add_argument("--simulator", choices=("pybullet", "kinematic"), default="pybullet")
-    p.add_argument("--protocol", choices=tuple(PROTOCOLS), default="paper")
+    p.add_argument(
+        "--methods",
+        default="dwa,applr",
+        help="Methods to compare, separated by commas: %s. Default: dwa,applr." % methods.FORMS,
+    )
+    p.add_argument(
+        "--trials",
+        type=_whole(1, 100_000),
+        default=20,
+        help="Number of trials of each method in each world. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--simulator",
+        choices=("pybullet", "kinematic"),
+        default="pybullet",
+        help="Simulator to drive in. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--protocol",
+        choices=tuple(PROTOCOLS),
+        default="paper",
+        help="Rules of a trial, described below. Default: %(default)s.",
+    )
     p.add_argument(
         "--weights",
         type=_kinds,
         default=[DEFAULT_WEIGHTS],
-        help="how the planner's distance biases count: %s or %s (one of them by world and trial); several with commas "
-        "drive everything with each, and trials.csv gets a column weights (default: %s)"
-        % (", ".join(WEIGHTS), DRAWN, DEFAULT_WEIGHTS),
+        help="What the distance weights of the planner count, metres or cells: %s, or %s for one of them in each world "
+        "and trial. With several, separated by commas, everything is driven with each, and trials.csv gets a column "
+        "weights. Default: %s." % (", ".join(WEIGHTS), DRAWN, DEFAULT_WEIGHTS),
     )
     p.add_argument(
         "--planner",
         choices=PLANNERS + (DRAWN,),
         default=OURS,
-        help="cpp-like: with the defects of the C++ move_base that success depends on (default: %s)" % OURS,
+        help="Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or "
+        "drawn for one of them in each world and trial. Default: %s." % OURS,
     )
-    p.add_argument("--workers", type=_whole(1, 4096), default=2, help="processes, or Ray actors (default: 2)")
-    p.add_argument("--ray-address", default="", help="drive on this Ray cluster instead (host:port, or auto)")
-    p.add_argument("--out", default="results", help="folder for trials.csv, tables and figures (default: results)")
-    p.add_argument("--seed", type=_whole(0, 2**31 - 1), default=0, help="of all trials (default: 0)")
+    p.add_argument(
+        "--workers",
+        type=_whole(1, 4096),
+        default=2,
+        help="Number of trials that are driven at the same time, in processes or Ray actors. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--ray-address",
+        default="",
+        help="Address HOST:PORT of a Ray cluster to drive on, or auto for one that runs on this machine.",
+    )
+    p.add_argument(
+        "--out",
+        default="results",
+        help=(
+            "Folder for trials.csv, tables and figures. An evaluation that it holds already is continued. "
+            "Default: %(default)s."
+        ),
+    )
+    p.add_argument(
+        "--seed",
+        type=_whole(0, 2**31 - 1),
+        default=0,
+        help="Seed from which the seeds of all trials follow. Default: %(default)s.",
+    )
     p.add_argument(
         "--traces",
         type=_whole(0, 1000),
         default=1,
-        help="trials of each method and world whose driven path is kept (default: 1)",
+        help="Number of trials of each method in each world whose driven path is stored. Default: %(default)s.",
     )
     p.add_argument("--driver", default="training.evaluation.trials:Driver", help=argparse.SUPPRESS)  # tests give a toy
-    p.add_argument("--no-report", dest="report", action="store_false", help="only trials.csv, no tables and figures")
+    p.add_argument(
+        "--no-report", dest="report", action="store_false", help="Write the trials alone, without tables and figures."
+    )
     return p.parse_args(without_remappings(arguments))
 
 

@@ -1,9 +1,8 @@
-"""Exports a trained actor to ONNX and TorchScript, for other programs.
+"""Writes a trained policy as ONNX and TorchScript for other programs.
 
-Started as `python -m training.export actor.safetensors OUT_FOLDER`.
-
-Both take "observation" (n, 729) float32 and give "action" (n, 8) in [-1, 1]; the metadata travel along. The result is
-compared with the actor: a difference over 1e-5 is an error.
+`python -m training.export actor.safetensors OUT_FOLDER`. Both take "observation" (n, 729) float32 and return "action"
+(n, 8) in [-1, 1]; the metadata are included. The result is compared with the policy: a difference over 1e-5 is an
+error.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""The best single parameter set, by CMA-ES over the train worlds: the strong rival of a policy, shipped as static.json.
+"""Finds the best single parameter set over the training worlds with CMA-ES: the baseline `static`.
 
-python -m training.static_search --help. Each generation drives every candidate through the same freshly drawn worlds
-with the same seeds; the last generations' means are then driven through all worlds, and the fastest of them wins.
+Started as `rosrun applr_ros1 static_search.py` or `python -m training.static_search`. In each generation every
+candidate drives through the same newly drawn worlds with the same seeds. At the end the means of the last generations
+are driven through all worlds, and the fastest of them is the result.
 """
 
 from __future__ import annotations
@@ -188,39 +189,72 @@ def parser() -> argparse.ArgumentParser:
         description=__doc__.splitlines()[0],
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
     )
-    p.add_argument("--worlds", default="generated:train", help="to search over")
-    p.add_argument("--simulator", default="kinematic", choices=("kinematic", "pybullet"), help="to drive in")
+    p.add_argument(
+        "--worlds",
+        default="generated:train",
+        help=(
+            "Worlds to search over: generated:N, generated:train, generated:test, fresh:N-M, physical_course, a "
+            ".world file or a folder of them; several are separated by commas."
+        ),
+    )
+    p.add_argument("--simulator", default="kinematic", choices=("kinematic", "pybullet"), help="Simulator to drive in.")
     p.add_argument(
         "--weights",
         default=DEFAULT_WEIGHTS,
         choices=WEIGHTS + (DRAWN,),
-        help="how the planner's distance biases count; drawn: by world and trial",
+        help="What the distance weights of the planner count, metres or cells; drawn takes one of them in each world "
+        "and trial.",
     )
     p.add_argument(
         "--planner",
         default=OURS,
         choices=PLANNERS + (DRAWN,),
-        help="to drive with; cpp-like: with the defects of the C++ move_base",
+        help="Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or "
+        "drawn for one of them in each world and trial.",
     )
-    p.add_argument("--generations", type=int, default=40, help="of CMA-ES")
-    p.add_argument("--population", type=int, default=16, help="candidates of a generation")
-    p.add_argument("--worlds-per-set", type=int, default=25, help="worlds that each candidate drives")
-    p.add_argument("--contact-seconds", type=float, default=5.0, help="what a contact adds to a trial's time")
-    p.add_argument("--actors", type=int, default=2, help="trials driven at once; 0: in this process")
-    p.add_argument("--pool", default="processes", choices=("ray", "processes"), help="what the actors are")
-    p.add_argument("--ray-address", default="", help="HOST:PORT of a Ray cluster")
+    p.add_argument("--generations", type=int, default=40, help="Number of generations of CMA-ES.")
+    p.add_argument("--population", type=int, default=16, help="Number of parameter sets in a generation.")
+    p.add_argument(
+        "--worlds-per-set", type=int, default=25, help="Number of worlds that each parameter set is driven in."
+    )
+    p.add_argument(
+        "--contact-seconds",
+        type=float,
+        default=5.0,
+        help="Time [s] that a trial with a contact is charged in addition.",
+    )
+    p.add_argument(
+        "--actors",
+        type=int,
+        default=2,
+        help="Number of trials that are driven at the same time; 0 drives them in this process.",
+    )
+    p.add_argument(
+        "--pool",
+        default="processes",
+        choices=("ray", "processes"),
+        help="How trials are driven at the same time: in child processes, or by Ray actors.",
+    )
+    p.add_argument("--ray-address", default="", help="Address HOST:PORT of a Ray cluster to drive on.")
     p.add_argument(
         "--start",
         default="",
-        help="where CMA-ES begins: a set {name: value}, or an earlier search's log, "
-        "which goes on from its mean; theta_0 where left out",
+        help=(
+            "Where the search begins: a JSON file with a parameter set, or the log of an earlier search, which is "
+            "then continued. Without it the search begins at the default parameters, theta_0."
+        ),
     )
-    p.add_argument("--sigma", type=float, default=0.5, help="how widely it begins to look, of ranges from -1 to 1")
-    p.add_argument("--seed", type=int, default=0, help="of everything drawn")
+    p.add_argument(
+        "--sigma",
+        type=float,
+        default=0.5,
+        help="Initial standard deviation of the search, with parameters scaled to [-1, 1].",
+    )
+    p.add_argument("--seed", type=int, default=0, help="Seed of the search and of its trials.")
     p.add_argument(
         "--out",
         default="applr_ros1/models/static.json",
-        help="the set, as {name: value}; the log goes beside it as NAME_log.json",
+        help="JSON file for the best set, {name: value}. The log is written beside it as NAME_log.json.",
     )
     return p
 

@@ -1,8 +1,9 @@
-"""Training with one command: python -m training.train, rosrun applr_ros1 train.py. --help lists every option.
+"""Training with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
 
-Online: actors drive episodes, the one learner takes them in and learns (the paper's Gorila). Offline: from a dataset.
-The run's folder holds config.json, checkpoint.json with learner-*.safetensors, journal/ (all trajectories), actor and
-best .safetensors, episodes.csv, evaluations.jsonl, curves.png, tensorboard/.
+Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
+learns from a dataset. The run's folder holds config.json, checkpoint.json with learner-*.safetensors, journal/ with all
+trajectories, actor.safetensors and best.safetensors, episodes.csv, evaluations.jsonl, curves.png and tensorboard/.
+docs/training.md describes all of it.
 """
 
 from __future__ import annotations

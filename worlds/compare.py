@@ -108,10 +108,10 @@ def csv_agreement(worlds: List[World], file: str) -> List[str]:
 def main() -> int:
     """Exit status 1 and one line where a file cannot be used."""
     parser = argparse.ArgumentParser(prog="python -m worlds.compare", description=__doc__.split("\n\n")[0])
-    parser.add_argument("folder", nargs="?", help="folder of BARN's .world files (with path_files/)")
+    parser.add_argument("folder", nargs="?", help="Folder with BARN's .world files and, below it, path_files/.")
     parser.add_argument(
         "--csv",
-        help="table of BARN's metrics (columns world, %s): checks ours on the folder's files"
+        help="Table of BARN's metrics with the columns world, %s, to check ours against on the folder's files."
         % ", ".join(CSV_COLUMNS.values()),
     )
     return run_main(lambda: _print_comparison(parser.parse_args()), "compare")

@@ -60,12 +60,12 @@ def main() -> int:
         description="Reads the key frames of DynaBARN's moving obstacles out of their compiled Gazebo plugins (x86-64 "
         ".so files), without running them, and writes them into a table of one row per key frame.",
     )
-    parser.add_argument("worlds", metavar="WORLDS_DIR", help="folder of .world files")
-    parser.add_argument("plugins", metavar="PLUGINS_DIR", help="folder of the .so files that the worlds name")
+    parser.add_argument("worlds", metavar="WORLDS_DIR", help="Folder of .world files.")
+    parser.add_argument("plugins", metavar="PLUGINS_DIR", help="Folder of the .so files that the worlds name.")
     parser.add_argument(
         "--out",
         metavar="TABLE",
-        help="file to write; loading finds it beside the worlds under the name %s (default: WORLDS_DIR/%s)"
+        help="File to write. Loading finds it beside the worlds under the name %s. Default: WORLDS_DIR/%s."
         % (movers_table.NAME, movers_table.NAME),
     )
     arguments = parser.parse_args()

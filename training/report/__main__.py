@@ -1,4 +1,4 @@
-"""`python -m training.report FOLDER [--training RUN]`: makes the report of an evaluation anew."""
+"""Writes the report of an evaluation again: `python -m training.report FOLDER [--training RUN]`."""
 
 import argparse
 import sys
@@ -16,8 +16,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Write the report and print its path."""
     parser = argparse.ArgumentParser(prog="python -m training.report", description=__doc__)
-    parser.add_argument("folder", help="what evaluate.py --out wrote")
-    parser.add_argument("--training", default="", help="folder of a training run, whose learning curves are shown too")
+    parser.add_argument("folder", help="Folder of an evaluation, --out of evaluate.py.")
+    parser.add_argument(
+        "--training", default="", help="Folder of a training run whose learning curves are shown as well."
+    )
     options = parser.parse_args(arguments)
     print(write(options.folder, options.training))
 
