@@ -19,6 +19,7 @@ from . import jackal
 
 _ANGLES = jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * np.arange(jackal.BEAMS)
 _COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
+_NO_MOVERS = np.empty((0, 3))
 _TURN = int(round(2 * np.pi / jackal.ANGLE_INCREMENT))  # beams in a full turn
 
 
@@ -37,7 +38,7 @@ class Lidar:
         self._keys = np.empty(len(self.circles))
         self._sorted_at = (np.inf, np.inf)
 
-    def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = np.empty((0, 3))) -> np.ndarray:  # noqa: B008
+    def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = _NO_MOVERS) -> np.ndarray:
         """Exact ranges (720,) float32 [m] of the laser at (x, y), looking along yaw.
 
         +inf: nothing within RANGE_MAX; -inf: nearer than RANGE_MIN, or inside an obstacle. `movers` (k, 3) are further

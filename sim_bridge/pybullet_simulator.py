@@ -125,9 +125,9 @@ class PybulletSimulator(Simulator):
                 return True
         for body, mover in zip(self._movers, self.world.movers):
             x, y = mover.position(self._steps * STEP)
-            if abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + 1.0:  # noqa: SIM102
-                if self._pressing(body):
-                    return True
+            near = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + 1.0
+            if near and self._pressing(body):
+                return True
         return False
 
     def _pressing(self, body):

@@ -194,8 +194,9 @@ class Simulator(ABC):
         time = self.state.time if time is None else time
         return np.array([(*mover.position(time), mover.radius) for mover in movers], dtype=np.float64)
 
-    def close(self) -> None:  # noqa: B027
-        """Give back what the simulator holds. It cannot be used after."""
+    def close(self) -> None:
+        """Give back what the simulator holds. It can be called twice, but nothing else after it."""
+        self._lidar = None
 
     # -- for the implementations -------------------------------------------------------------------
     @abstractmethod

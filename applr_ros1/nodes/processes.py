@@ -3,6 +3,7 @@
 The demo runs the whole stack as one such child (roslaunch with everything below it).
 """
 
+import contextlib
 import ctypes
 import os
 import signal
@@ -97,9 +98,7 @@ def stop(process, patience=3.0):
         if not left:
             break
         for pid in left:
-            try:  # noqa: SIM105
+            with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-            except ProcessLookupError:
-                pass
         time.sleep(0.05)
     process.poll()

@@ -35,11 +35,11 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
         try:
             value = ast.literal_eval(text.strip() or "[]")
         except (ValueError, SyntaxError, MemoryError, RecursionError):
-            raise FootprintError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % text)  # noqa: B904
+            raise _not_points(text) from None
     try:
         points = np.array([[float("%g" % float(v)) for v in point] for point in value], dtype=np.float32)
     except (TypeError, ValueError):
-        raise FootprintError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % (text,))  # noqa: B904
+        raise _not_points(text) from None
     if points.size == 0:
         return np.zeros((0, 2))
     if points.ndim != 2 or points.shape[1] != 2:
@@ -51,6 +51,10 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
     if not np.all(np.isfinite(points)):
         raise FootprintError("footprint %.60r has a coordinate that is not finite" % (text,))
     return points.astype(np.float64)
+
+
+def _not_points(text: object) -> FootprintError:
+    return FootprintError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % (text,))
 
 
 def circle(radius: float) -> np.ndarray:

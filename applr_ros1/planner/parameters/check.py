@@ -77,8 +77,9 @@ def outline(text: str, label: str = "footprint") -> List[List[float]]:
     return points
 
 
-def table(path: str, sources: Dict[str, str] = {}) -> Optional[Tuple[Parameter, ...]]:  # noqa: B006
+def table(path: str, sources: Optional[Dict[str, str]] = None) -> Optional[Tuple[Parameter, ...]]:
     """All parameters at one place of the tree, or None. `sources` names each obstacle layer's scan source."""
+    sources = sources or {}
     layer, _, name = path.rpartition("/")
     if layer in sources and name == sources[layer]:
         path = layer + "/scan"

@@ -1,1 +1,1 @@
-"""The local planner of base_local_planner/TrajectoryPlannerROS: sampled velocities, scored roll-outs, and the choice among them."""  # noqa: E501
+"""TrajectoryPlannerROS of base_local_planner: sampled velocities, scored roll-outs, and the choice among them."""
