@@ -47,6 +47,7 @@ class Robot:
         self.goal = None
         self.now = 100.0
         self.simulated = False
+        self.statuses = True  # whether move_base's status is published
         self.decisions, self.observations, self.beats, self.parameters, self.values = [], [], [], [], {}
 
     def _on_decision(self, msg):
@@ -117,7 +118,7 @@ class Robot:
         return {
             "scan": scan if ranges is not None else None,
             "odom": odom,
-            "status": status,
+            "status": status if self.statuses else None,
             "plan": plan if self.goal is not None else None,
             "clock": Clock(now),
         }

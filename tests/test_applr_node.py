@@ -283,3 +283,99 @@ def test_wrong_parameters_end_the_node_in_one_line(robot, stack, parameters, lin
     assert node.process.returncode == 1
     assert line in node.text
     assert len(node.text.splitlines()) == 1
+
+
+# -- run-time services, cap, and what diagnostics say --------------------------------------------------------------
+def service(name, kind, *arguments):
+    import rospy
+
+    rospy.wait_for_service("/applr/" + name, 5.0)
+    return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
+
+
+def says(robot, message, seconds=4.0):
+    wait_for(lambda: robot.values.get("message") == message, seconds, "diagnostics: " + message)
+
+
+def test_the_policy_is_switched_off_and_on(robot, stack):
+    from std_srvs.srv import SetBool
+
+    _, _, client = stack("random")
+    says(robot, "idle: no goal")
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
+    says(robot, "deciding")
+    assert service("enable", SetBool, False).message == "off: theta_0"
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0")
+    count = len(robot.decisions)
+    says(robot, "switched off: theta_0")
+    time.sleep(2 * PERIOD)
+    assert len(robot.decisions) <= count + 1
+    assert np.array_equal(client.theta(), THETA_0)
+    assert service("enable", SetBool, True).success
+    wait_for(lambda: len(robot.decisions) >= count + 3 and as_set(robot, client), 5.0, "decisions again")
+
+
+def test_mode_and_file_change_while_driving(robot, stack, tmp_path):
+    from ros_harness import use_generated
+
+    use_generated()
+    from applr_ros1.srv import SetMode
+
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5}')
+    _, _, client = stack("random", max_speed=1.9)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    answer = service("set_mode", SetMode, "fixed", "", str(tmp_path / "set.json"))
+    assert (answer.success, answer.message) == (True, "mode fixed")
+    wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
+    for mode, words in (("applr", "none.safetensors"), ("fast", "mode 'fast' is unknown")):
+        answer = service("set_mode", SetMode, mode, str(tmp_path / "none.safetensors"), "")
+        assert not answer.success
+        assert words in answer.message
+        assert "\n" not in answer.message
+    time.sleep(2 * PERIOD)
+    assert client.theta()[0] == 1.5  # nothing was changed
+    count = len(robot.decisions)
+    assert service("set_mode", SetMode, "random", "", "").success
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "decisions")
+    assert robot.values["method"] == "random"
+
+
+def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
+    node, _, client = stack("fixed", parameters=str(tmp_path / "set.json"), max_speed=0.3)
+    wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], 4.0, "the capped set")
+    assert node.end() == 0
+    assert client.theta()[0] == 0.3  # theta_0 is 0.5
+
+
+def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
+    stack("dwa")
+    says(robot, "idle: no goal")
+    robot.statuses = False
+    says(robot, "move_base has stopped publishing its status: is it still running?")
+    assert robot.values["level"] == 1
+    robot.statuses = True
+    says(robot, "idle: no goal")
+    assert robot.values["level"] == 0
+
+
+def test_a_late_move_base_leaves_no_warning(robot, stack):
+    node, _, _ = stack("dwa", fake=None, ready=False)
+    wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], 15.0, "trouble")
+    stack.fake()
+    says(robot, "idle: no goal", 8.0)
+    assert robot.values["level"] == 0
+
+
+def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
+    import rospy
+
+    rospy.set_param("/use_sim_time", True)
+    robot.simulated = True
+    node, _, _ = stack("dwa")
+    for _ in range(5):
+        robot.now -= 3.0
+        time.sleep(0.4)
+    assert node.text.count("jumped back") == 1

@@ -41,12 +41,20 @@ class Snapshot:
 
 
 class Inputs:
-    """Subscribes to the standard topics of a Jackal and of move_base (names in __init__)."""
+    """Subscribes to a robot's scan and odometry and to move_base's plan and status.
+
+    Args:
+        scan: Topic of the sensor_msgs/LaserScan.
+        odom: Topic of the nav_msgs/Odometry.
+        plan: Topic of the global plan, a nav_msgs/Path.
+        move_base: Namespace of move_base, whose status says which goal is pursued.
+    """
 
     def __init__(
-        self, scan="/front/scan", odom="/odometry/filtered", plan="/move_base/NavfnROS/plan", move_base="/move_base"
+        self, scan="front/scan", odom="odometry/filtered", plan="move_base/NavfnROS/plan", move_base="move_base"
     ):
         self._names = {"scan": scan, "odometry": odom, "plan": plan}
+        self._names = {what: rospy.resolve_name(name) for what, name in self._names.items()}
         self._lock = threading.Lock()
         self._tf = None
         self.clear()
@@ -69,6 +77,11 @@ class Inputs:
             if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE:
                 return None
             return self._goal
+
+    def has_lost_move_base(self, now):
+        """Whether move_base, which has published its status before, has not done so for STATUS_AGE seconds."""
+        with self._lock:
+            return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE
 
     def snapshot(self, now):
         """A Snapshot at ROS time `now`. Raises ObservationError with one line about what is missing or odd."""
@@ -112,9 +125,14 @@ class Inputs:
             self._tf = buffer, tf2_ros.TransformListener(buffer)
         base = odometry.child_frame_id or "base_link"
         try:
-            t = self._tf[0].lookup_transform(frame.lstrip("/"), base.lstrip("/"), rospy.Time(0)).transform
+            found = self._tf[0].lookup_transform(frame.lstrip("/"), base.lstrip("/"), rospy.Time(0))
         except tf2_ros.TransformException as e:
             raise ObservationError(f"no transform {frame} <- {base} ({str(e).splitlines()[0]})") from None
+        ahead = (found.header.stamp - rospy.Time.now()).to_sec()
+        if ahead > MAX_AGE:
+            self._tf[0].clear()  # else tf would refuse every right transform for `ahead` seconds
+            raise ObservationError(f"transform {frame} <- {base} is stamped {ahead:.2f} s ahead of the clock")
+        t = found.transform
         return t.translation.x, t.translation.y, yaw_of(t.rotation)
 
     def _on_scan(self, msg):

@@ -1,19 +1,21 @@
 """The applr node: every two seconds of ROS time observation → method → eight parameters (Algorithm 1 of the paper).
 
 Run by scripts/applr.py beside any TrajectoryPlannerROS move_base. It decides while a goal is active; between goals
-the planner has theta_0, on which every course starts. README.md lists its topics and parameters.
+the planner has theta_0, on which every course starts. README.md lists its topics, services and parameters.
 """
 
 import gc
 import math
 import sys
 import threading
+import time
 from collections import Counter
 
 import numpy as np
 import rospy
 
 from applr_ros1.nodes.applr_inputs import Inputs
+from applr_ros1.nodes.applr_services import Services
 from applr_ros1.nodes.applr_topics import Topics
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
@@ -25,22 +27,37 @@ from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
 TICK = 0.05  # s of ROS time between looks at the clock
 LATE = 0.1  # share of a period after which a decision counts as late
+GONE = "move_base has stopped publishing its status: is it still running?"
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
+JUMP_SILENCE = 10.0  # s of wall time between two lines about a clock that jumps back
 LOST_AFTER = 3  # periods without a usable decision after which the policy counts as lost
 
 
 class ApplrNode:
-    """Joins inputs, method and worker. period: s of ROS time between decisions."""
+    """Joins inputs, method and worker.
 
-    def __init__(self, method, inputs, topics, period=2.0, namespace="/move_base"):
+    Args:
+        method: Chooses the parameters (policy/methods.py).
+        inputs: Scan, odometry, plan and goal.
+        topics: What is published.
+        period: Time [s] of ROS between decisions.
+        namespace: Of move_base.
+        max_speed: Largest max_vel_x [m/s] that is set, whatever the method chooses.
+    """
+
+    def __init__(self, method, inputs, topics, period=2.0, namespace="/move_base", max_speed=math.inf):
         self.method, self.inputs, self.topics, self.period = method, inputs, topics, period
+        self.enabled = True
+        self._cap = np.where(np.array(SPACE.names) == "max_vel_x", max_speed, math.inf)
+        self._jumps, self._jump_reported = 0, -math.inf
         self.counts = Counter()
         self.trouble = ""  # newest line about what is wrong; "" when nothing is
         self.degraded = ""  # why the chosen method is not the one that drives
         self._goal, self._due, self._failures = None, None, 0
         self._last = None  # ROS time of the last decision
         self._base_set = False  # whether what a goal-less planner should have has been sent
-        self._lock = threading.Lock()
+        self._lock = threading.Lock()  # of trouble
+        self._deciding = threading.Lock()  # of method, enabled and the course's state
         self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
         self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
 
@@ -61,13 +78,39 @@ class ApplrNode:
                 self.tick(now)
                 rospy.sleep(self._nap(now))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
-                rospy.logwarn("applr: the clock jumped back; starting afresh on theta_0")
+                self._clock_jumped()
                 beat = report = rospy.Time(0)
-                self.inputs.clear()
-                self._goal = self._due = self._last = None
-                self._base()
             except rospy.exceptions.ROSInterruptException:
                 return
+
+    def _clock_jumped(self):
+        """Start afresh on theta_0; a clock that jumps all the time is reported now and then only."""
+        self._jumps += 1
+        if time.monotonic() - self._jump_reported > JUMP_SILENCE:
+            more = "" if self._jumps == 1 else f" ({self._jumps} times so far)"
+            rospy.logwarn(f"applr: the clock jumped back; starting afresh on theta_0{more}")
+            self._jump_reported = time.monotonic()
+        self.inputs.clear()
+        with self._deciding:
+            self._goal = self._due = self._last = None
+            self._base()
+
+    def switch(self, enabled):
+        """Switch the method on or off. Off, the planner is put on theta_0 and no decision is made."""
+        with self._deciding:
+            if enabled != self.enabled:
+                rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
+            self.enabled, self._base_set = bool(enabled), False
+
+    def change_method(self, method):
+        """Let another method decide from now on; in the middle of a course it decides at once."""
+        with self._deciding:
+            self.method, self.degraded = method, ""
+            if self._goal is None or method.static:
+                self._base_set = False
+            else:
+                method.reset()
+                self._due, self._failures = rospy.Time.now(), 0
 
     def _nap(self, now):
         left = TICK if self._due is None else (self._due - now).to_sec()
@@ -75,10 +118,14 @@ class ApplrNode:
 
     def tick(self, now):
         """One look at the clock: begins and ends courses, and decides when a decision is due."""
+        with self._deciding:
+            self._tick(now)
+
+    def _tick(self, now):
         if not self._base_set and self.client.connected:
             self._base_set = True
             self._base()
-        goal = self.inputs.goal(now)
+        goal = self.inputs.goal(now) if self.enabled else None
         if goal != self._goal:
             if goal is None:
                 rospy.loginfo("applr: no goal any more")
@@ -122,7 +169,7 @@ class ApplrNode:
     def _ask(self, obs):
         """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
         try:
-            return SPACE.clip(self.method.theta(obs)), ""
+            return self._capped(SPACE.clip(self.method.theta(obs))), ""
         except SpaceError as e:
             return None, str(e)
         except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
@@ -135,20 +182,26 @@ class ApplrNode:
         self._warn(line)
         if self._failures == LOST_AFTER and not self.method.static:
             self._warn(f"no decision for {LOST_AFTER} periods: back to theta_0")
-            self.worker.request(SPACE.theta0)
+            self.worker.request(self._capped(SPACE.theta0))
 
     def _base(self):
         """What the planner has between goals: theta_0, or the one set of a static method."""
-        theta = SPACE.clip(self.method.theta(None)) if self.method.static else SPACE.theta0
+        static = self.enabled and self.method.static
+        theta = self._capped(SPACE.clip(self.method.theta(None)) if static else SPACE.theta0)
         has = self.client.theta()
         if has is None or not np.array_equal(has, theta) or self.worker.busy:
             self.worker.request(theta)
 
+    def _capped(self, theta):
+        """Theta (8,) with max_vel_x within max_speed."""
+        return np.minimum(theta, self._cap)
+
     def shutdown(self):
         """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
         self.worker.stop()
-        if self.worker.applied is not None and not np.array_equal(self.worker.applied, SPACE.theta0):
-            self.client.apply(SPACE.theta0)
+        theta = self._capped(SPACE.theta0)
+        if self.worker.applied is not None and not np.array_equal(self.worker.applied, theta):
+            self.client.apply(theta)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
@@ -160,7 +213,7 @@ class ApplrNode:
             self.counts["applied"] += 1
             with self._lock:
                 self.trouble = ""
-            self.topics.parameters(report.theta)
+            self.topics.parameters(report.theta, rospy.Time.now())
             return
         self.counts["failed"] += 1
         self.counts["put_back"] += len(report.put_back)
@@ -168,7 +221,12 @@ class ApplrNode:
         self._warn(f"parameters not changed: {report.error}{also}")
 
     def _on_trouble(self, line):
-        self._warn(line)
+        """The worker cannot find the planner's servers; "" when it has found them."""
+        if line:
+            self._warn(line)
+            return
+        with self._lock:
+            self.trouble = ""
 
     def _warn(self, line):
         with self._lock:
@@ -179,8 +237,12 @@ class ApplrNode:
     def _report(self, now):
         theta = self.client.theta()
         if theta is not None:
-            self.topics.parameters(theta)
+            self.topics.parameters(theta, now)
         age = math.nan if self._last is None else (now - self._last).to_sec()
+        if self.inputs.has_lost_move_base(now):
+            self._warn(GONE)
+        elif self.trouble == GONE:
+            self._on_trouble("")
         with self._lock:
             trouble = self.trouble or self.degraded
         lost = bool(self.degraded) or self._failures >= LOST_AFTER or theta is None
@@ -188,14 +250,21 @@ class ApplrNode:
             now,
             trouble,
             lost,
+            self._doing(),
             dict(
                 {name: self.counts[name] for name in COUNTS},
-                method=self.method.mode,
+                method=self.method.mode if self.enabled else "off",
+                max_speed=f"{self._cap.min():g}",
                 goal=self._goal or "none",
                 decision_age_s=f"{age:.2f}",
                 servers=", ".join(sorted(self.client.servers.values())) or "none",
             ),
         )
+
+    def _doing(self):
+        if not self.enabled:
+            return "switched off: theta_0"
+        return "idle: no goal" if self._goal is None else "deciding"
 
 
 def make_method(mode, policy, parameters, seed):
@@ -231,19 +300,24 @@ def main():
         period, seed, namespace = (
             _number("period", 2.0, 0.1, 60.0),
             _number("seed", 0, 0, 2**31 - 1),
-            _text("move_base", "/move_base"),
+            rospy.resolve_name(_text("move_base", "move_base")),
         )
+        slowest = float(SPACE.low[SPACE.names.index("max_vel_x")])
+        max_speed = _number("max_speed", math.inf, slowest, math.inf)
         topics = (
-            _text("scan_topic", "/front/scan"),
-            _text("odom_topic", "/odometry/filtered"),
+            _text("scan_topic", "front/scan"),
+            _text("odom_topic", "odometry/filtered"),
             _text("plan_topic", namespace + "/NavfnROS/plan"),
         )
+        base_frame = _text("base_frame", "base_link")
         method, trouble = make_method(_text("mode", "applr"), _text("policy", ""), _text("parameters", ""), seed)
     except (SpaceError, ValueError) as e:
         print(f"applr: {e}", file=sys.stderr)
         return 1
     inputs = Inputs(*topics, namespace)
-    node = ApplrNode(method, inputs, Topics(), float(period), namespace)
+    topics = Topics(base_frame=base_frame)
+    node = ApplrNode(method, inputs, topics, float(period), namespace, float(max_speed))
+    Services(node, int(seed))
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble

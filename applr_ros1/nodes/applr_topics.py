@@ -1,10 +1,11 @@
 """What the applr node publishes: heartbeat, decisions and observations (for bags), parameters, markers, diagnostics.
 
-Called by nodes/applr_node.py. Standard message types only, so that bags need none of ours to be read.
+Called by nodes/applr_node.py. What bags need is published twice: as messages of this package, with stamps and fields to
+plot, and as standard messages (JSON, arrays), which can be read without this package.
 """
 
 import json
-from math import atan2
+from math import atan2, nan
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -13,19 +14,28 @@ from std_msgs.msg import Float32MultiArray, Float64MultiArray, MultiArrayDimensi
 from visualization_msgs.msg import Marker
 
 from applr_ros1.common.angles import place, quaternion_of
+from applr_ros1.msg import Decision, Parameters
 from applr_ros1.policy.parameter_space import SPACE
 
 
 class Topics:
-    """Publishers below /applr, and /diagnostics."""
+    """Publishers below applr in the node's namespace, and /diagnostics, which all robots share.
 
-    def __init__(self, prefix="/applr", base_frame="base_link"):
+    Args:
+        prefix: What the topics' names begin with.
+        base_frame: Frame of the robot, in which the parameters stand as text.
+    """
+
+    def __init__(self, prefix="applr", base_frame="base_link"):
         self.base_frame = base_frame
+        self._name = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self._heartbeat = rospy.Publisher(prefix + "/heartbeat", Time, queue_size=1)
         self._observation = rospy.Publisher(prefix + "/observation", Float32MultiArray, queue_size=5)
         self._decision = rospy.Publisher(prefix + "/decision", String, queue_size=5)
         self._local_goal = rospy.Publisher(prefix + "/local_goal", PoseStamped, queue_size=1)
         self._parameters = rospy.Publisher(prefix + "/parameters", Float64MultiArray, queue_size=1, latch=True)
+        self._typed_decision = rospy.Publisher(prefix + "/typed/decision", Decision, queue_size=5)
+        self._typed_parameters = rospy.Publisher(prefix + "/typed/parameters", Parameters, queue_size=1, latch=True)
         self._text = rospy.Publisher(prefix + "/parameters_text", Marker, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
@@ -57,9 +67,17 @@ class Topics:
             )
         )
         self._local_goal.publish(_local_goal(seen, target))
+        typed = Decision(number=number, goal=goal, observation=obs, refused=refused)
+        typed.header.stamp, typed.header.frame_id = now, seen.frame
+        typed.scan, typed.odometry, typed.plan = seen.scan_stamp, seen.odom_stamp, seen.plan_stamp
+        typed.x, typed.y, typed.yaw = seen.pose
+        typed.local_goal_x, typed.local_goal_y = target
+        typed.before, typed.after = parameters_message(theta_prev, now), parameters_message(theta, now)
+        self._typed_decision.publish(typed)
 
-    def parameters(self, theta):
-        """Publish theta (8,), the parameters in force, as numbers and as text above the robot."""
+    def parameters(self, theta, now):
+        """Publish theta (8,), the parameters in force at ROS time `now`, as numbers and as text above the robot."""
+        self._typed_parameters.publish(parameters_message(theta, now))
         message = Float64MultiArray(data=theta)
         message.layout.dim = [MultiArrayDimension(",".join(SPACE.names), len(theta), len(theta))]
         self._parameters.publish(message)
@@ -71,19 +89,43 @@ class Topics:
         marker.color.r = marker.color.g = marker.color.b = marker.color.a = 1.0
         self._text.publish(marker)
 
-    def diagnostics(self, now, trouble, lost, values):
-        """values: {key: value}; trouble: one line or ""; lost: the method does not drive, theta_0 does."""
+    def diagnostics(self, now, trouble, lost, doing, values):
+        """Publish the node's state.
+
+        Args:
+            now: ROS time.
+            trouble: One line, or "" for none.
+            lost: Whether the method does not drive, but theta_0 does.
+            doing: What the node does when there is no trouble, such as "idle: no goal".
+            values: {key: value} to show.
+        """
         level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK
         status = DiagnosticStatus(
             level=level,
-            name="applr: parameter policy",
+            name=self._name,
             hardware_id="none",
-            message=trouble or "deciding",
+            message=trouble or doing,
             values=[KeyValue(key, str(value)) for key, value in values.items()],
         )
         message = DiagnosticArray(status=[status])
         message.header.stamp = now
         self._diagnostics.publish(message)
+
+
+def parameters_message(theta, stamp):
+    """An applr_ros1/Parameters of theta (8,); without names and values for None."""
+    message = Parameters()
+    message.header.stamp = stamp
+    fields = [name for name in message.__slots__ if name not in ("header", "names", "values")]
+    for name in fields:
+        setattr(message, name, nan)
+    if theta is not None:
+        message.names, message.values = list(SPACE.names), [float(value) for value in theta]
+        for name, value in zip(message.names, message.values):
+            aliases = (name,) + SPACE.targets[name][0].names
+            for alias in [alias for alias in aliases if alias in fields][:1]:
+                setattr(message, alias, value)
+    return message
 
 
 def _local_goal(seen, target):

@@ -103,7 +103,7 @@ class MoveBaseNode:
         subscribe = [
             ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
             ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
-            ("/applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
+            ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
         subscribe += [
             ("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m)) for name in COSTMAPS

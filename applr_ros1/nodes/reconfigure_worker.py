@@ -25,7 +25,8 @@ class ReconfigureWorker:
     Args:
         client: Reaches the planner's reconfigure servers.
         on_report: Called with the Report of every attempt, from the worker's thread.
-        on_trouble: Called with one line while the servers cannot be found, from the worker's thread.
+        on_trouble: Called with one line while the servers cannot be found, and with "" when they have been found, from
+            the worker's thread.
     """
 
     def __init__(
@@ -91,7 +92,9 @@ class ReconfigureWorker:
                 else:
                     trouble = self.client.connect()
                     failures += bool(trouble)
-                    if trouble:
+                    if not trouble:
+                        self._on_trouble("")
+                    else:
                         if failures >= PATIENCE:
                             self._on_trouble(trouble)
                         self._pause(4 * RETRY)

@@ -158,11 +158,14 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         "/tf": _tf,
         "/tf_static": _tf,
         topics.applr + "/decision": _decision,
+        topics.applr + "/typed/decision": _typed_decision,
         topics.applr + "/observation": _observation,
     }
     updates = re.compile(re.escape(base) + r"/(?:[^/]+|(?:local|global)_costmap/[^/]+)/parameter_updates")
     heavy = {topics.scan: [], topics.plan: []}
     rows: List[tuple] = []
+    if any(c.topic == topics.applr + "/typed/decision" for c in reader.connections):  # the same as the JSON
+        del light[topics.applr + "/decision"], light[topics.applr + "/observation"]
     connections = [c for c in reader.connections if c.topic in light or c.topic in heavy or updates.fullmatch(c.topic)]
     if not reader.message_count:
         raise BagError("%s: holds no messages" % recording.path)
@@ -242,6 +245,20 @@ def _decision(recording, at, message, rows):
     recording.decisions.append(decision)
 
 
+def _typed_decision(recording, at, message, rows):
+    number = int(message.number)
+    before, after = (dict(zip(p.names, map(float, p.values))) for p in (message.before, message.after))
+    stamps = {name: _nanoseconds(getattr(message, name)) for name in ("scan", "odometry", "plan")}
+    decision = {"at": at, "number": number, "goal": message.goal, "stamp": stamp(message), **stamps}
+    recording.decisions.append(dict(decision, theta_prev=before, theta=after or None))
+    observation = np.array(message.observation, dtype=np.float32)
+    recording.observations.setdefault(number, []).append((at, observation))
+
+
+def _nanoseconds(time) -> int:
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
 def _observation(recording, at, message, rows):
     label = message.layout.dim[0].label if message.layout.dim else ""
     if re.fullmatch(r"observation \d{1,12}", label):
@@ -264,8 +281,7 @@ def _parameters(recording, at, message, topic):
 
 def stamp(message) -> int:
     """A header's stamp in nanoseconds."""
-    t = message.header.stamp
-    return int(t.sec) * SECOND + int(t.nanosec)
+    return _nanoseconds(message.header.stamp)
 
 
 def find(paths) -> List[Path]:
