@@ -74,8 +74,8 @@ class Options:
         "of generated:validation.")
     simulator: str = option("kinematic", "Simulator to train in.", choices=("kinematic", "pybullet"))
     weights: str = option(DEFAULT_WEIGHTS,
-        "How the two distance biases of the planner's cost count during training: per_cell, per_metre, or drawn, which "
-        "takes one of the two at each reset.", choices=WEIGHTS + (DRAWN,))
+        "What the planner's distance weights (path and goal distance bias) count during training: cells (per_cell), "
+        "metres (per_metre), or drawn, which takes one of the two at each reset.", choices=WEIGHTS + (DRAWN,))
     planner: str = option(OURS,
         "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
         "drawn, which takes one of the two at each reset.", choices=PLANNERS + (DRAWN,))
@@ -175,8 +175,8 @@ class Options:
         "Simulator of the evaluations. Without it they use the one of the training.",
         choices=("", "kinematic", "pybullet"))
     eval_weights: str = option("",
-        "How the two distance biases count in the evaluations: per_cell, per_metre, or drawn by world and trial. "
-        "Without it they count as in the training.", choices=("",) + WEIGHTS + (DRAWN,))
+        "What the planner's distance weights count in the evaluations: per_cell, per_metre, or drawn by world and "
+        "trial. Without it they count the same as in the training.", choices=("",) + WEIGHTS + (DRAWN,))
     eval_planner: str = option("",
         "Planner of the evaluations: ours, cpp-like, or drawn by world and trial. Without it they use the one of the "
         "training.", choices=("",) + PLANNERS + (DRAWN,))

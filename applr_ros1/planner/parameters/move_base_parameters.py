@@ -106,7 +106,7 @@ APPLR_NODE = (
         "Decision period of the applr node. If no heartbeat of that node arrives for three periods, the start-up "
         "parameters are restored."),
     text("weights", "", None,
-        "How the two distance biases of the local planner count: per_metre, per_cell, or drawn, which takes one of the "
-        "two by the seed. Empty: as meter_scoring says."),
-    whole("seed", 0, 0, INT_MAX, None, "", "Seed by which the weights are drawn."),
+        "What path_distance_bias and goal_distance_bias count: metres (per_metre), cells (per_cell), or drawn, which "
+        "takes one of the two by the seed. Empty leaves it to meter_scoring."),
+    whole("seed", 0, 0, INT_MAX, None, "", "Seed for the value drawn of weights."),
 )
