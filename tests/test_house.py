@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as xml
+from functools import lru_cache
 
 import pytest
 import yaml
@@ -83,7 +84,8 @@ MAY_KNOW = (
 )
 
 
-def tracked(*suffixes):
+@lru_cache(maxsize=None)
+def files():
     """Paths of the files in git (those new and not ignored too), relative to the root."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
@@ -91,8 +93,12 @@ def tracked(*suffixes):
         capture_output=True,
         check=False,
     ).stdout.decode()
-    names = [name for name in listed.split("\0") if name and os.path.isfile(os.path.join(ROOT, name))]
-    return sorted(name for name in names if not suffixes or name.endswith(suffixes))
+    return sorted(name for name in listed.split("\0") if name and os.path.isfile(os.path.join(ROOT, name)))
+
+
+def tracked(*suffixes):
+    """Those of the files that end so; all without suffixes."""
+    return [name for name in files() if not suffixes or name.endswith(suffixes)]
 
 
 def python_files(folders):
