@@ -9,47 +9,51 @@ import math
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
+from applr_ros1.planner.costmap.outline import UNSURE, outline_cost
 from applr_ros1.planner.distance_grid import settle
 from applr_ros1.planner.dwa.generator import commanded, move, ramped
 from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH
 from applr_ros1.planner.trajectory.bounds import LARGEST_TURN, small_turn
 
 ROUNDING = 1.01 * 2.0**-24  # of one float32 value, with something for the closed forms
+AT_BORDER = -(1 << 40)  # instead of a cell: too close to a border between two to be told
 FORMULA = 1e-9  # [m]; the closed forms by themselves are good to about 1e-12
 
 
 @kernel
-def arc(start, c, s, vx, vy, turn, dt, moves):
-    """(x, y, cos, sin) of position and heading after so many equal moves of dt [s] and `turn` [rad].
+def arc(dx, dy, turn, dt, moves):
+    """(x, y, cos, sin): the way from the start and the heading's change after equal moves of dt [s] and `turn` [rad].
 
-    c, s: cosine and sine of the heading at the start; |turn| <= LARGEST_TURN.
+    dx, dy: velocity at the start, in the axes of the map; |turn| <= LARGEST_TURN.
     """
     half = 0.5 * turn
     dc, ds = small_turn(half)
     mc = math.cos((moves - 1) * half)
     ms = math.sin((moves - 1) * half)
-    tc = mc * dc - ms * ds  # of moves * half
-    ts = ms * dc + mc * ds
+    ts = ms * dc + mc * ds  # of moves * half
+    tc = mc * dc - ms * ds
     length = dt * (ts / ds if half != 0.0 else float(moves))
-    dx = vx * c - vy * s
-    dy = vx * s + vy * c
-    hc = 1 - 2 * ts * ts
-    hs = 2 * ts * tc
-    return (
-        start[0] + length * (dx * mc - dy * ms),
-        start[1] + length * (dy * mc + dx * ms),
-        c * hc - s * hs,
-        s * hc + c * hs,
-    )
+    return length * (dx * mc - dy * ms), length * (dy * mc + dx * ms), 1 - 2 * ts * ts, 2 * ts * tc
 
 
 @kernel
-def arc_errors(p, start, speed, w, steps):
-    """How far the float32 trajectory may be from the closed form, at most: position [m] and heading [rad]."""
-    length = speed * p.sim_time
-    heading = steps * ROUNDING * (abs(start[2]) + abs(w) * p.sim_time)
-    return steps * ROUNDING * (max(abs(start[0]), abs(start[1])) + length) + length * heading + FORMULA, heading
+def arc_errors(x, y, theta, speed, w, sim_time, steps):
+    """How far the float32 trajectory may be from the closed form, at most: position [m] and heading [rad].
+
+    x, y, theta: where it begins.
+    """
+    length = speed * sim_time
+    heading = steps * ROUNDING * (abs(theta) + abs(w) * sim_time)
+    return steps * ROUNDING * (max(abs(x), abs(y)) + length) + length * heading + FORMULA, heading
+
+
+@kernel
+def sure_cell(f, margin):
+    """The cell of a coordinate counted in cells, below 0 if below the map; AT_BORDER within `margin` of a border."""
+    nearest = math.floor(f + 0.5)
+    if abs(f - nearest) < margin:
+        return AT_BORDER
+    return int(math.floor(f))
 
 
 @kernel
@@ -66,38 +70,17 @@ def exact_end(p, start, vx, vy, w, steps):
 
 
 @kernel
-def _near_border(x, y, ox, oy, resolution, error):
-    margin = error / resolution + 1e-9
-    return on_border((x - ox) / resolution, margin) or on_border((y - oy) / resolution, margin)
-
-
-@kernel(error_model="numpy")
-def end_cells(p, scene, start, c, s, vx, vy, w, speed, steps):
-    """Cells (x, y) of the last point and of its nose, each (-1, -1) off the map. c, s: of the heading at the start."""
-    cells, ox, oy, resolution, _, _, _, _ = scene
-    ny, nx = cells.shape
+def exact_end_cells(p, scene, start, vx, vy, w, steps):
+    """Cells (x, y) of the last point and of its nose, each (-1, -1) off the map."""
+    ny, nx = scene.cells.shape
     ahead = p.forward_point_distance
-    dt = p.sim_time / steps
-    turn = w * dt
-    sure = p.use_dwa and abs(turn) <= LARGEST_TURN
-    x = y = fx = fy = 0.0
-    if sure:
-        x, y, ec, es = arc(start, c, s, vx, vy, turn, dt, steps - 1)
-        fx = x + ahead * ec
-        fy = y + ahead * es
-        error, heading = arc_errors(p, start, speed, w, steps)
-        sure = not (
-            _near_border(x, y, ox, oy, resolution, error)
-            or _near_border(fx, fy, ox, oy, resolution, error + abs(ahead) * heading)
-        )
-    if not sure:
-        x, y, theta = exact_end(p, start, vx, vy, w, steps)
-        fx, fy = x, y
-        if ahead != 0.0:
-            fx = x + ahead * math.cos(theta)
-            fy = y + ahead * math.sin(theta)
-    cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
-    nose_x, nose_y = world_to_map(fx, fy, ox, oy, resolution, nx, ny)
+    x, y, theta = exact_end(p, start, vx, vy, w, steps)
+    fx, fy = x, y
+    if ahead != 0.0:
+        fx = x + ahead * math.cos(theta)
+        fy = y + ahead * math.sin(theta)
+    cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+    nose_x, nose_y = world_to_map(fx, fy, scene.ox, scene.oy, scene.resolution, nx, ny)
     return cx, cy, nose_x, nose_y
 
 
@@ -115,13 +98,19 @@ def probe(p, scene, scaled, start, c, s, vx, vy, w, speed, steps, occupied, allo
     turn = w * dt
     if not p.use_dwa or abs(turn) > LARGEST_TURN or scaled.shape[0] < 3:
         return occupied
-    error, heading = arc_errors(p, start, speed, w, steps)
+    error, heading = arc_errors(start[0], start[1], start[2], speed, w, p.sim_time, steps)
     margin = (error + heading * _reach(scaled)) / resolution + 1e-9
+    dx = vx * c - vy * s
+    dy = vx * s + vy * c
     left = steps - 1
     parts = 1
     while parts <= 8 and left // parts >= 3:
         for i in range(1, parts + 1, 2):
-            x, y, ec, es = arc(start, c, s, vx, vy, turn, dt, left * i // parts)
+            x, y, hc, hs = arc(dx, dy, turn, dt, left * i // parts)
+            x += start[0]
+            y += start[1]
+            ec = c * hc - s * hs
+            es = s * hc + c * hs
             cost = outline_cost(cells, flat, ox, oy, resolution, scaled, lines, x, y, ec, es, 0, 0, margin)
             if cost == UNSURE:
                 continue

@@ -19,16 +19,39 @@ def ground_speed(vx, vy):
     return abs(vx) if vy == 0.0 else math.hypot(vx, vy)
 
 
+@kernel
+def is_too_fast(p, speed):
+    """Whether samples of this speed over ground are refused."""
+    return p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans
+
+
+@kernel
+def least_turn(p, speed):
+    """The turn rate [rad/s] that samples of this speed over ground need; -1 if none."""
+    if p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans and p.min_vel_theta >= 0:
+        return p.min_vel_theta
+    return -1.0
+
+
 @kernel(error_model="numpy")
+def linear_steps(p, speed):
+    """The steps that a speed over ground asks for, not yet a whole number."""
+    return speed * p.sim_time / p.sim_granularity
+
+
+@kernel(error_model="numpy")
+def angular_steps(p, w):
+    """The steps that a turn rate asks for, not yet a whole number."""
+    return abs(w) * p.sim_time / p.angular_sim_granularity
+
+
+@kernel
 def step_count(p, vx, vy, w):
     """Into how many steps the sample (vx, vy, w) is divided; 0 refuses it."""
     speed = ground_speed(vx, vy)
-    slow = p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans
-    if slow and p.min_vel_theta >= 0 and abs(w) + SLACK < p.min_vel_theta:
+    if is_too_fast(p, speed) or abs(w) + SLACK < least_turn(p, speed):
         return 0
-    if p.max_vel_trans >= 0 and speed - SLACK > p.max_vel_trans:
-        return 0
-    return int(math.ceil(max(speed * p.sim_time / p.sim_granularity, abs(w) * p.sim_time / p.angular_sim_granularity)))
+    return int(math.ceil(max(linear_steps(p, speed), angular_steps(p, w))))
 
 
 @kernel

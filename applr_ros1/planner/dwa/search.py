@@ -12,14 +12,35 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import wrapped
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
-from applr_ros1.planner.dwa.bounds import at_least, end_cells, flood_limits, probe
+from applr_ros1.planner.dwa.bounds import (
+    AT_BORDER,
+    arc,
+    arc_errors,
+    at_least,
+    exact_end_cells,
+    flood_limits,
+    probe,
+    sure_cell,
+)
 from applr_ros1.planner.dwa.critics import HUGE, NOTHING_LEGAL, final_distance, footprint_scale, scale_footprint
-from applr_ros1.planner.dwa.generator import commanded, ground_speed, move, ramped, step_count
+from applr_ros1.planner.dwa.generator import (
+    SLACK,
+    angular_steps,
+    commanded,
+    ground_speed,
+    is_too_fast,
+    least_turn,
+    linear_steps,
+    move,
+    ramped,
+    step_count,
+)
 from applr_ros1.planner.dwa.oscillation import is_barred, remember
 from applr_ros1.planner.dwa.preparation import begin_floods, prepare
 from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH
 from applr_ros1.planner.dwa.velocities import sample_axes
 from applr_ros1.planner.sample_heap import sift_down
+from applr_ros1.planner.trajectory.bounds import LARGEST_TURN
 
 NO_LIMIT = 1 << 60
 
@@ -105,7 +126,11 @@ def _lowest(p, state, grids, scratch, scene, nx, ny, nw):
 
 @kernel(error_model="numpy")
 def _bound(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
-    """Fill bounds, occupied, keys and heap; returns how many samples may win."""
+    """Fill bounds, occupied, keys and heap; returns how many samples may win.
+
+    The inner loop calls nothing that takes an array, except where it must: counting references costs more than the
+    rest.
+    """
     xs, ys, ws, keys, bounds, occupied, heap, probed, start = scratch
     cells, ox, oy, resolution, footprint, lines, _, _ = scene
     rows, columns = cells.shape
@@ -114,11 +139,12 @@ def _bound(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
     stride = columns + 2
     by_path = p.path_scale != 0.0
     by_goal = p.goal_scale != 0.0
-    by_nose = by_goal or p.alignment_scale != 0.0
+    by_alignment = p.alignment_scale != 0.0
+    by_nose = by_goal or by_alignment
     by_outline = p.occdist_scale != 0.0
-    cx, cy = world_to_map(start[0], start[1], ox, oy, resolution, columns, rows)
-    on_map = cx >= 0
-    if not on_map and (by_path or by_goal or by_outline):
+    x0, y0, theta0 = start[0], start[1], start[2]
+    cx, cy = world_to_map(x0, y0, ox, oy, resolution, columns, rows)
+    if cx < 0 and (by_path or by_goal or by_outline):
         return 0
     k = (cy + 1) * stride + cx + 1
     if by_path and final_distance(grids, PATH, k, stride, n) >= n:
@@ -127,60 +153,103 @@ def _bound(p, state, grids, scratch, scene, nx, ny, nw, c, s, scaled):
         return 0
     ahead = p.forward_point_distance
     if by_nose and ahead != 0.0:
-        nose_x, _ = world_to_map(start[0] + ahead * c, start[1] + ahead * s, ox, oy, resolution, columns, rows)
+        nose_x, _ = world_to_map(x0 + ahead * c, y0 + ahead * s, ox, oy, resolution, columns, rows)
         if nose_x < 0:
             return 0
     path_limit = goal_limit = front_limit = 0
     if by_path or by_goal:
         path_limit, goal_limit, front_limit = flood_limits(p, grids, scene, start, cx, cy)
-    row = grids.facts[1]
+    alignment_row = grids.facts[1]
+    path_grid, goal_grid = grids.distances[PATH], grids.distances[GOAL]
+    front_grid, alignment_grid = grids.distances[FRONT], grids.distances[alignment_row]
+    centre = int(cells[cy, cx]) if by_outline else 0
+    here = met = centre
     scale_here = -1.0
-    here = count = 0
+    use_dwa, sim_time = p.use_dwa, p.sim_time
+    per_cell = 1.0 / resolution
+    count = 0
     for ix in range(nx):
         for iy in range(ny):
             vx, vy = xs[ix], ys[iy]
             speed = ground_speed(vx, vy)
+            if is_too_fast(p, speed):
+                continue
+            least = least_turn(p, speed)
+            linear = linear_steps(p, speed)
+            dx = vx * c - vy * s
+            dy = vx * s + vy * c
             for iw in range(nw):
                 w = ws[iw]
-                steps = step_count(p, vx, vy, w)
+                if abs(w) + SLACK < least:
+                    continue
+                steps = int(math.ceil(max(linear, angular_steps(p, w))))
                 if steps == 0:
                     continue
-                stored = commanded(p, start, vx, vy, w, steps)
-                if is_barred(state, stored[0], stored[1], stored[2]):
+                stored_vx, stored_vy, stored_w, stored_speed = vx, vy, w, speed
+                if not use_dwa:
+                    stored_vx, stored_vy, stored_w = commanded(p, start, vx, vy, w, steps)
+                    stored_speed = ground_speed(stored_vx, stored_vy)
+                if is_barred(state, stored_vx, stored_vy, stored_w):
                     continue
                 if by_outline:
-                    scale = footprint_scale(p, ground_speed(stored[0], stored[1]))
+                    scale = footprint_scale(p, stored_speed)
                     if scale != scale_here:
                         scale_here = scale
                         scale_footprint(footprint, scale, scaled)
-                        here = outline_cost(
-                            cells, flat, ox, oy, resolution, scaled, lines, start[0], start[1], c, s, cx, cy, 0.0
-                        )
+                        here = outline_cost(cells, flat, ox, oy, resolution, scaled, lines, x0, y0, c, s, cx, cy, 0.0)
+                        met = max(here, centre)
                     if here < 0:
                         continue
-                met = max(here, int(cells[cy, cx])) if by_outline else 0
                 front = alignment = path = goal = 0
-                if by_path or by_nose or by_goal:
-                    end_x, end_y, nose_x, nose_y = end_cells(p, scene, start, c, s, vx, vy, w, speed, steps)
-                    if (end_x < 0 and (by_path or by_goal)) or (nose_x < 0 and by_nose):
-                        continue
-                    k = (end_y + 1) * stride + end_x + 1
-                    nose = (nose_y + 1) * stride + nose_x + 1
-                    if by_path:
-                        path = at_least(grids, PATH, k, columns, rows, path_limit)
-                        if path >= n:
+                if by_path or by_nose:
+                    dt = sim_time / steps
+                    turn = w * dt
+                    end_x = end_y = nose_x = nose_y = AT_BORDER
+                    if use_dwa and abs(turn) <= LARGEST_TURN:
+                        x, y, hc, hs = arc(dx, dy, turn, dt, steps - 1)
+                        error, heading = arc_errors(x0, y0, theta0, speed, w, sim_time, steps)
+                        margin = error * per_cell + 1e-9
+                        fx = (x0 + x - ox) * per_cell
+                        fy = (y0 + y - oy) * per_cell
+                        end_x = sure_cell(fx, margin)
+                        end_y = sure_cell(fy, margin)
+                        margin += abs(ahead) * heading * per_cell
+                        nose_x = sure_cell(fx + ahead * (c * hc - s * hs) * per_cell, margin)
+                        nose_y = sure_cell(fy + ahead * (s * hc + c * hs) * per_cell, margin)
+                    if min(end_x, end_y, nose_x, nose_y) == AT_BORDER:
+                        end_x, end_y, nose_x, nose_y = exact_end_cells(p, scene, start, vx, vy, w, steps)
+                    if by_path or by_goal:
+                        if not (0 <= end_x < columns and 0 <= end_y < rows):
                             continue
-                    if by_goal:
-                        goal = at_least(grids, GOAL, k, columns, rows, goal_limit)
-                        if goal >= n:
+                        k = (end_y + 1) * stride + end_x + 1
+                        if by_path:
+                            path = path_grid[k]
+                            if path > n:
+                                path = at_least(grids, PATH, k, columns, rows, path_limit)
+                            if path >= n:
+                                continue
+                        if by_goal:
+                            goal = goal_grid[k]
+                            if goal > n:
+                                goal = at_least(grids, GOAL, k, columns, rows, goal_limit)
+                            if goal >= n:
+                                continue
+                    if by_nose:
+                        if not (0 <= nose_x < columns and 0 <= nose_y < rows):
                             continue
-                        front = at_least(grids, FRONT, nose, columns, rows, front_limit)
-                    if p.alignment_scale != 0.0:
-                        alignment = at_least(grids, row, nose, columns, rows, path_limit)
+                        k = (nose_y + 1) * stride + nose_x + 1
+                        if by_goal:
+                            front = front_grid[k]
+                            if front > n:
+                                front = at_least(grids, FRONT, k, columns, rows, front_limit)
+                        if by_alignment:
+                            alignment = alignment_grid[k]
+                            if alignment > n:
+                                alignment = at_least(grids, alignment_row, k, columns, rows, path_limit)
                 i = (ix * ny + iy) * nw + iw
                 bounds[i, 0], bounds[i, 1], bounds[i, 2], bounds[i, 3] = front, alignment, path, goal
                 occupied[i] = met
-                keys[i] = total(p, met, front, alignment, path, goal, stored[2])
+                keys[i] = total(p, met, front, alignment, path, goal, stored_w)
                 probed[i] = 0
                 heap[count] = i
                 count += 1
