@@ -2,6 +2,9 @@
 
 import copy
 import math
+import os
+import subprocess
+import sys
 
 import pytest
 from toy_robot import ToyRobot, run, start
@@ -109,3 +112,31 @@ def test_the_simulated_jackal_drives_through_a_course():
         touched |= state.contact
     assert result == ("succeeded", "Goal reached.")
     assert not touched
+
+
+def test_warmed_up_it_compiles_nothing_while_it_drives():
+    """Otherwise the robot would stand for seconds in its first cycles."""
+    script = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from applr_ros1.planner.warm_up import warm_up
+from test_dwa_move_base import tree
+from toy_robot import ToyRobot, run, start
+warm_up(tree()["base_local_planner"])
+def overloads():
+    modules = [module for name, module in sys.modules.items() if name.startswith("applr_ros1.planner")]
+    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
+    return {str(k): len(k.signatures) for k in kernels.values()}
+before = overloads()
+driven = tree()
+driven["DWAPlannerROS"]["prune_plan"] = True
+made, robot = start((1.0, 0.0, 2.0), ToyRobot(circles=[(0.6, 0.7, 0.1)]), driven)
+assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+print({name: n for name, n in overloads().items() if n != before[name]})
+"""
+    here = os.path.dirname(os.path.abspath(__file__))
+    path = os.pathsep.join([here, os.path.dirname(here)])
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=dict(os.environ, PYTHONPATH=path), capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "{}", done.stdout + done.stderr

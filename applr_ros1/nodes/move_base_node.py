@@ -23,7 +23,7 @@ from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
-from applr_ros1.planner.parameters.declarations import check
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, check
 from applr_ros1.planner.warm_up import warm_up
 
 from . import conversions, heartbeat_watchdog
@@ -322,7 +322,7 @@ def main() -> int:
     for logger in ("rosout", "rospy.internal"):
         logging.getLogger(logger).addFilter(_OwnFootprints())
     began = time.monotonic()
-    warm_up()
+    warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     rospy.logdebug("kernels took %.1f s", time.monotonic() - began)
     node = MoveBaseNode(tree)
     gc.collect()

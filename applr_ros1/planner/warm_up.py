@@ -12,12 +12,17 @@ import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.planner.parameters.declarations import JACKAL, LOCAL_PLANNERS
 
 
-def warm_up() -> None:
-    """Drive a throw-away MoveBase with the Jackal's parameters through planning, control, recoveries and requests."""
-    move_base = MoveBase(JACKAL)
+def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
+    """Drive a throw-away MoveBase with the Jackal's parameters through planning, control, recoveries and requests.
+
+    Args:
+        base_local_planner: the local planner that is going to drive.
+    """
+    dwa = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
+    move_base = MoveBase(dict(JACKAL, base_local_planner=base_local_planner, DWAPlannerROS=dwa))
     ranges = np.full(720, np.inf, np.float32)
     ranges[300:400:10] = 1.5
     goals = ((3.0, 0.2, 0.0), (0.0, 0.0, 2.0), (30.0, 0.0, 0.0))  # ahead, here but turned, off the map
@@ -32,6 +37,7 @@ def warm_up() -> None:
             if cycle.controlled:  # what is only shown has kernels too
                 len(move_base.local_planner.local_plan)
                 move_base.local_planner.cost_cloud(move_base.local_costmap)
+                move_base.local_planner.trajectory_cloud()
             now += 0.05
     for behaviour in move_base.recoveries:
         behaviour.start(now, pose)

@@ -110,6 +110,17 @@ def total_cost(p, state, scene, grids, points, vx, vy, w, best):
 
 
 @kernel
+def weighted_sum(p, occupied, front, alignment, path, goal, w):
+    """The cost of a trajectory that no critic refuses, from their values: summed in their order."""
+    cost = occupied * p.occdist_scale
+    cost += front * p.goal_scale
+    cost += alignment * p.alignment_scale
+    cost += path * p.path_scale
+    cost += goal * p.goal_scale
+    return cost + abs(w) * p.twirling_scale
+
+
+@kernel
 def _obstacle(p, scene, points, speed):
     """The largest cost under the scaled outline and the centre, or the sum over the points."""
     cells, ox, oy, resolution, footprint, lines, _, _ = scene
