@@ -1,11 +1,13 @@
 """The part of the global plan that the robot follows now (LocalPlannerUtil). docs/planner_dwa.md section 2."""
 
 import math
+from typing import Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
+Pose = Tuple[float, float, float]
 NEAR = 1.0  # [m]: leading points of the cut that are not nearer than this are dropped
 EMPTY = np.zeros((0, 3))
 
@@ -16,17 +18,18 @@ class LocalPlan:
     def __init__(self):
         self.poses = EMPTY
 
-    def set(self, plan):
+    def set(self, plan: np.ndarray) -> None:
         """Take a plan (n, 3) x, y [m], yaw [rad], n may be 0."""
         self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
 
-    def goal(self, frame=None):
+    def goal(self, frame: Optional[Pose] = None) -> Optional[Pose]:
         """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. frame: see cut."""
         if len(self.poses) == 0:
             return None
-        return tuple(_transformed(self.poses[-1:], _inverse(frame))[0].tolist())
+        x, y, yaw = _transformed(self.poses[-1:], _inverse(frame))[0].tolist()
+        return x, y, yaw
 
-    def cut(self, x, y, limit, prune, frame=None):
+    def cut(self, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None) -> np.ndarray:
         """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
 
         prune: without the leading ones that are NEAR or farther away; as many go from the front of the stored plan,

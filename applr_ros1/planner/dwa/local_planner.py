@@ -4,15 +4,15 @@ Called by MoveBase once per control cycle. docs/planner_dwa.md section 8.
 """
 
 import math
-from typing import NamedTuple, Tuple
+from typing import Any, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.planner.angles import wrapped
 from applr_ros1.planner.dwa.local_plan import EMPTY, LocalPlan
-from applr_ros1.planner.dwa.planner import DWAPlanner
-from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate
-from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.dwa.planner import Choice, DWAPlanner
+from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate, Triple
+from applr_ros1.planner.local_planner import Command, LocalPlanner
 
 NO_COSTS, NO_TRAJECTORIES = np.zeros((0, 7), np.float32), np.zeros((0, 5), np.float32)
 NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
@@ -37,7 +37,7 @@ class DWALocalPlanner(LocalPlanner):
     the latch change with a restart. The footprint is the costmap's of each cycle.
     """
 
-    def __init__(self, params):
+    def __init__(self, params: Mapping[str, Any]):
         frequency = params["controller_frequency"]
         period = 1.0 / frequency if frequency > 0 else 0.05
         self.planner = DWAPlanner(params, period, params["sum_scores"], params["cheat_factor"])
@@ -46,7 +46,7 @@ class DWALocalPlanner(LocalPlanner):
         self.stored_plan = LocalPlan()
         self.reset()
 
-    def reset(self):
+    def reset(self) -> None:
         """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
         self.planner.reset()
         self.stop_rotate.reset()
@@ -56,15 +56,16 @@ class DWALocalPlanner(LocalPlanner):
     def _forget_cycle(self):
         """What belongs to one cycle alone."""
         self.goal_reached, self._searched = False, False
-        self.cropped_plan, self._choice = EMPTY, None
+        self.cropped_plan = EMPTY
+        self._choice: Optional[Choice] = None
 
-    def reconfigure(self, params):
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
         """New values of the server by name. Flags, latches and the plan stay."""
         self.planner.reconfigure(params)
         self.stop_rotate.reconfigure(params)
         self._prunes = bool(params["prune_plan"])
 
-    def set_plan(self, plan):
+    def set_plan(self, plan: np.ndarray) -> None:
         """The global plan (n, 3) x, y [m], yaw [rad] in the costmap's frame, from now on."""
         self.stored_plan.set(plan)
         self.planner.clear_flags()
@@ -72,19 +73,19 @@ class DWALocalPlanner(LocalPlanner):
         self.goal_reached = False
 
     @property
-    def local_plan(self):
+    def local_plan(self) -> np.ndarray:
         """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
         return EMPTY if self._choice is None else self._choice.points
 
-    def cost_cloud(self, costmap):
+    def cost_cloud(self, costmap: Any) -> np.ndarray:
         """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last search's cells, for display."""
         return self.planner.cost_cloud(costmap) if self._searched else NO_COSTS
 
-    def trajectory_cloud(self):
+    def trajectory_cloud(self) -> np.ndarray:
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
 
-    def compute_velocity(self, pose, twist, costmap):
+    def compute_velocity(self, pose, twist, costmap: Any) -> Tuple[bool, Command]:
         """(ok, (v, w)) for this cycle, see LocalPlanner. The goal is looked for before any command, as in C++."""
         self._forget_cycle()
         pose = tuple(float(v) for v in pose)
@@ -97,21 +98,21 @@ class DWALocalPlanner(LocalPlanner):
         step = self.command(pose, (v, 0.0, w), costmap)
         return step.ok, (step.command[0], step.command[2])
 
-    def is_goal_reached(self, pose, velocity):
+    def is_goal_reached(self, pose: Triple, velocity: Triple) -> bool:
         """Whether place and heading are reached and the robot stands; False without a plan. Sets the latch."""
         goal = self.stored_plan.goal()
         return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
 
-    def command(self, pose, velocity, costmap):
+    def command(self, pose: Triple, velocity: Triple, costmap: Any) -> Step:
         """One cycle's Step: the search's choice, or at the goal's place the command to stop or turn.
 
         pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured.
         """
         self._forget_cycle()
         cut = self.stored_plan.cut(pose[0], pose[1], _half_size(costmap), self._prunes)
-        if len(cut) == 0:
-            return Step(False, STANDING, NO_PLAN, cut)
         goal = self.stored_plan.goal()
+        if goal is None or len(cut) == 0:
+            return Step(False, STANDING, NO_PLAN, cut)
         if not self.stop_rotate.is_position_reached(pose, goal):
             choice = self.planner.find_best_path(costmap, cut, pose, velocity)
             ok, self._searched = choice.cost >= 0, True

@@ -4,6 +4,7 @@ Called by local_planner.py, which makes a controller of it. The arithmetic is in
 """
 
 import math
+from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.costmap.outline import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.dwa.critics import total_cost
-from applr_ros1.planner.dwa.every_sample import every_sample
+from applr_ros1.planner.dwa.every_sample import Samples, every_sample
 from applr_ros1.planner.dwa.generator import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.oscillation import clear
 from applr_ros1.planner.dwa.preparation import prepare
@@ -41,10 +42,11 @@ class Choice:
     def __init__(self, found, record, start):
         self.cost, self.sample, self.count, self._sampled, (self.vx, self.vy, self.w), turn, _ = found
         self.drive = (self.vx, self.vy, turn)
-        self._record, self._start, self._points = record, start, None
+        self._record, self._start = record, start
+        self._points: Any = None
 
     @property
-    def points(self):
+    def points(self) -> np.ndarray:
         """The trajectory's poses (count, 3) x, y [m], yaw [rad], made when first asked for."""
         if self._points is None:
             self._points = np.empty((self.count, 3))
@@ -61,24 +63,31 @@ class DWAPlanner:
     the squared distance to the plan's end below which the nose-on-path critic is off. Raises ParameterError.
     """
 
-    def __init__(self, params, sim_period=0.05, sum_scores=False, cheat_factor=1.0):
+    def __init__(
+        self, params: Mapping[str, Any], sim_period: float = 0.05, sum_scores: bool = False, cheat_factor: float = 1.0
+    ):
         self._fixed = {"sim_period": float(sim_period), "sum_scores": int(sum_scores), "cheat_factor": cheat_factor}
-        self._resolution = self._shape = None
-        self._grids = self._lines = self._scratch = self._scene = None
-        self._footprint = self._given_footprint = None
+        self._resolution: Any = None
+        self._shape: Any = None
+        self._grids: Any = None
+        self._lines: Any = None
+        self._scratch: Any = None
+        self._scene: Any = None
+        self._footprint: Any = None
+        self._given_footprint: Any = None
         self._state = np.zeros(1, STATE)
         self._flags_before = self._state.copy()
         self._aligned_plan = NO_PLAN
-        self._wanted = {}
+        self._wanted: Dict[str, Any] = {}
         self.reconfigure(params)
 
-    def reconfigure(self, params):
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Take over the server's values by name, some or all of them, between two cycles; other names are ignored.
 
         Numbers of samples below 1 become 1. Raises ParameterError.
         """
         wanted = dict(self._wanted)
-        names = [name for name in PARAMETERS.names if name not in DERIVED]
+        names = [name for name in PARAMETERS.names or () if name not in DERIVED]
         wanted.update((name, params[name]) for name in names if name in params)
         for name in names:
             if name not in wanted:
@@ -107,21 +116,21 @@ class DWAPlanner:
         self._record = record
 
     @property
-    def state(self):
+    def state(self) -> List[float]:
         """The memory between cycles, which can be assigned: the twelve FLAGS, then the pose of the last change."""
         return list(self._state[0].item())
 
     @state.setter
-    def state(self, values):
+    def state(self, values: Sequence[float]) -> None:
         self._state[0] = tuple(values)
 
     @property
-    def start(self):
+    def start(self) -> np.ndarray:
         """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
         return self._scratch.start.copy()
 
     @property
-    def scales(self):
+    def scales(self) -> List[float]:
         """The seven critics' weights in their order."""
         p = self._record[0]
         return [1.0] + [
@@ -129,25 +138,25 @@ class DWAPlanner:
             for name in ("occdist_scale", "goal_scale", "alignment_scale", "path_scale", "goal_scale", "twirling_scale")
         ]
 
-    def reset(self):
+    def reset(self) -> None:
         """Forget flags, grids and plans, as a new object (training episodes)."""
         self._state[:] = np.zeros(1, STATE)
         self._aligned_plan = NO_PLAN
         if self._grids is not None:
             self._grids.facts[:] = 0
 
-    def clear_flags(self):
+    def clear_flags(self) -> None:
         """Forget the barred directions, as every new plan does."""
         clear(self._state[0])
 
-    def prepare(self, costmap, plan, pose, velocity):
+    def prepare(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> None:
         """Begin a cycle that only stops or turns: pose, velocity and weights as find_best_path takes them."""
         self._look_at(costmap, plan)
         (x, y, yaw), (vx, vy, w) = pose, velocity
         if prepare(self._record, self._scratch, self._scene.plan, x, y, wrapped(yaw), vx, vy, wrapped(w)):
             self._aligned_plan = self._scene.plan
 
-    def find_best_path(self, costmap, plan, pose, velocity):
+    def find_best_path(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
         """One cycle: floods, samples, winner, flags. Returns a Choice.
 
         costmap: anything with cells (ny, nx) uint8, origin (x, y) [m], resolution [m], footprint (n, 2) [m]. plan:
@@ -174,7 +183,7 @@ class DWAPlanner:
             self._aligned_plan = self._scene.plan
         return Choice(found, self._record[0], self.start)
 
-    def check(self, velocity):
+    def check(self, velocity: Sequence[float]) -> Tuple[float, int]:
         """(cost, number of points) of the trajectory towards one velocity (vx, vy, w), from the prepared cycle.
 
         The grids are those of the last search. A velocity that the generator refuses has no points, costs nothing and
@@ -193,11 +202,11 @@ class DWAPlanner:
         cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, vx, vy, w, -1.0)
         return cost, steps
 
-    def every_sample(self):
+    def every_sample(self) -> Samples:
         """All samples of the last search with what each critic says (every_sample.Samples), for display and tests."""
         return every_sample(self._record, self._flags_before, self._grids, self._scratch, self._scene)
 
-    def grids(self):
+    def grids(self) -> List[np.ndarray]:
         """The four grids (ny, nx) int32 of the last search as C++ holds them: path, goal, nose to goal, nose on path.
 
         With N cells on the map, N is an obstacle and N + 1 a cell that no flood came to.
@@ -209,7 +218,7 @@ class DWAPlanner:
             complete(self._grids.distances[row], self._grids.queues[row], self._grids.ends[row], nx, ny, grid)
         return made
 
-    def cost_cloud(self, costmap):
+    def cost_cloud(self, costmap: Any) -> np.ndarray:
         """(nx ny, 7) float32: x, y, z, path, goal, obstacle and total cost of every cell the robot's centre may be in.
 
         For display. In C++ the points left out are zeros at the end; here there are none.
@@ -233,7 +242,7 @@ class DWAPlanner:
         )
         return cloud
 
-    def trajectory_cloud(self):
+    def trajectory_cloud(self) -> np.ndarray:
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
         points = self.every_sample().points
         cloud = np.zeros((len(points), 5), np.float32)

@@ -4,12 +4,14 @@ Called by local_planner.py. docs/planner_dwa.md section 8. All angles have gone 
 """
 
 import math
+from typing import Any, Mapping, Tuple
 
 import numpy as np
 
 from applr_ros1.planner.angles import angle_difference, wrapped
 
 STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
+Triple = Tuple[float, float, float]
 STANDING = (0.0, 0.0, 0.0)
 LIMITS = ("acc_lim_x", "acc_lim_y", "acc_lim_theta")
 
@@ -20,26 +22,26 @@ class StopRotate:
     latches: the goal's place, once reached, stays reached until the next plan.
     """
 
-    def __init__(self, params, period, latches):
+    def __init__(self, params: Mapping[str, Any], period: float, latches: bool):
         self._period, self._latches = period, latches
         self.reconfigure(params)
         self.reset()
 
-    def reconfigure(self, params):
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Take over the server's values by name."""
         self._params = params
         self._acceleration = [float(np.float32(params[name])) for name in LIMITS]
 
-    def reset(self):
+    def reset(self) -> None:
         """As new. Only this ends a turn that was begun before the goal's heading is reached: no plan or goal does."""
         self.rotating = False
         self.latched = False
 
-    def new_plan(self):
+    def new_plan(self) -> None:
         """The goal's place has to be reached anew."""
         self.latched = False
 
-    def is_position_reached(self, pose, goal):
+    def is_position_reached(self, pose: Triple, goal: Triple) -> bool:
         """Whether the robot at `pose` is within xy_goal_tolerance of `goal`, both (x, y, yaw); sets the latch."""
         if self._latches and self.latched:
             return True
@@ -48,20 +50,20 @@ class StopRotate:
             return True
         return False
 
-    def is_goal_reached(self, pose, velocity, goal):
+    def is_goal_reached(self, pose: Triple, velocity: Triple, goal: Triple) -> bool:
         """Whether place and heading are reached and the robot stands. velocity: vx, vy [m/s], w [rad/s] as measured."""
         return self.is_position_reached(pose, goal) and self._is_turned(pose, goal) and self.is_stopped(velocity)
 
     def _is_turned(self, pose, goal):
         return abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"]
 
-    def is_stopped(self, velocity):
+    def is_stopped(self, velocity: Triple) -> bool:
         """Whether the measured velocity counts as standing."""
         vx, vy, w = velocity
         slow = self._params["trans_stopped_vel"]
         return abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow
 
-    def command(self, pose, velocity, goal):
+    def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
         """(phase, (vx, vy, w)) at the goal's place: STOPPING first, then TURNING, then TURNED with nothing to do.
 
         velocity: as measured, its w through a quaternion for the arithmetic but not for the question whether it stands.
