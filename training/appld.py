@@ -49,10 +49,7 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
         options.seed,
         options.steps,
     )
-    say(
-        "classifier: %.3f of the instants right, %s of those held out"
-        % (classifier["accuracy"], classifier["held_out"])
-    )
+    say("classifier: %s of the instants right, %s of those held out" % (classifier["accuracy"], classifier["held_out"]))
     log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
     make_folder(Path(out).parent)

@@ -10,6 +10,7 @@ import argparse
 import sys
 from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any, Dict, List
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
@@ -29,7 +30,8 @@ def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(),
     bags = find(paths)
     if not bags:
         raise BagError("%s: no bags there; give .bag files or ROS 2 bag folders" % ", ".join(map(str, paths)))
-    source = {"bags": [], "reward": asdict(reward)}
+    read_bags: List[Dict[str, Any]] = []
+    source = {"bags": read_bags, "reward": asdict(reward)}
     writer = Writer(folder, source=source)
     for bag in bags:
         report = Report()
@@ -45,7 +47,7 @@ def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(),
         for reason, count in report.skipped.items():
             for _ in range(count):
                 writer.skip(reason)
-        source["bags"].append(
+        read_bags.append(
             {
                 "name": Path(bag).name,
                 "episodes": report.episodes,
@@ -58,7 +60,7 @@ def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(),
             "%s: %d transitions in %d episodes, %d observations equal to the node's%s"
             % (bag, report.transitions, report.episodes, report.verified, _reasons(report.skipped))
         )
-    if not any(b["transitions"] for b in source["bags"]):
+    if not any(b["transitions"] for b in read_bags):
         raise BagError("no transition could be used%s" % _reasons(writer.skipped))
     return writer.close()
 

@@ -77,7 +77,7 @@ def compare(a: Dict[int, World], b: Dict[int, World]) -> Dict[str, Any]:
     if len(timed) < 3:
         raise CompareError("only %d worlds have successes on both sides; at least 3 are needed" % len(timed))
     rank = stats.spearmanr([a[n].time for n in timed], [b[n].time for n in timed])
-    found = {"worlds": len(common), "spearman": float(rank.statistic), "spearman_worlds": len(timed)}
+    found: Dict[str, Any] = {"worlds": len(common), "spearman": float(rank.statistic), "spearman_worlds": len(timed)}
     by_time = sorted(timed, key=lambda n: b[n].time)
     for name, worlds in [("all", common)] + [
         ("third_%d" % (i + 1), list(part)) for i, part in enumerate(np.array_split(by_time, 3))

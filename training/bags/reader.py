@@ -52,11 +52,11 @@ class Recording:
 
     path: Path
     topics: Topics
-    odometry: "Poses" = None
-    scan_at: np.ndarray = None  # (n,)
-    scan_stamp: np.ndarray = None  # (n,)
-    plan_at: np.ndarray = None  # (m,) plans that are not empty
-    plan_stamp: np.ndarray = None
+    odometry: "Poses" = field(init=False)  # this and the next four: set by _fill
+    scan_at: np.ndarray = field(init=False)  # (n,)
+    scan_stamp: np.ndarray = field(init=False)  # (n,)
+    plan_at: np.ndarray = field(init=False)  # (m,) plans that are not empty
+    plan_stamp: np.ndarray = field(init=False)
     parameters: Dict[str, List[Tuple[int, Dict[str, float]]]] = field(default_factory=dict)  # role → updates
     status: List[Tuple[int, str]] = field(default_factory=list)  # (at, id of the running goal or "")
     results: Dict[str, Tuple[int, int]] = field(default_factory=dict)  # goal id → (at, actionlib status)
@@ -162,7 +162,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         topics.applr + "/observation": _observation,
     }
     updates = re.compile(re.escape(base) + r"/(?:[^/]+|(?:local|global)_costmap/[^/]+)/parameter_updates")
-    heavy = {topics.scan: [], topics.plan: []}
+    heavy: Dict[str, List[Tuple[int, int]]] = {topics.scan: [], topics.plan: []}
     rows: List[tuple] = []
     if any(c.topic == topics.applr + "/typed/decision" for c in reader.connections):  # the same as the JSON
         del light[topics.applr + "/decision"], light[topics.applr + "/observation"]

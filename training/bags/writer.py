@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any, Dict, Optional
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -38,7 +39,7 @@ class BagWriter:
         self.store = get_typestore(Stores.ROS1_NOETIC)
         for name, text in _RESULT.items():
             self.store.register(get_types_from_msg(text, name))
-        self._connections = {}
+        self._connections: Dict[str, Any] = {}
         if self.path.exists():
             raise StorageError("%s: is there already; give another name" % path)
         try:
@@ -112,7 +113,7 @@ class BagWriter:
 
     def parameters(self, time: float, server: str, values: dict) -> None:
         """{name: value} that a server below move_base announces."""
-        lists = {bool: [], int: [], str: [], float: []}
+        lists: Dict[type, list] = {bool: [], int: [], str: [], float: []}
         kinds = {bool: "Bool", int: "Int", str: "Str", float: "Double"}
         for name, value in values.items():
             kind = next(k for k in lists if isinstance(value, k))
@@ -222,7 +223,7 @@ class RecordingEpisode(Episode):
         self.writer = writer
         self.courses = self._number = 0
         self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
-        self._scanned = None  # time of the newest scan in the bag
+        self._scanned: Optional[float] = None  # time of the newest scan in the bag
 
     def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
         """Begin a course; a goal is sent on the recorded action topic."""
@@ -282,6 +283,7 @@ class RecordingEpisode(Episode):
 
     def _decision(self) -> None:
         now, outcome = self._now, self.outcome
+        assert outcome is not None  # decide() has checked it
         self._number += 1
         stamp = str(nanoseconds(now))
         self.writer.decision(

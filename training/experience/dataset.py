@@ -82,7 +82,7 @@ class Writer:
         arrays["terminated"] = np.array([t.terminated for t in episodes], bool)
         arrays["info"] = np.frombuffer(json.dumps([t.info for t in episodes]).encode(), np.uint8)
         buffer = io.BytesIO()
-        np.savez_compressed(buffer, **arrays)
+        np.savez_compressed(buffer, allow_pickle=False, **arrays)
         name = "shard-%05d.npz" % len(self._shards)
         write_bytes(self.folder / name, buffer.getvalue())
         self._shards.append(

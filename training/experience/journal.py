@@ -29,7 +29,7 @@ class Journal:
     def __init__(self, folder, segment_bytes: int = 1 << 26):
         self.folder, self.segment_bytes = make_folder(folder), segment_bytes
         self.segments: List[int] = sorted(int(p.stem) for p in self.folder.glob("*.segment") if p.stem.isdigit())
-        self._file = None
+        self._file: Optional[int] = None  # of the last segment, while it is open
         self.offset = 0
         while self.segments:
             last = self.segments[-1]
@@ -44,8 +44,7 @@ class Journal:
     def append(self, blob: bytes, header: Dict) -> None:
         """Add a record. `header` goes first into a new segment, should one be begun."""
         if self._file is None and self.segments:
-            self._open(self.segments[-1])
-            os.ftruncate(self._file, self.offset)
+            os.ftruncate(self._open(self.segments[-1]), self.offset)
         if self._file is None or self.offset > self.segment_bytes:
             self._begin(header)
         self._write(blob)
@@ -68,12 +67,11 @@ class Journal:
             self._path(self.segments.pop()).unlink()
         if self.segments:
             self.offset = min(offset, self._path(self.segments[-1]).stat().st_size)
-            self._open(self.segments[-1])
-            os.ftruncate(self._file, self.offset)
+            os.ftruncate(self._open(self.segments[-1]), self.offset)
 
     def forget_before(self, rows: int) -> None:
         """Delete segments all of whose rows come before `rows` (the ring has overwritten them)."""
-        while len(self.segments) > 1 and self.header(self.segments[1])["rows"] <= rows:
+        while len(self.segments) > 1 and self._header(self.segments[1])["rows"] <= rows:
             self._path(self.segments.pop(0)).unlink(missing_ok=True)
 
     def close(self) -> None:
@@ -83,11 +81,11 @@ class Journal:
             self._file = None
 
     # -- reading -----------------------------------------------------------------------------------
-    def header(self, segment: Optional[int] = None) -> Optional[Dict]:
-        """The header of a segment (the first one's by default); None for an empty journal."""
-        if not self.segments:
-            return None
-        segment = self.segments[0] if segment is None else segment
+    def header(self) -> Optional[Dict]:
+        """The header of the first segment; None for an empty journal."""
+        return self._header(self.segments[0]) if self.segments else None
+
+    def _header(self, segment: int) -> Dict:
         for _, blob in self._records(segment):
             try:
                 header = json.loads(blob)
@@ -119,11 +117,12 @@ class Journal:
     def _path(self, segment: int) -> Path:
         return self.folder / ("%06d.segment" % segment)
 
-    def _open(self, segment: int) -> None:
+    def _open(self, segment: int) -> int:
         try:
             self._file = os.open(self._path(segment), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
         except OSError as error:
             raise StorageError("%s: cannot be written (%s)" % (self._path(segment), reason(error))) from None
+        return self._file
 
     def _begin(self, header: Dict) -> None:
         self.sync()
@@ -135,6 +134,7 @@ class Journal:
         self._write(json.dumps(dict(header, format=FORMAT)).encode())
 
     def _write(self, blob: bytes) -> None:
+        assert self._file is not None
         data = _FRAME.pack(MAGIC, len(blob), zlib.crc32(blob)) + blob
         try:
             view = memoryview(data)

@@ -131,7 +131,7 @@ class Trajectory:
             info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
             if not isinstance(info, dict) or not isinstance(terminated, bool):
                 raise ValueError
-            return cls(*(arrays[name] for name in ("scan", "rest", "action", "reward")), terminated, info)
+            return cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
         except (KeyError, ValueError, RecursionError):
             raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
 

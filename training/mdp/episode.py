@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass, field, replace
-from typing import List, Optional, Tuple
+from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
@@ -217,12 +217,13 @@ class Episode:
     def observation(self, outcome: Optional[Outcome] = None) -> np.ndarray:
         """(729,) float32 in [-1, 1]: what the policy sees."""
         o = outcome or self.outcome
+        assert o is not None, "reset() comes first"
         return observe(o.ranges, o.phi, o.theta, self.space)
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
         """Set parameters theta (8,) through the same reconfigure servers as over ROS; returns what is in force."""
-        requests = {}
+        requests: Dict[str, Dict[str, float]] = {}
         for name, value in self.space.as_dict(self.space.clip(theta)).items():
             for target in self.space.targets[name]:
                 requests.setdefault(SERVERS[target.server], {})[target.names[0]] = target.sign * value

@@ -106,9 +106,12 @@ class Results:
 
 def _cell(trials: List[List[str]]) -> Cell:
     columns = list(zip(*trials))
-    flags = [np.array([_flag(v) for v in column]) for column in columns[:3]]
-    numbers = [np.array([float(v) for v in column]) for column in columns[3:6] + columns[7:]]
-    return Cell(*flags, *numbers[:3], list(columns[6]), *numbers[3:])
+    success, collided, timeout = (np.array([_flag(v) for v in column]) for column in columns[:3])
+    time, decisions, path, route, clearance, jerk, turn, switching = (
+        np.array([float(v) for v in column]) for column in columns[3:6] + columns[7:]
+    )
+    reasons = list(columns[6])
+    return Cell(success, collided, timeout, time, decisions, path, reasons, route, clearance, jerk, turn, switching)
 
 
 def _flag(text: str) -> bool:

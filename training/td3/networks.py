@@ -7,12 +7,13 @@ oneDNN's do not, and the gradients that nobody needs (of the critic's weights in
 from __future__ import annotations
 
 import math
-from typing import Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import torch
 
 Layer = Tuple[torch.Tensor, torch.Tensor]
+Kept = List[Any]  # inputs of the layers, and between them what normalisations keep
 NORM_EPSILON = 1e-5
 SMALL = 64  # fewer outputs than this: torch's own product is quicker
 
@@ -59,12 +60,11 @@ class MLP:
         self.layers: List[Layer] = []
         for width, out in zip(sizes[:-1], sizes[1:]):
             bound = 1.0 / math.sqrt(width)  # torch.nn.Linear's own start
-            self.layers.append(
-                tuple(
-                    torch.from_numpy(rng.uniform(-bound, bound, shape).astype(np.float32)).to(device)
-                    for shape in ((out, width), (out,))
-                )
+            weight, bias = (
+                torch.from_numpy(rng.uniform(-bound, bound, shape).astype(np.float32)).to(device)
+                for shape in ((out, width), (out,))
             )
+            self.layers.append((weight, bias))
 
     @property
     def parameters(self) -> List[torch.Tensor]:
@@ -78,7 +78,7 @@ class MLP:
         other.layers = [(w.clone(), b.clone()) for w, b in self.layers]
         return other
 
-    def forward(self, x: torch.Tensor, keep: List[torch.Tensor] = None) -> torch.Tensor:
+    def forward(self, x: torch.Tensor, keep: Optional[Kept] = None) -> torch.Tensor:
         """Map x (B, in) to (B, out). Into `keep`, an empty list, goes what backward needs."""
         last = len(self.layers) - 1
         for i, (weight, bias) in enumerate(self.layers):
@@ -94,7 +94,7 @@ class MLP:
                 x = linear(x, weight, bias, relu=i < last)
         return x
 
-    def backward(self, kept: List[torch.Tensor], dy: torch.Tensor) -> List[torch.Tensor]:
+    def backward(self, kept: Kept, dy: torch.Tensor) -> List[torch.Tensor]:
         """Gradients of all parameters, for the loss's gradient dy (B, out) at the output."""
         inputs, norms = self._sorted(kept)
         gradients: List[torch.Tensor] = []
@@ -104,7 +104,7 @@ class MLP:
                 dy = self._through(i, inputs, norms, dy)
         return gradients
 
-    def input_gradient(self, kept: List[torch.Tensor], dy: torch.Tensor, columns: slice) -> torch.Tensor:
+    def input_gradient(self, kept: Kept, dy: torch.Tensor, columns: slice) -> torch.Tensor:
         """The loss's gradient at some columns of the input, and no parameter's: (B, columns)."""
         inputs, norms = self._sorted(kept)
         for i in range(len(self.layers) - 1, 0, -1):

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from typing import Dict, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 import torch
 
 from applr_ros1.common.errors import ApplrError
-from training.td3.networks import MLP
+from training.td3.networks import MLP, Kept
 
 
 class LearnerError(ApplrError):
@@ -158,10 +158,10 @@ class TD3:
         q1, q2 = (target.forward(there) for target in self.critic_targets)
         y = torch.minimum(q1, q2).mul_(batch.discount[:, None]).add_(batch.reward[:, None])
         here = torch.cat((batch.observation, batch.action), 1)
-        loss = 0.0
-        gradients = []
+        loss: Any = 0.0
+        gradients: List[torch.Tensor] = []
         for critic in self.critics:
-            kept = []
+            kept: Kept = []
             error = critic.forward(here, kept).sub_(y)
             loss = loss + error.square().mean()
             gradients += critic.backward(kept, error.mul_(2.0 / len(y)))
@@ -169,12 +169,13 @@ class TD3:
         self.losses["critic_loss"], self.losses["target_q"] = loss, y.mean()
 
     def _update_actor(self, batch: Batch) -> None:
-        kept, kept_q = [], []
+        kept: Kept = []
+        kept_q: Kept = []
         z = self.actor.forward(batch.observation, kept)
         action = torch.tanh(z)
         q = self.critics[0].forward(torch.cat((batch.observation, action), 1), kept_q)
         # Deterministic policy gradient (the paper's eq. 2): climb Q_1, leaving its own weights alone.
-        weight = 1.0
+        weight: Any = 1.0
         if self.config.bc_alpha > 0.0:
             weight = self.config.bc_alpha / q.abs().mean().clamp_(min=1e-6)
         dq = torch.full_like(q, -1.0 / len(q)) * weight
@@ -313,7 +314,9 @@ class Graphs:
     WARM_UP = 3
 
     def __init__(self, td3: TD3):
-        self.td3, self.count, self.batch, self.graphs = td3, 0, None, {}
+        self.td3, self.count = td3, 0
+        self.batch: Optional[Batch] = None
+        self.graphs: Dict[bool, torch.cuda.CUDAGraph] = {}
 
     def run(self, batch: Batch, delayed: bool) -> None:
         """One update: by replay of the recorded graph where there is one, else step by step."""

@@ -5,7 +5,7 @@ It is trained here with torch and run by applr_ros1/policy/appld.py with numpy. 
 
 from __future__ import annotations
 
-from typing import Dict, Tuple
+from typing import Dict, Optional, Tuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def inputs(ranges: np.ndarray) -> np.ndarray:
 
 def train(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, steps: int = 500
-) -> Tuple[Dict[str, np.ndarray], Dict[str, float]]:
+) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
     """Weights for policy/appld.py, and how well they tell contexts. scans: (n, 720) of `inputs`; labels: (n,) int.
 
     Result: accuracy over all instants; "held_out": of a network trained without every fifth block of two seconds, on

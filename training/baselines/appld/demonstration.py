@@ -63,7 +63,7 @@ def read(path, topics: Topics = Topics()) -> Demonstration:
     Where no command was recorded, the odometry's twist one cycle later stands for it.
     """
     path = Path(path)
-    heard = {"scan": [], "odometry": [], "command": [], "goal": [], "source": {}}
+    heard: Dict[str, Any] = {"scan": [], "odometry": [], "command": [], "goal": [], "source": {}}
     try:
         with open_bag(path) as reader:
             _hear(reader, topics, heard)

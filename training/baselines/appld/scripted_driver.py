@@ -93,7 +93,8 @@ def route(world: World) -> np.ndarray:
     course = world.course
     finish = [] if course.finish_y is None else [(course.path[-1][0], course.finish_y + 1.0)]
     ends = [course.goal[:2]] if math.dist(course.path[-1], course.goal[:2]) < 3.0 else finish
-    points = _resampled(np.vstack([course.start[:2], course.path] + ends))
+    parts: list = [course.start[:2], course.path, *ends]
+    points = _resampled(np.vstack(parts))
     for _ in range(300):
         points[1:-1] += 0.25 * (points[:-2] + points[2:] - 2.0 * points[1:-1])
         away = _away(world, points)
