@@ -1,5 +1,7 @@
 """navfn against a plain version in float32 arithmetic: potentials, cost arrays, plans; answers from memory."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.scan import project
+from applr_ros1.planner.navfn import window
 from applr_ros1.planner.navfn.flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
 from applr_ros1.planner.navfn.navfn import Navfn
 from tests import map_scenes
@@ -223,3 +226,40 @@ def test_a_map_too_small_to_have_an_inside():
     for shape in ((1, 1), (2, 5), (5, 2)):
         costmap = costmap_of(np.zeros(shape, np.uint8))
         assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
+
+
+# -- the part of the map that is flooded ------------------------------------------------------------------------------
+def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
+    """On maps that are mostly free, along short drives with cells that change: plans, and potentials in the fence."""
+    whole, stat = window.around, Counter()
+    rises = window.leaves
+    monkeypatch.setattr(window, "leaves", lambda *given: (stat.update([bool(rises(*given))]), rises(*given))[1])
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        nx, ny = (int(n) for n in rng.integers(150, 400, 2))
+        cells = np.zeros((ny, nx), np.uint8)
+        w, h = (int(n) for n in rng.integers(10, 80, 2))
+        cx, cy = int(rng.integers(0, nx - w)), int(rng.integers(0, ny - h))
+        cells[cy : cy + h, cx : cx + w] = world(rng, h, w, ("arbitrary", "cellular")[seed % 2])
+        costmap, fenced, full = costmap_of(cells), Navfn(), Navfn()
+        at = np.array([cx + w // 2, cy + h // 2]) if seed % 3 else rng.integers(5, (nx - 5, ny - 5))
+        goal = (*(rng.uniform(5, (nx - 5, ny - 5)) * RES), 0.3)
+        for _ in range(4):
+            start = tuple((at + 0.5) * RES)
+            monkeypatch.setattr(window, "around", whole)
+            plan = fenced.plan(costmap, start, goal)
+            monkeypatch.setattr(window, "around", lambda *given: None)
+            np.testing.assert_array_equal(plan, full.plan(costmap, start, goal))
+            stat["fenced"] += fenced._fence is not None
+            if fenced._fence is not None:
+                x0, y0, x1, y1 = fenced._fence
+                within = np.s_[y0 + window.ROWS : y1 - window.ROWS + 1, x0 + window.ROWS : x1 - window.ROWS + 1]
+                mine = fenced._potential[: nx * ny].reshape(ny, nx)[within]
+                np.testing.assert_array_equal(mine, full.potential[within])
+            at = np.clip(at + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
+            x, y = cx + int(rng.integers(w)), cy + int(rng.integers(h))
+            cells[y, x] = rng.choice([0, 100, 254])
+            costmap.paint(cells)
+        np.testing.assert_array_equal(fenced.potential, full.potential)
+    assert stat["fenced"] > 60
+    assert stat[False] > 5, "where the wave does not leave, the whole map is flooded"

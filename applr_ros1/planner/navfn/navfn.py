@@ -13,17 +13,20 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.grid import world_to_map
+from applr_ros1.planner.navfn import window
 from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, flood, make_field, push_weights, reset, scratch
 from applr_ros1.planner.navfn.path import trace
 
 PUSH_WEIGHTS = push_weights()
+FREE_COST = 50  # of a cell that the costmap has at 0
 
 
 class Navfn:
     """Plans on a Costmap.
 
-    One instance serves one map: it keeps navfn's cost array in step with the costmap, and answers from memory as long
-    as nothing that the last flood looked at has changed.
+    One instance serves one map: it keeps navfn's cost array in step with the costmap, answers from memory as long as
+    nothing that the last flood looked at has changed, and floods no more of the map than the plan depends on
+    (window.py).
     """
 
     def __init__(self, list_size: int = LIST_SIZE):
@@ -36,20 +39,25 @@ class Navfn:
         self._costmap = costmap
         self._allow_unknown = allow_unknown
         self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
+        self._costs.reshape(ny, nx)[1:-1, 1:-1] = 0  # no cost of navfn's: the first conversion sees all cells change
         self._field = make_field(nx * ny)
         self._potential, self._weights = self._field[::2], self._field[1::2]
         self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
         self._scratch = scratch(self._list_size)
         self._path = np.empty((4 * nx, 2), np.float32)
         self._version = None
-        self._flooded = None  # robot's and goal's cells of the flood in memory
+        self._extent = np.array([nx, ny, -1, -1])  # of the cells that were ever not free
+        self._fence = None  # of the flood in memory; None: it covered the whole map
+        self._flooded = (-1, -1)  # robot's and goal's cells of the flood in memory
         self._asked = None  # the question of the plan in memory
         self._plan: np.ndarray = np.zeros((0, 3))
 
     @property
     def potential(self) -> np.ndarray:
-        """(ny, nx) float32: potential of the last flood, 1e10 where it did not reach."""
+        """(ny, nx) float32: potential of the last plan's flood over the whole map, 1e10 where it did not reach."""
         nx, ny = self._costmap.size
+        if self._fence is not None:
+            self._flood_within(None)
         return self._potential[: nx * ny].reshape(ny, nx)
 
     @property
@@ -80,15 +88,15 @@ class Navfn:
                 return np.zeros((0, 3))
             gx, gy = 0, 0
         costmap.set_free(sx, sy, sx + 1, sy + 1)
-        self._flood(costmap, bool(allow_unknown), sy * nx + sx, gy * nx + gx)
+        self._flood(costmap, bool(allow_unknown), sy * nx + sx, gy * nx + gx, tolerance)
         ox, oy = costmap.origin.tolist()
         question = (ox, oy, float(goal[0]), float(goal[1]), float(goal[2]), float(tolerance))
         if question != self._asked:
             self._asked = question
-            self._plan = self._trace(costmap, ox, oy, goal, tolerance, sy * nx + sx)
+            self._plan = self._trace(costmap, ox, oy, goal, tolerance)
         return self._plan.copy()
 
-    def _flood(self, costmap, allow_unknown, robot, goal):
+    def _flood(self, costmap, allow_unknown, robot, goal, tolerance):
         """Bring the cost array up to date; flood again if that may change anything."""
         if costmap is not self._costmap or allow_unknown != self._allow_unknown:
             self._attach(costmap, allow_unknown)
@@ -96,20 +104,45 @@ class Navfn:
         changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
         self._version = costmap.version
         stale = changed is not None and _convert(
-            costmap.cells, self._costs, self._potential, self._weights, PUSH_WEIGHTS, allow_unknown, *changed
+            costmap.cells,
+            self._costs,
+            self._potential,
+            self._weights,
+            PUSH_WEIGHTS,
+            allow_unknown,
+            self._extent,
+            *changed,
         )
-        if not stale and self._flooded == (robot, goal):
+        whole = tolerance > 0 or self._list_size < LIST_SIZE  # looks around the goal; loses cells by their number
+        if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
             return
+        fence = None if whole else window.around(self._extent, robot, goal, nx, ny)
         self._flooded = (robot, goal)
         self._asked = None
-        reset(self._field, self._lines)
-        flood(self._field, self._lines, *self._scratch, nx, ny, robot, goal)
+        self._flood_within(fence)
 
-    def _trace(self, costmap, ox, oy, goal, tolerance, robot):
+    def _flood_within(self, fence):
+        """Flood the last question inside a fence, or the whole map: without one, and where more might matter."""
+        nx, ny = self._costmap.size
+        self._fence = fence
+        reset(self._field, self._lines)
+        if fence is not None:
+            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, True)
+        flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
+        if fence is not None:
+            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
+            if not window.leaves(self._potential, nx, ny, *fence):
+                self._flood_within(None)
+
+    def _trace(self, costmap, ox, oy, goal, tolerance):
         nx, ny = costmap.size
+        robot = self._flooded[0]
         res = costmap.resolution
         target, tx, ty = _target(self._potential, ox, oy, res, nx, ny, float(goal[0]), float(goal[1]), float(tolerance))
         n = trace(self._potential, nx, ny, target, robot, self._path) if target >= 0 else 0
+        if self._fence is not None and not window.keeps_inside(self._path, n, nx, ny, *self._fence):
+            self._flood_within(None)
+            return self._trace(costmap, ox, oy, goal, tolerance)
         if n == 0:
             return np.zeros((0, 3))
         plan = np.zeros((n + 1, 3))
@@ -127,11 +160,11 @@ def _to_world(path, n, ox, oy, res, plan):
 
 
 @kernel
-def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, y0, xn, yn):
+def _convert(cells, costs, potential, weights, push_weights, allow_unknown, extent, x0, y0, xn, yn):
     """Bring navfn's costs and weights of the cells [x0, xn) x [y0, yn) up to date; the map's border stays an obstacle.
 
     int(50 + 0.8 v) for v < 253, in integers. Returns whether a cell changed at which the last flood may have looked:
-    one that has a potential or lies beside one that has. navfn.cpp:228.
+    one that has a potential or lies beside one that has. navfn.cpp:228. extent (4,): window.around's, is widened.
     """
     ny, nx = cells.shape
     far = np.float32(1e10)
@@ -158,6 +191,11 @@ def _convert(cells, costs, potential, weights, push_weights, allow_unknown, x0, 
                 olds[i] = new_cost
                 k = y * nx + left + i
                 weights[k] = push_weights[new_cost]
+                if new_cost != FREE_COST:
+                    extent[0] = min(extent[0], left + i)
+                    extent[1] = min(extent[1], y)
+                    extent[2] = max(extent[2], left + i)
+                    extent[3] = max(extent[3], y)
                 stale = stale or (
                     potential[k] < far
                     or potential[k - 1] < far
