@@ -29,7 +29,7 @@ def test_a_command_ends_in_one_line_and_a_status(capsys, tmp_path):
         return main
 
     def missing():
-        open(tmp_path / "none")  # noqa: SIM115
+        (tmp_path / "none").read_bytes()
 
     assert run_main(lambda: None, "p") == 0
     assert run_main(lambda: 3, "p") == 3

@@ -309,7 +309,8 @@ def help_texts(name):
 @pytest.mark.parametrize("name", python_files(PACKAGES))
 def test_help_texts_are_whole_sentences(name):
     for line, text in help_texts(name):
-        assert text and text[0].isupper() and text.endswith("."), "%s:%d: help text %r" % (name, line, text)  # noqa: PT018
+        whole = bool(text) and text[0].isupper() and text.endswith(".")
+        assert whole, "%s:%d: help text %r" % (name, line, text)
 
 
 @pytest.mark.parametrize("name", python_files(PACKAGES) + tracked(".md"))

@@ -5,21 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import rosbag
+import rospy
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
 
-pytest.importorskip("rospy")
-import ros_harness  # noqa: E402
-
-ros_harness.use_generated()
-
-import rosbag  # noqa: E402
-import rospy  # noqa: E402
-from nav_msgs.msg import Odometry  # noqa: E402
-from sensor_msgs.msg import LaserScan  # noqa: E402
-
-from applr_ros1.nodes import applr_topics  # noqa: E402
-from applr_ros1.nodes.applr_inputs import Snapshot  # noqa: E402
-from applr_ros1.policy.parameter_space import SPACE, THETA_0  # noqa: E402
-from training.bags.reader import read  # noqa: E402
+from applr_ros1.nodes import applr_topics
+from applr_ros1.nodes.applr_inputs import Snapshot
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from training.bags.reader import read
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
-"""DynaBARN's moving cylinders. Their paths are compiled into Gazebo plugins, named in the world file only; this finds
-the key frames in the table movers.csv or in a plugin's source beside the world, or draws a path by DynaBARN's recipe.
-`sdf_reader` calls it.
+"""The moving cylinders of DynaBARN's worlds.
+
+Their paths are compiled into Gazebo plugins, which the world file only names. This finds the key frames in the table
+movers.csv or in a plugin's source beside the world, or draws a path by DynaBARN's recipe. `sdf_reader` calls it.
 """
 
 from __future__ import annotations
