@@ -11,7 +11,7 @@ import math
 import os
 import re
 import zlib
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Set
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -33,7 +33,7 @@ _KEY = re.compile(r"CreateKeyFrame\(\s*([-+.\deE]+)\s*\).*?Vector3d\(\s*([-+.\de
 _DYNABARNS = re.compile(r"^(easy|medium|hard)?(lib)?obs_?\d+$")
 
 log = logging.getLogger(__name__)
-_warned = set()  # worlds that were warned of already
+_warned: Set[str] = set()  # worlds that were warned of already
 
 
 class Animations:

@@ -13,7 +13,7 @@ import numpy as np
 
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.costmap.scan import LaserScan, project
+from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, project
 from applr_ros1.planner.make_plan import free_square, reachable_near
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.parameters.check import complete
@@ -68,7 +68,8 @@ class MoveBase:
         self._take_frequencies()
         self._scan_timeout = self.parameters["scan_timeout"]
         self._inf_is_valid = self.parameters["local_costmap"]["obstacles_layer"]["scan"]["inf_is_valid"]
-        self._cloud = self._scan_stamp = None
+        self._cloud: Optional[PointCloud] = None
+        self._scan_stamp: Optional[float] = None
 
     def _take_frequencies(self) -> None:
         own = self._config[""]
@@ -91,11 +92,11 @@ class MoveBase:
 
         Its end shows in a Cycle's result. One that is not finite ends as aborted at the next step.
         """
-        goal = tuple(float(v) for v in goal)
-        if not all(math.isfinite(v) for v in goal):
+        x, y, yaw = (float(v) for v in goal)
+        if not all(math.isfinite(v) for v in (x, y, yaw)):
             self.refuse_goal(INVALID_GOAL)
         else:
-            self._machine.set_goal(goal, now)
+            self._machine.set_goal((x, y, yaw), now)
 
     def refuse_goal(self, text: str) -> None:
         """End as aborted, with `text`, at the next step: for a goal that cannot be used."""
