@@ -29,6 +29,8 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
 from applr_ros1.common.angles import yaw_of
+from applr_ros1.common.progress import announced
+from applr_ros1.common.ros_master import require_master
 
 from . import make
 from .ros_topics import Topics
@@ -58,7 +60,9 @@ class Bridge:
             options = dict(options, gui=True)
         world = worlds.load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **options)
-        self._warm_up(world)
+        compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
+        with announced(compiling, rospy.loginfo):
+            self._warm_up(world)
         self.lock = threading.Lock()  # of the simulator
         self.arrived = threading.Condition()  # of the next four
         self.newest = None  # newest command (v, w) not yet given to the simulator
@@ -278,6 +282,7 @@ def _number(name, default):
 
 def main() -> int:
     """Runs until shutdown. Exit status 1 and one line if it cannot start."""
+    require_master()
     rospy.init_node("sim_bridge")
     try:
         bridge = Bridge()

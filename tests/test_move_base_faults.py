@@ -66,6 +66,34 @@ def test_scans_that_cannot_be_used(idle, fault, words):
     )
 
 
+def test_another_scanner_is_taken_after_two_seconds(idle):
+    """A scanner that comes up with other beams, for instance behind one that was there by mistake."""
+    idle.jackal.bend = lambda scan: setattr(scan, "ranges", scan.ranges[:400]) or scan
+    idle.client.send_goal(goal(1.0))
+    assert finish(idle.client) == (SUCCEEDED, "Goal reached.")
+    assert "has 400 beams where it had 720" in idle.node.text
+
+
+def test_a_transform_stamped_ahead_does_not_stop_the_robot_for_long(idle):
+    import rospy
+
+    jackal = idle.jackal
+    idle.client.send_goal(goal(4.0))
+    wait_for(lambda: jackal.robot.twist[0] > 0.3, 10.0, "motion")
+
+    def ahead(message, publish=jackal._tf.publish):
+        for transform in message.transforms:
+            transform.header.stamp += rospy.Duration(30.0)
+        jackal._tf.publish = publish
+        publish(message)
+
+    jackal._tf.publish = ahead  # one message
+    wait_for(lambda: jackal._tf.publish is not ahead, 2.0, "the message")
+    time.sleep(1.0)
+    wait_for(lambda: jackal.robot.twist[0] > 0.3, 2.0, "motion again")
+    idle.client.cancel_all_goals()
+
+
 def test_odd_beams_are_ordinary(idle):
     def bend(scan):
         scan.ranges = [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 20 + scan.ranges[120:]

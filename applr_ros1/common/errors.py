@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import os
 import signal
 import sys
 from typing import Callable, Optional
@@ -47,3 +49,17 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         where = "%s: " % error.filename if error.filename else ""
         print("%s: %s%s" % (program, where, reason(error)), file=sys.stderr)
         return 1
+
+
+def run_script(module: str) -> int:
+    """Imports the module of a command, runs its main() and returns the exit status. For the files in scripts/.
+
+    The import takes seconds, and Ctrl-C meanwhile is one line as well. The folder of the script is taken from sys.path:
+    its sim_bridge.py would hide the package of that name.
+
+    Args:
+        module: such as "training.evaluate".
+    """
+    if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
+        sys.path.pop(0)
+    return run_main(lambda: importlib.import_module(module).main(), module.rpartition(".")[2])

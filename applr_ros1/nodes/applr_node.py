@@ -8,12 +8,13 @@ import gc
 import math
 import sys
 import threading
-import time
 from collections import Counter
 
 import numpy as np
 import rospy
 
+from applr_ros1.common.progress import Throttled
+from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_services import Services
 from applr_ros1.nodes.applr_topics import Topics
@@ -29,7 +30,6 @@ TICK = 0.05  # s of ROS time between looks at the clock
 LATE = 0.1  # share of a period after which a decision counts as late
 GONE = "move_base has stopped publishing its status: is it still running?"
 COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
-JUMP_SILENCE = 10.0  # s of wall time between two lines about a clock that jumps back
 LOST_AFTER = 3  # periods without a usable decision after which the policy counts as lost
 
 
@@ -49,7 +49,7 @@ class ApplrNode:
         self.method, self.inputs, self.topics, self.period = method, inputs, topics, period
         self.enabled = True
         self._cap = np.where(np.array(SPACE.names) == "max_vel_x", max_speed, math.inf)
-        self._jumps, self._jump_reported = 0, -math.inf
+        self._report_jump = Throttled(rospy.logwarn)
         self.counts = Counter()
         self.trouble = ""  # newest line about what is wrong; "" when nothing is
         self.degraded = ""  # why the chosen method is not the one that drives
@@ -85,11 +85,7 @@ class ApplrNode:
 
     def _clock_jumped(self):
         """Start afresh on theta_0; a clock that jumps all the time is reported now and then only."""
-        self._jumps += 1
-        if time.monotonic() - self._jump_reported > JUMP_SILENCE:
-            more = "" if self._jumps == 1 else f" ({self._jumps} times so far)"
-            rospy.logwarn(f"applr: the clock jumped back; starting afresh on theta_0{more}")
-            self._jump_reported = time.monotonic()
+        self._report_jump("applr: the clock jumped back; starting afresh on theta_0")
         self.inputs.clear()
         with self._deciding:
             self._goal = self._due = self._last = None
@@ -295,6 +291,7 @@ def _text(name, default):
 
 def main():
     """Reads the private parameters and runs until shutdown. Returns the exit status."""
+    require_master()
     rospy.init_node("applr")
     try:
         period, seed, namespace = (

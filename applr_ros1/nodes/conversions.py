@@ -61,14 +61,16 @@ def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
 def check_scan(message, beams: Optional[int]) -> np.ndarray:
     """The ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
 
-    `beams`: how many its predecessors had, if any: a scanner does not change that while driving. Single NaN, inf
+    `beams`: how many its predecessors had, None for any number: a scanner does not change that while driving. NaN, inf
     and -inf beams are ordinary (REP-117); a scan of nothing but NaN is a blind scanner.
     """
     n = len(message.ranges)
     if n == 0 or n > MAX_BEAMS:
         raise MessageError("has %d beams: give between 1 and %d" % (n, MAX_BEAMS))
     if beams is not None and n != beams:
-        raise MessageError("has %d beams where it had %d: restart move_base if the scanner was changed" % (n, beams))
+        raise MessageError(
+            "has %d beams where it had %d: check the scanner; another one is accepted after two seconds" % (n, beams)
+        )
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, geometry)) or message.angle_increment == 0.0:
         raise MessageError(

@@ -16,6 +16,7 @@ import time
 
 import worlds
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.progress import announced
 
 from . import arguments, processes
 
@@ -46,8 +47,9 @@ def usage():
     return "\n".join(lines)
 
 
-def main(words):
+def main(words=None):
     """Exit status: 0 goal reached, 1 not reached, 2 wrong argument, 130 interrupted."""
+    words = sys.argv[1:] if words is None else words
     if {"-h", "--help"} & set(words):
         print(usage())
         return 0
@@ -203,7 +205,8 @@ def _run(stack, values, world):
     wait = Waiting(stack)
     observer = demo_drive.Observer(values, world, wait)
     for part, up in observer.parts():
-        wait.until(up, UP_WITHIN, "%s does not come up" % part)
+        with announced("waiting for %s, which compiles its kernels at its first start" % part, say, first=10.0):
+            wait.until(up, UP_WITHIN, "%s does not come up" % part)
         say("%-12s up after %.1f s" % (part, time.monotonic() - began))
     outcome = observer.drive(float(values["limit"]), say, STALLED_AFTER)
     drive = observer.recorded(outcome.time)

@@ -11,6 +11,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 import worlds
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.ros_master import require_master
 
 from . import arguments
 
@@ -42,11 +43,12 @@ def message(pose, frame="odom", stamp=None):
 
 def main():
     """Send ~goal (auto: the course of ~world), wait and say how it ended. Exit status 0, or 1 for a wrong argument."""
-    rospy.init_node("send_goal")
     return run_main(_send, "send_goal")
 
 
 def _send():
+    require_master()
+    rospy.init_node("send_goal")
     pose = arguments.goal(rospy.get_param("~goal", "auto"))
     if pose is None:
         pose = course_goal(worlds.load(rospy.get_param("~world", "generated:0")).course)

@@ -22,6 +22,8 @@ from nav_msgs.srv import GetPlan, GetPlanResponse
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
+from applr_ros1.common.progress import Throttled, announced
+from applr_ros1.common.ros_master import require_master
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, check
 from applr_ros1.planner.warm_up import warm_up
@@ -95,6 +97,7 @@ class MoveBaseNode:
         for name in ("conservative_reset", "aggressive_reset"):
             mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
         self._pose = None
+        self._report_jump = Throttled(rospy.logwarn)
         rospy.on_shutdown(self._stop)
 
     def serve(self) -> None:
@@ -268,7 +271,7 @@ class MoveBaseNode:
 
     # -- when time or the node ends --------------------------------------------------------------------------------
     def _clock_went_back(self) -> None:
-        rospy.logwarn("the clock jumped back: maps, plan and goal are dropped")
+        self._report_jump("the clock jumped back: maps, plan and goal are dropped")
         self._send(0.0, 0.0)
         self.sensors.forget()
         self.goals.finish("aborted", WENT_BACK, rospy.Time.now())
@@ -312,6 +315,7 @@ def main() -> int:
     if rospy.myargv()[1:]:
         print("move_base: unknown arguments %s: parameters are given under ~" % rospy.myargv()[1:], file=sys.stderr)
         return 1
+    require_master()
     rospy.init_node("move_base")
     tree = rospy.get_param("~", {})
     problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
@@ -321,9 +325,8 @@ def main() -> int:
         return 1
     for logger in ("rosout", "rospy.internal"):
         logging.getLogger(logger).addFilter(_OwnFootprints())
-    began = time.monotonic()
-    warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
-    rospy.logdebug("kernels took %.1f s", time.monotonic() - began)
+    with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
+        warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     node = MoveBaseNode(tree)
     gc.collect()
     gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms

@@ -20,6 +20,8 @@ from . import conversions
 from .conversions import MessageError, Pose
 
 WAITING = 20  # scans kept until their transform comes
+AHEAD = 1.0  # s by which a stamp may be ahead of the clock
+BEAMS_HELD = 2.0  # s without a usable scan after which the scanner may have another number of beams
 TF_ERRORS = (
     tf2_ros.LookupException,
     tf2_ros.ConnectivityException,
@@ -77,6 +79,8 @@ class Sensors:
                 "old" if age > 0.0 else "ahead of the clock",
                 tolerance,
             )
+            if age < -AHEAD:
+                self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
             return None
         return conversions.pose_of(transform.transform)
 
@@ -101,8 +105,13 @@ class Sensors:
         return abs((rospy.get_rostime() - message.header.stamp).to_sec()) < 2.0
 
     def _use(self, message):
+        now = rospy.get_rostime()
+        beams = self._beams if now - self._newest < rospy.Duration(BEAMS_HELD) else None
         try:
-            ranges = conversions.check_scan(message, self._beams)
+            ahead = (message.header.stamp - now).to_sec()
+            if ahead > AHEAD:
+                raise MessageError("is stamped %.2f s ahead of the clock" % ahead)
+            ranges = conversions.check_scan(message, beams)
         except MessageError as problem:
             self.scan_trouble = "%s %s" % (self.topic, problem)
             rospy.logerr_throttle(1.0, "%s: not used" % self.scan_trouble)

@@ -19,6 +19,7 @@ from sensor_msgs.msg import Joy
 from std_msgs.msg import String
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
 
 PERIOD = 0.05  # s of wall time between commands
@@ -218,6 +219,7 @@ def main():
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(USAGE)
         return 0
+    require_master()
     rospy.init_node("teleop", disable_signals=True)  # rospy's own would shut the topics before the robot stands
     signal.signal(signal.SIGTERM, _interrupt)
     recorder = None

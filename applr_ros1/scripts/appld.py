@@ -3,9 +3,7 @@
 
 import sys
 
-sys.path.pop(0)  # this file's folder, whose sim_bridge.py would hide the package of that name
-
-from training.appld import main
+from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script("training.appld"))

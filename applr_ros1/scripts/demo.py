@@ -3,7 +3,7 @@
 
 import sys
 
-from applr_ros1.nodes import demo
+from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(demo.main(sys.argv[1:]))
+    sys.exit(run_script("applr_ros1.nodes.demo"))

@@ -3,7 +3,7 @@
 
 import sys
 
-from applr_ros1.nodes import goal
+from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(goal.main())
+    sys.exit(run_script("applr_ros1.nodes.goal"))

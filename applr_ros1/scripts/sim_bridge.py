@@ -3,9 +3,7 @@
 
 import sys
 
-sys.path.pop(0)  # this file's folder, where `sim_bridge` would be this file
-
-from sim_bridge.ros_bridge import main
+from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script("sim_bridge.ros_bridge"))

@@ -1,0 +1,64 @@
+"""Lines about what a program does: long work is announced, repeated lines are throttled. The nodes use both."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from typing import Callable, Iterator
+
+FIRST = 2.0  # s after which the work is announced
+EVERY = 10.0  # s between further lines
+
+
+@contextlib.contextmanager
+def announced(what: str, say: Callable[[str], object], first: float = FIRST, every: float = EVERY) -> Iterator[None]:
+    """Around work that is usually quick: say what is going on once it takes long, and how long it took.
+
+    Args:
+        what: The work, with how long it may take, such as "compiling kernels (about a minute the first time)".
+        say: Called with each line, from another thread.
+        first: Time [s] after which the first line comes.
+        every: Time [s] between further lines.
+    """
+    short = what.split(" (")[0]
+    began, done, spoken = time.monotonic(), threading.Event(), threading.Event()
+
+    def speak() -> None:
+        if done.wait(first):
+            return
+        spoken.set()
+        say(what)
+        while not done.wait(every):
+            say("still %s: %d s" % (short, round(time.monotonic() - began)))
+
+    speaker = threading.Thread(target=speak, name="progress", daemon=True)
+    speaker.start()
+    try:
+        yield
+    finally:
+        done.set()
+        speaker.join()
+        if spoken.is_set():
+            say("done %s: took %.0f s" % (short, time.monotonic() - began))
+
+
+class Throttled:
+    """Lets a repeated line through once in `silence` seconds of wall time, with how often it has come so far.
+
+    Args:
+        say: Called with the line.
+        silence: Wall time [s] between two lines.
+    """
+
+    def __init__(self, say: Callable[[str], object], silence: float = EVERY):
+        self._say, self._silence, self._count = say, silence, 0
+        self._last = 0.0
+
+    def __call__(self, line: str) -> None:
+        """Count the line, and pass it on if the last one that was passed on is long ago."""
+        self._count += 1
+        now = time.monotonic()
+        if self._count == 1 or now - self._last >= self._silence:
+            self._last = now
+            self._say(line if self._count == 1 else "%s (%d times so far)" % (line, self._count))
