@@ -1,0 +1,168 @@
+"""The ROS node collision_monitor: stands between move_base (or any other source of velocities) and the base.
+
+Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
+them through. If the node dies no command reaches the base any more, and the base's own time-out stops it.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from dataclasses import fields
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Twist
+from std_msgs.msg import String
+
+from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, MonitorSettings, Verdict
+from applr_ros1.planner.costmap.scan import LaserScan
+
+from .sensors import Sensors
+
+LOOK = 0.01  # s of wall time between looks for a new scan
+REPORT = 1.0  # s of wall time between diagnostics
+
+
+class CollisionMonitorNode:
+    """Hands scans and commands to a CollisionMonitor and publishes what it makes of them."""
+
+    def __init__(self, settings: MonitorSettings, fixed: str, base: str, tolerance: float):
+        """Subscribes and advertises.
+
+        Args:
+            settings: of the monitor.
+            fixed: frame in which obstacles are remembered, that of the odometry.
+            base: frame of the robot.
+            tolerance: age [s] up to which the pose of `base` in `fixed` is used.
+        """
+        self.monitor = CollisionMonitor(settings)
+        _compile(settings)
+        self._tolerance = tolerance
+        self._lock = threading.Lock()
+        self._last = rospy.get_rostime()
+        self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
+        self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
+        self.sensors = Sensors(fixed, base, "scan")
+        self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
+        self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
+
+    def spin(self) -> None:
+        """Takes scans until shutdown, also while no command comes, and publishes diagnostics once a second."""
+        due = time.monotonic()
+        while not rospy.is_shutdown():
+            with self._lock:
+                self._take_scans()
+            if time.monotonic() >= due:
+                due = time.monotonic() + REPORT
+                self._report()
+            time.sleep(LOOK)
+
+    def _take_scans(self) -> None:
+        now = rospy.get_rostime()
+        if now < self._last:
+            rospy.logwarn_throttle(1.0, "collision monitor: the clock jumped back; starting afresh")
+            self.sensors.forget()
+            self.monitor.reset()
+        self._last = now
+        scan = self.sensors.scan()
+        pose = None if scan is None else self.sensors.pose(now, self._tolerance)
+        if pose is not None:
+            self.monitor.see(scan, pose)
+
+    def _take_command(self, message: Twist) -> None:
+        with self._lock:
+            self._take_scans()
+            verdict = self._judge(message)
+            answer = Twist()
+            answer.linear.x, answer.angular.z = verdict.command
+            self._out.publish(answer)
+            self._counts[verdict.action] += 1
+            if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
+                self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
+            self._verdict = verdict
+
+    def _judge(self, message: Twist) -> Verdict:
+        now = rospy.get_rostime()
+        pose = self.sensors.pose(now, self._tolerance)
+        if pose is None:
+            return Verdict((0.0, 0.0), STOP, 0.0, self.sensors.pose_trouble)
+        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
+        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.scan_trouble:
+            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.scan_trouble))
+        return verdict
+
+    def _report(self) -> None:
+        verdict = self._verdict
+        level = DiagnosticStatus.OK if verdict.action == PASS else DiagnosticStatus.WARN
+        values = {
+            "action": verdict.action,
+            "share": "%.2f" % verdict.share,
+            "remembered": len(self.monitor.memory.points),
+        }
+        values.update(self._counts)
+        status = DiagnosticStatus(
+            level=level,
+            name="collision_monitor: commands",
+            hardware_id="none",
+            message=verdict.reason or "commands pass",
+            values=[KeyValue(key, str(value)) for key, value in values.items()],
+        )
+        report = DiagnosticArray(status=[status])
+        report.header.stamp = rospy.get_rostime()
+        self._diagnostics.publish(report)
+
+
+def settings_from(parameters: dict) -> MonitorSettings:
+    """MonitorSettings from the node's private parameters, which have the names of its fields.
+
+    Raises:
+        ValueError: with one line, for an unknown parameter or a value that cannot be used.
+    """
+    known = {f.name for f in fields(MonitorSettings)}
+    unknown = sorted(set(parameters) - known - {"fixed_frame", "base_frame", "transform_tolerance"})
+    if unknown:
+        raise ValueError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
+    chosen = {}
+    for name in known & set(parameters):
+        try:
+            value = parameters[name]
+            chosen[name] = tuple(tuple(map(float, point)) for point in value) if name == "body" else float(value)
+        except (TypeError, ValueError):
+            raise ValueError("parameter %s is %r: give %s" % (name, value, _wanted(name))) from None
+    return MonitorSettings(**chosen)
+
+
+def _wanted(name: str) -> str:
+    return "points [[x, y], ...] in metres" if name == "body" else "a number"
+
+
+def _compile(settings: MonitorSettings) -> None:
+    """Compiles or loads the monitor's kernels with a throw-away monitor, so that the first command need not wait."""
+    monitor = CollisionMonitor(settings)
+    ranges = [0.6] * 8
+    for stamp in (0.0, 0.1):
+        monitor.see(LaserScan(stamp, -0.4, 0.1, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)), (0.0, 0.0, 0.0))
+        monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))
+
+
+def main() -> int:
+    """Exit status 1, with one line, for parameters that cannot be used."""
+    rospy.init_node("collision_monitor")
+    parameters = rospy.get_param("~", {})
+    try:
+        if not isinstance(parameters, dict):
+            raise ValueError("parameters are %r: give them under ~" % (parameters,))
+        settings = settings_from(parameters)
+        tolerance = float(parameters.get("transform_tolerance", 0.3))
+        node = CollisionMonitorNode(
+            settings, parameters.get("fixed_frame", "odom"), parameters.get("base_frame", "base_link"), tolerance
+        )
+    except (ValueError, TypeError) as error:
+        print("collision_monitor: %s" % error, file=sys.stderr)
+        return 1
+    node.spin()
+    return 0

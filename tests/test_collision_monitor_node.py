@@ -1,0 +1,88 @@
+"""The collision monitor as a ROS node before a fake Jackal: it stops at a wall and for blind scanners."""
+
+import math
+import time
+
+import pytest
+
+rospy = pytest.importorskip("rospy")
+
+from fake_jackal import FakeJackal  # noqa: E402
+from geometry_msgs.msg import Twist  # noqa: E402
+from ros_harness import ROOT, session, wait_for  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope="module")
+def stack():
+    ros = session()
+    jackal = FakeJackal(circles=[(1.5, y / 10, 0.075) for y in range(-8, 9)])
+    child = ros.python(
+        ROOT / "applr_ros1/scripts/collision_monitor.py",
+        "scan:=front/scan",
+        "odom:=odometry/filtered",
+    )
+    commands = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
+    actions = []
+    subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    wait_for(lambda: commands.get_num_connections() or not child.alive(), 60.0, "collision monitor")
+    assert child.alive(), child.text
+    yield jackal, commands, actions
+    child.end()
+    subscriber.unregister()
+    jackal.close()
+
+
+def drive(stack, v, seconds):
+    jackal, commands, _ = stack
+    end = time.time() + seconds
+    while time.time() < end:
+        message = Twist()
+        message.linear.x = v
+        commands.publish(message)
+        time.sleep(0.05)
+    return jackal.robot.pose
+
+
+def test_drives_to_the_wall_and_stands_before_it(stack):
+    jackal, _, actions = stack
+    jackal.put((0.0, 0.0, 0.0))
+    drive(stack, 1.0, 0.5)
+    assert max(v for _, v, _ in jackal.commands) == 1.0
+    x, _, _ = drive(stack, 1.0, 2.5)
+    assert 1.5 - 0.075 - 0.229 - 0.15 < x < 1.5 - 0.075 - 0.229
+    assert actions[-1].startswith("stop: an obstacle")
+
+
+@pytest.mark.parametrize("value", [0.01, math.inf, math.nan])
+def test_a_scanner_that_goes_blind_stops_the_robot(stack, value):
+    jackal, _, actions = stack
+    jackal.put((-1.5, 0.0, 0.0))
+    drive(stack, 1.0, 0.5)
+    assert jackal.robot.twist[0] > 0.5
+
+    def blind(scan):
+        scan.ranges = [value] * len(scan.ranges)
+        return scan
+
+    jackal.bend = blind
+    try:
+        drive(stack, 1.0, 1.0)
+        assert jackal.robot.twist[0] == pytest.approx(0.0, abs=0.05)
+        assert actions[-1].startswith("stop: the")
+    finally:
+        jackal.bend = lambda scan: scan
+    drive(stack, 1.0, 0.5)
+    assert jackal.robot.twist[0] > 0.5
+
+
+def test_unknown_and_impossible_parameters_are_one_line(stack):
+    ros = session()
+    for arguments, words in (("_margins:=1", "no such parameter: margins"), ("_deceleration:=0", "deceleration is 0")):
+        child = ros.python(ROOT / "applr_ros1/scripts/collision_monitor.py", arguments, "__name:=wrong_monitor")
+        assert child.process.wait(30.0) == 1
+        assert words in child.text
+        assert "Traceback" not in child.text
+        rospy.delete_param("/wrong_monitor")
