@@ -63,6 +63,7 @@ def check(values):
     sim = boolean("sim", values["sim"])
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
+    boolean("monitor", values["monitor"])
     if ":" not in values["simulator"]:  # module:Class is a person's own
         one_of("simulator", values["simulator"], sim_bridge.NAMES)
     one_of("move_base", values["move_base"], MOVE_BASES)
