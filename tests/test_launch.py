@@ -37,18 +37,21 @@ def test_parameter_files_are_the_jackals():
                 here = here.setdefault(key, {})
             here[keys[-1]] = value
     assert parameters.check(tree) == []
+    ours = tree.pop("applr")  # what C++ has no parameter for
+    assert ours == {"weights": "per_cell", "seed": 0}
     assert complete(tree) == complete(parameters.JACKAL)
 
 
 @pytest.mark.parametrize(
     ("arguments", "nodes"),
     [
-        ((), {"/sim_bridge", "/move_base", "/applr", "/send_goal"}),
-        (("sim:=false",), {"/move_base", "/applr"}),
-        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/applr", "/send_goal"}),
+        ((), {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/send_goal"}),
+        (("sim:=false",), {"/move_base", "/collision_monitor", "/applr"}),
+        (("sim:=false", "monitor:=false"), {"/move_base", "/applr"}),
+        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/applr", "/send_goal"}),
         (
             ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
-            {"/sim_bridge", "/move_base", "/applr", "/record", "/rviz"},
+            {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/record", "/rviz"},
         ),
     ],
 )

@@ -3,6 +3,8 @@
 
 import sys
 
+sys.path.pop(0)  # this file's folder, whose sim_bridge.py would hide the package of that name
+
 from applr_ros1.common.errors import run_main
 from applr_ros1.nodes import arguments
 

@@ -3,7 +3,7 @@
 
 import sys
 
-from applr_ros1.nodes.collision_monitor_node import main
+from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_script("applr_ros1.nodes.collision_monitor_node"))
