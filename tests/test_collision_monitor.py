@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, MonitorSettings
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.scanner import FROZEN_SCANS
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import free_share, half_planes, penetration
 from applr_ros1.planner.costmap.scan import LaserScan
 

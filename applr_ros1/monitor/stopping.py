@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.settings import MonitorError
 
 STEP = 0.02  # [s] between two checked poses ...
 SHORTEST = 0.01  # ... or where the body moves less than this in a step [m], farther apart
@@ -19,17 +20,17 @@ HALVINGS = 5  # of the interval in which the largest share of the command is sea
 def half_planes(outline):
     """The convex hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one.
 
-    Raises ValueError for fewer than three points, points on one line, or points that are not finite.
+    Raises MonitorError for fewer than three points, points on one line, or points that are not finite.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.asarray(outline, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise ValueError("outline of the body: give at least three finite points (x, y) in metres")
+        raise MonitorError("outline of the body: give at least three finite points (x, y) in metres")
     try:
         equations = ConvexHull(points).equations
     except (QhullError, ValueError):
-        raise ValueError("outline of the body: give at least three points that do not lie on one line") from None
+        raise MonitorError("outline of the body: give at least three points that do not lie on one line") from None
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 

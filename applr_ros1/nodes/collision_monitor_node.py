@@ -6,7 +6,6 @@ them through. If the node dies no command reaches the base any more, and the bas
 
 from __future__ import annotations
 
-import sys
 import threading
 import time
 from dataclasses import fields
@@ -16,7 +15,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 
-from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, MonitorSettings, Verdict
+from applr_ros1.common.errors import run_main
+from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
+from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
 
 from .sensors import Sensors
@@ -120,19 +121,19 @@ def settings_from(parameters: dict) -> MonitorSettings:
     """MonitorSettings from the node's private parameters, which have the names of its fields.
 
     Raises:
-        ValueError: with one line, for an unknown parameter or a value that cannot be used.
+        MonitorError: with one line, for an unknown parameter or a value that cannot be used.
     """
     known = {f.name for f in fields(MonitorSettings)}
     unknown = sorted(set(parameters) - known - {"fixed_frame", "base_frame", "transform_tolerance"})
     if unknown:
-        raise ValueError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
+        raise MonitorError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
     chosen = {}
     for name in known & set(parameters):
         try:
             value = parameters[name]
             chosen[name] = tuple(tuple(map(float, point)) for point in value) if name == "body" else float(value)
         except (TypeError, ValueError):
-            raise ValueError("parameter %s is %r: give %s" % (name, value, _wanted(name))) from None
+            raise MonitorError("parameter %s is %r: give %s" % (name, value, _wanted(name))) from None
     return MonitorSettings(**chosen)
 
 
@@ -150,19 +151,19 @@ def _compile(settings: MonitorSettings) -> None:
 
 
 def main() -> int:
-    """Exit status 1, with one line, for parameters that cannot be used."""
+    """The command; exit status 1, with one line, for parameters that cannot be used."""
+    return run_main(_run, "collision_monitor")
+
+
+def _run() -> int:
     rospy.init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
-    try:
-        if not isinstance(parameters, dict):
-            raise ValueError("parameters are %r: give them under ~" % (parameters,))
-        settings = settings_from(parameters)
-        tolerance = float(parameters.get("transform_tolerance", 0.3))
-        node = CollisionMonitorNode(
-            settings, parameters.get("fixed_frame", "odom"), parameters.get("base_frame", "base_link"), tolerance
-        )
-    except (ValueError, TypeError) as error:
-        print("collision_monitor: %s" % error, file=sys.stderr)
-        return 1
-    node.spin()
+    if not isinstance(parameters, dict):
+        raise MonitorError("parameters are %r: give them under ~" % (parameters,))
+    settings = settings_from(parameters)
+    tolerance = parameters.get("transform_tolerance", 0.3)
+    if not isinstance(tolerance, (int, float)) or not tolerance > 0.0:
+        raise MonitorError("transform_tolerance is %r: give a positive number of seconds" % (tolerance,))
+    fixed, base = parameters.get("fixed_frame", "odom"), parameters.get("base_frame", "base_link")
+    CollisionMonitorNode(settings, fixed, base, float(tolerance)).spin()
     return 0

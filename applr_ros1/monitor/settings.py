@@ -1,0 +1,46 @@
+"""What the collision monitor must know of a base, checked."""
+
+import math
+from dataclasses import dataclass
+from typing import Tuple
+
+from applr_ros1.common.errors import ApplrError
+
+JACKAL_BODY = ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))  # wheels included
+
+
+class MonitorError(ApplrError):
+    """A setting that the collision monitor cannot work with; one line with what, which value and what to give."""
+
+
+@dataclass(frozen=True)
+class MonitorSettings:
+    """What the monitor must know of the base.
+
+    Attributes:
+        body: convex outline of everything that can touch an obstacle, (x, y) [m] in the robot's frame.
+        margin: distance kept from every obstacle point [m].
+        reaction_time: from a command until the base follows the next one [s]: control period, latency, age of the scan.
+        deceleration: braking on which one can rely [m/s^2].
+        yaw_deceleration: the same of the turn rate [rad/s^2].
+        scan_timeout: age of the newest scan at which the base must stand [s].
+        memory_radius: distance within which obstacles are remembered [m].
+        memory_seconds: how long an obstacle is remembered that the scanner does not see any more [s].
+    """
+
+    body: Tuple[Tuple[float, float], ...] = JACKAL_BODY
+    margin: float = 0.03
+    reaction_time: float = 0.15
+    deceleration: float = 4.0
+    yaw_deceleration: float = 12.0
+    scan_timeout: float = 0.5
+    memory_radius: float = 2.0
+    memory_seconds: float = 20.0
+
+    def __post_init__(self):
+        for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise MonitorError("collision monitor: %s is %r; give a positive number" % (name, getattr(self, name)))
+        for name in ("margin", "memory_seconds"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise MonitorError("collision monitor: %s is %r; give a number >= 0" % (name, getattr(self, name)))
