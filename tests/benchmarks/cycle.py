@@ -11,6 +11,7 @@ import numpy as np
 import sim_bridge
 import worlds
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE
 from training.mdp.episode import Episode
@@ -45,14 +46,19 @@ def sim_speed_kinematic():
     return _speed("kinematic")
 
 
+def sim_speed_kinematic_5hz():
+    """With five global plans per simulated second: train.py --planner-frequency 5."""
+    return _speed("kinematic", 5.0)
+
+
 def sim_speed_pybullet():
     return _speed("pybullet")
 
 
-def _speed(simulator):
+def _speed(simulator, planner_frequency=20.0):
     """Simulated seconds per wall second on one core, with new random parameters every two seconds, resets included."""
     warm_up()
-    move_base = MoveBase()
+    move_base = MoveBase(dict(JACKAL, planner_frequency=planner_frequency))
     _drive(simulator, move_base, _random, decisions=1)
     best = 0.0
     for _ in range(3):

@@ -57,7 +57,7 @@ class Navfn:
         """(ny, nx) float32: potential of the last plan's flood over the whole map, 1e10 where it did not reach."""
         nx, ny = self._costmap.size
         if self._fence is not None:
-            self._flood_within(None)
+            self._flood_within()
         return self._potential[: nx * ny].reshape(ny, nx)
 
     @property
@@ -116,23 +116,23 @@ class Navfn:
         whole = tolerance > 0 or self._list_size < LIST_SIZE  # looks around the goal; loses cells by their number
         if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
             return
-        fence = None if whole else window.around(self._extent, robot, goal, nx, ny)
         self._flooded = (robot, goal)
         self._asked = None
-        self._flood_within(fence)
+        self._flood_within(() if whole else window.around(self._extent, robot, goal, nx, ny))
 
-    def _flood_within(self, fence):
-        """Flood the last question inside a fence, or the whole map: without one, and where more might matter."""
+    def _flood_within(self, fences=()):
+        """Flood the last question inside the first of these fences that the wave leaves, else the whole map."""
         nx, ny = self._costmap.size
-        self._fence = fence
-        reset(self._field, self._lines)
-        if fence is not None:
-            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, True)
-        flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
-        if fence is not None:
-            window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
-            if not window.leaves(self._potential, nx, ny, *fence):
-                self._flood_within(None)
+        for fence in (*fences, None):
+            self._fence = fence
+            reset(self._field, self._lines)
+            if fence is not None:
+                window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, True)
+            flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
+            if fence is not None:
+                window.set_fence(self._weights, self._costs, PUSH_WEIGHTS, nx, *fence, False)
+                if window.leaves(self._potential, nx, ny, *fence):
+                    return
 
     def _trace(self, costmap, ox, oy, goal, tolerance):
         nx, ny = costmap.size
@@ -140,8 +140,9 @@ class Navfn:
         res = costmap.resolution
         target, tx, ty = _target(self._potential, ox, oy, res, nx, ny, float(goal[0]), float(goal[1]), float(tolerance))
         n = trace(self._potential, nx, ny, target, robot, self._path) if target >= 0 else 0
-        if self._fence is not None and not window.keeps_inside(self._path, n, nx, ny, *self._fence):
-            self._flood_within(None)
+        fence = self._fence
+        if fence and target >= 0 and not (n and window.keeps_inside(self._path, n, nx, ny, *fence)):
+            self._flood_within()
             return self._trace(costmap, ox, oy, goal, tolerance)
         if n == 0:
             return np.zeros((0, 3))

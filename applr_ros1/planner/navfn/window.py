@@ -12,18 +12,19 @@ it everywhere:
   edge, the one outside is never taken; and it is always reached later, so it never lists the edge's cell first.
 
 Whether the wave leaves everywhere is looked up after each flood (`leaves`), with some slack for potentials that are not
-settled; if it does not, the flood is repeated without a fence. tests/test_navfn.py compares both on many maps.
+settled; if it does not, the flood is repeated with a wider fence, and then without one. tests/test_navfn.py compares
+both on many maps.
 """
 
 from __future__ import annotations
 
-from typing import Optional, Tuple
+from typing import List, Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
-MARGIN = 20  # [cells] between the fence and what it is around
+MARGINS = (20, 60)  # [cells] between the fence and what it is around: first and second try
 INNER = 6  # [cells] that a plan keeps from the fence: it looks two cells around itself
 ROWS = 3  # [cells] inside the fence in which the potential has to rise outwards,
 SLACK = 10.0  # by at least this much a cell; a free cell costs 50
@@ -32,8 +33,8 @@ LARGEST = 0.7  # of the map: fencing off less is not worth it
 Rectangle = Tuple[int, int, int, int]
 
 
-def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optional[Rectangle]:
-    """The fence (x0, y0, x1, y1) as its first and last columns and rows, or None where it is not worth it.
+def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> List[Rectangle]:
+    """The fences to try, (x0, y0, x1, y1) as first and last columns and rows; none where it is not worth it.
 
     Args:
         extent: (4,) int64, least x and y and greatest x and y of the cells that were ever not free.
@@ -46,9 +47,8 @@ def around(extent: np.ndarray, robot: int, goal: int, nx: int, ny: int) -> Optio
     for cell in (robot, goal):
         y, x = divmod(cell, nx)
         left, low, right, high = min(left, x), min(low, y), max(right, x), max(high, y)
-    x0, y0 = max(0, left - MARGIN), max(0, low - MARGIN)
-    x1, y1 = min(nx - 1, right + MARGIN), min(ny - 1, high + MARGIN)
-    return None if (x1 - x0) * (y1 - y0) > LARGEST * nx * ny else (x0, y0, x1, y1)
+    fences = [(max(0, left - m), max(0, low - m), min(nx - 1, right + m), min(ny - 1, high + m)) for m in MARGINS]
+    return [(x0, y0, x1, y1) for x0, y0, x1, y1 in fences if (x1 - x0) * (y1 - y0) < LARGEST * nx * ny]
 
 
 @kernel
