@@ -14,7 +14,7 @@ from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods, observation
 from applr_ros1.policy.actor import Actor, ActorError, save
 from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe, smooth
-from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space, SpaceError
+from applr_ros1.policy.parameter_space import ROLES, SPACE, THETA_0, Space, SpaceError
 from training.evaluation import trials
 from worlds import builtin
 
@@ -294,6 +294,19 @@ def test_another_space_is_another_space(tmp_path):
     high[0] = 1.0
     with pytest.raises(ActorError, match="another parameter space"):
         Actor.load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+
+
+def test_one_request_for_each_server():
+    theta = SPACE.from_dict({"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4})
+    requests = SPACE.requests(theta)
+    assert list(requests) == list(ROLES.values())
+    assert requests[ROLES["planner"]]["min_vel_theta"] == -requests[ROLES["planner"]]["max_vel_theta"] == -2.0
+    assert requests[ROLES["planner"]]["path_distance_bias"] == 0.5
+    assert isinstance(requests[ROLES["planner"]]["vx_samples"], int)
+    assert requests[ROLES["local_inflation"]] == requests[ROLES["global_inflation"]] == {"inflation_radius": 0.4}
+    assert [requests[server][name] for server, name in SPACE.places()] == theta.tolist()
+    with pytest.raises(SpaceError, match="not finite"):
+        SPACE.requests(np.full(8, np.nan))
 
 
 def test_methods(tmp_path):

@@ -20,24 +20,13 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Float64MultiArray
 
+from applr_ros1.policy.parameter_space import SPACE
 from worlds.drive_picture import Drive
 
 from . import goal, processes
 from .demo import DemoError
 
 Outcome = namedtuple("Outcome", "success timeout time text")
-SHOWN = {
-    "TrajectoryPlannerROS": (
-        "max_vel_x",
-        "max_vel_theta",
-        "vx_samples",
-        "vtheta_samples",
-        "occdist_scale",
-        "path_distance_bias",
-        "goal_distance_bias",
-    ),
-    "local_costmap/inflater_layer": ("inflation_radius",),
-}
 EVERY = 2.0  # simulated seconds between lines of progress
 
 
@@ -57,9 +46,9 @@ class Observer:
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/cmd_vel", Twist, lambda message: self._heard.append(time.monotonic()), queue_size=50)
-        for server, names in SHOWN.items():
-            for name in names:
-                self.parameters[name] = []
+        self.parameters.update((name, []) for _, name in SPACE.places())
+        for server in dict(SPACE.places()):
+            names = tuple(name for place, name in SPACE.places() if place == server)
             rospy.Subscriber(
                 "/move_base/%s/parameter_updates" % server, Config, self._on_parameters, names, queue_size=10
             )

@@ -7,13 +7,8 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, Optional, Sequence
 
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import ROLES, SPACE
 
-SERVERS = {
-    "planner": "TrajectoryPlannerROS",
-    "local_inflation": "local_costmap/inflater_layer",
-    "global_inflation": "global_costmap/inflater_layer",
-}
 PERIODS = 2.5  # decision periods without a heartbeat: theta_0 is back within three periods of the node's death
 
 
@@ -45,7 +40,7 @@ class HeartbeatWatchdog:
 
 
 def start_up_requests(
-    start_up_configuration: Callable[[str], Dict[str, Any]], servers: Sequence[str] = tuple(SERVERS.values())
+    start_up_configuration: Callable[[str], Dict[str, Any]], servers: Sequence[str] = tuple(ROLES.values())
 ) -> Dict[str, Dict[str, Any]]:
     """What each server has to be sent to give the eight learned parameters their values of the node's start.
 
@@ -56,13 +51,9 @@ def start_up_requests(
     Returns:
         {server: {name: value}}.
     """
-    requests: Dict[str, Dict[str, Any]] = {}
-    for targets in SPACE.targets.values():
-        for target in targets:
-            server = SERVERS[target.server]
-            if server not in servers:
-                continue
-            values = start_up_configuration(server)
-            name = next(name for name in target.names if name in values)
-            requests.setdefault(server, {})[name] = values[name]
-    return requests
+    start_up = {server: start_up_configuration(server) for server in servers if server in ROLES.values()}
+    return {
+        server: {name: start_up[server][name] for name in names}
+        for server, names in SPACE.requests(SPACE.theta0).items()
+        if server in start_up
+    }

@@ -24,7 +24,7 @@ from dynamic_reconfigure.msg import (
 from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 
 from applr_ros1.nodes.service_call import Deadline, Master, ServiceCaller, ServiceError
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import ROLES, SPACE
 
 DEADLINE = 1.0  # s of wall time for one call of all servers
 _KINDS = {
@@ -145,7 +145,7 @@ class ReconfigureClient:
     @property
     def connected(self):
         """Whether all three servers have been found."""
-        return len(self._names) == 3
+        return len(self._names) == len(ROLES)
 
     @property
     def servers(self):
@@ -193,11 +193,9 @@ class ReconfigureClient:
         try:
             known = server.wait(max(0.0, min(1.0, deadline.at - time.monotonic())))
             names, missing = [], []
-            for i, parameter in enumerate(self.space.names):
-                for target in self.space.targets[parameter]:
-                    if target.server == role:
-                        chosen = next((n for n in target.names if server.knows(n)), None)
-                        (names.append((i, target.sign, chosen)) if chosen else missing.append(target.names[0]))
+            for i, target in self.space.targets_of(role):
+                chosen = next((n for n in target.names if server.knows(n)), None)
+                (names.append((i, target.sign, chosen)) if chosen else missing.append(target.names[0]))
             if not known:
                 return f"{name} does not publish its parameters: is it stopped?"
             if missing:
@@ -216,7 +214,7 @@ class ReconfigureClient:
         if not self.connected:
             return None
         theta = np.array(self.space.theta0)
-        for role in ("global_inflation", "local_inflation", "planner"):
+        for role in reversed(tuple(ROLES)):  # of the two costmaps, the local one counts
             values = self._servers[role].values()
             for i, sign, name in self._names[role]:
                 if sign > 0:

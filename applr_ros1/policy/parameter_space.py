@@ -15,6 +15,11 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.declarations import SERVERS
 
+ROLES = {  # the servers of move_base that hold the parameters, below its name
+    "planner": "TrajectoryPlannerROS",
+    "local_inflation": "local_costmap/inflater_layer",
+    "global_inflation": "global_costmap/inflater_layer",
+}
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
 
 
@@ -26,7 +31,7 @@ class SpaceError(ApplrError):
 class Target:
     """One dynamic_reconfigure value that follows a parameter of theta.
 
-    server: "planner", "local_inflation" or "global_inflation"; names: accepted names, the newest first
+    server: a key of ROLES; names: accepted names, the newest first
     (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is mirrored.
     """
 
@@ -101,6 +106,25 @@ class Space:
             theta[i] = value
         return self.clip(theta)
 
+    def targets_of(self, role):
+        """[(index into theta, Target), ...] of the values that the server of a role holds."""
+        return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == role]
+
+    def requests(self, theta):
+        """theta (n,), clipped → {server: {name: value}}: one request for each of move_base's servers.
+
+        Raises SpaceError, before there is any request, for a wrong length or a value that is not finite.
+        """
+        values = list(self.as_dict(self.clip(theta)).values())
+        return {
+            server: {target.names[0]: target.sign * values[i] for i, target in self.targets_of(role)}
+            for role, server in ROLES.items()
+        }
+
+    def places(self):
+        """[(server, name), ...]: where the value of each parameter of theta is read back from move_base."""
+        return [(ROLES[self.targets[name][0].server], self.targets[name][0].names[0]) for name in self.names]
+
     def read(self, path):
         """theta (n,) from a JSON file: {name: value}, or {"parameters": {name: value}, ...}; names left out keep
         theta_0. Raises SpaceError.
@@ -145,7 +169,6 @@ _RANGES = {
     "gdist_scale": (0.1, 2.0),
     "inflation_radius": (0.1, 0.6),
 }
-_INFLATION = {"local_inflation": "local_costmap/inflater_layer", "global_inflation": "global_costmap/inflater_layer"}
 
 
 def _declared(server, name):
@@ -154,12 +177,12 @@ def _declared(server, name):
 
 
 def _server(name):
-    return _INFLATION["local_inflation"] if name == "inflation_radius" else "TrajectoryPlannerROS"
+    return ROLES["local_inflation"] if name == "inflation_radius" else ROLES["planner"]
 
 
 def _targets(name):
     if name == "inflation_radius":
-        return tuple(Target(role, (name,)) for role in _INFLATION)
+        return (Target("local_inflation", (name,)), Target("global_inflation", (name,)))
     declared = _declared(_server(name), name)
     targets = (Target("planner", (declared.name,) + declared.aliases),)
     if name == "max_vel_theta":  # the planner takes the other direction apart: the same speed, mirrored

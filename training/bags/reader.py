@@ -274,7 +274,7 @@ def _parameters(recording, at, message, topic):
         known = "inflation_radius" in values
     else:
         role = "planner"
-        known = all(any(n in values for n in t.names) for ts in SPACE.targets.values() for t in ts if t.server == role)
+        known = all(any(n in values for n in t.names) for _, t in SPACE.targets_of(role))
     if known:
         recording.parameters.setdefault(role, []).append((at, values))
 

@@ -18,9 +18,10 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
+from applr_ros1.policy.parameter_space import ROLES
 from sim_bridge import jackal
 from training.bags.reader import SECOND, Topics
-from training.mdp.episode import SERVERS, Episode, Outcome
+from training.mdp.episode import Episode, Outcome
 
 PAUSE = 5.0  # s of time between two courses of a bag
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
@@ -299,7 +300,7 @@ class RecordingEpisode(Episode):
         )
 
     def _parameters(self, later: float = 0.0) -> None:
-        for server in SERVERS.values():
+        for server in ROLES.values():
             self.writer.parameters(self._now + later, server, self.move_base.configuration(server))
 
 

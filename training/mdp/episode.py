@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import dataclass, field, replace
-from typing import Dict, List, Optional, Tuple
+from typing import List, Optional, Tuple
 
 import numpy as np
 
@@ -25,11 +25,6 @@ PERIOD = 2.0  # the paper's decision period [s]
 CONTROL_PERIOD = 0.05  # of one planner and controller cycle [s]: the Jackal's 20 Hz
 TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
 LIMIT = 50  # decisions of the paper's period in TIME_LIMIT
-SERVERS = {
-    "planner": "TrajectoryPlannerROS",
-    "local_inflation": "local_costmap/inflater_layer",
-    "global_inflation": "global_costmap/inflater_layer",
-}  # the space's targets, by MoveBase's names
 NEAREST = 0.1  # smallest distance that the laser can tell [m]: what lies nearer counts as this
 
 
@@ -223,13 +218,9 @@ class Episode:
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
         """Set parameters theta (8,) through the same reconfigure servers as over ROS; returns what is in force."""
-        requests: Dict[str, Dict[str, float]] = {}
-        for name, value in self.space.as_dict(self.space.clip(theta)).items():
-            for target in self.space.targets[name]:
-                requests.setdefault(SERVERS[target.server], {})[target.names[0]] = target.sign * value
+        requests = self.space.requests(theta)
         has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
-        first = [self.space.targets[name][0] for name in self.space.names]
-        return np.array([has[SERVERS[t.server]][t.names[0]] * t.sign for t in first], dtype=np.float64)
+        return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
     def _cycle(self):

@@ -19,7 +19,7 @@ from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
-from training.mdp.episode import CONTROL_PERIOD, SERVERS, laser_pose
+from training.mdp.episode import CONTROL_PERIOD, laser_pose
 
 TURN_WEIGHT = 0.25  # of (rad/s)^2 beside (m/s)^2: H = diag(1, 1/4)
 PULL = 1e-3  # towards theta_0, in the action's unit squared: decides where nothing else does
@@ -52,11 +52,7 @@ class Fit:
 
 def apply(planner: MoveBase, theta) -> None:
     """Set theta (8,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
-    requests: Dict[str, Dict[str, float]] = {}
-    for name, value in SPACE.as_dict(SPACE.clip(theta)).items():
-        for target in SPACE.targets[name]:
-            requests.setdefault(SERVERS[target.server], {})[target.names[0]] = target.sign * value
-    for server, values in requests.items():
+    for server, values in SPACE.requests(theta).items():
         planner.reconfigure(server, values)
 
 
