@@ -11,7 +11,7 @@ import pytest
 import sim_bridge
 import worlds
 from applr_ros1.policy import appld as runtime
-from applr_ros1.policy import methods as modes
+from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from training import appld
 from training.bags.reader import BagError
@@ -21,7 +21,6 @@ from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import scripted_driver as demonstrator
 from training.baselines.appld import segmentation as contexts
 from training.demonstrate import demonstrate
-from training.evaluation import methods
 
 
 @pytest.fixture(scope="module")
@@ -137,33 +136,33 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     assert "| occdist_scale |" in card
     assert str(tmp_path) not in card
     method = methods.make("appld:%s" % out)
-    mode = modes.make("appld", policy=str(out))
+    mode = methods.make_mode("appld", str(out))
     d = demonstration.read(bag)
     obs = np.concatenate([appld_classifier.inputs(d.ranges[:1])[0], np.zeros(9, np.float32)])
     theta = method.policy.theta(obs)
-    assert np.array_equal(theta, mode.theta(obs))
+    assert np.array_equal(theta, mode.policy.theta(obs))
     assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])
     assert method.describe()["file"] == "mine.safetensors"
 
 
 def test_published_sets_as_a_mode():
-    mode = modes.make("appld", policy="published")
+    mode = methods.make_mode("appld", "published").policy
     seen = set()
     for ahead, beside in ((2.0, 2.0), (1.2, 1.0), (1.2, 0.4), (0.7, 1.0)):
         obs = np.full(729, beside - 1.0, np.float32)
         obs[300:420] = ahead - 1.0
-        seen.add(mode.contexts.names[mode.contexts.context(obs)])
+        seen.add(mode.names[mode.context(obs)])
         assert np.array_equal(mode.theta(obs), SPACE.clip(mode.theta(obs)))
     assert seen == set(runtime.PUBLISHED)
 
 
 def test_shipped_file_drives():
     """The file in models/ is one of these, and its card says that a script demonstrated."""
-    path = modes.shipped("appld.safetensors")
+    path = methods.shipped("appld.safetensors")
     found = runtime.Appld.load(path)
     assert 2 <= len(found.names) <= 8
     assert "scripted" in json.loads(found.metadata["training"])["demonstrations"][0]["demonstrator"]
-    assert np.array_equal(modes.make("appld").theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
+    assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
 
 
 @pytest.mark.ros
@@ -199,4 +198,4 @@ def test_mistakes_are_one_line(tmp_path, capsys):
     with pytest.raises(BagError):
         demonstration.read(broken)
     with pytest.raises(runtime.AppldError):
-        modes.make("appld", policy=str(broken))
+        methods.make("appld:%s" % broken)

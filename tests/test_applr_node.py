@@ -271,7 +271,7 @@ def test_dwa_leaves_the_planner_alone(robot, stack):
 @pytest.mark.parametrize(
     ("parameters", "line"),
     [
-        ({"mode": "fast"}, "mode 'fast' is unknown"),
+        ({"mode": "fast"}, "method 'fast' is not known"),
         ({"mode": "dwa", "period": -1}, "period is -1"),
         ({"mode": "random", "seed": "x"}, "seed is 'x'"),
         ({"mode": "dwa", "scan_topic": 5}, "scan_topic is 5"),
@@ -329,7 +329,7 @@ def test_mode_and_file_change_while_driving(robot, stack, tmp_path):
     answer = service("set_mode", SetMode, "fixed", "", str(tmp_path / "set.json"))
     assert (answer.success, answer.message) == (True, "mode fixed")
     wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
-    for mode, words in (("applr", "none.safetensors"), ("fast", "mode 'fast' is unknown")):
+    for mode, words in (("applr", "none.safetensors"), ("fast", "method 'fast' is not known")):
         answer = service("set_mode", SetMode, mode, str(tmp_path / "none.safetensors"), "")
         assert not answer.success
         assert words in answer.message

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods, observation
 from applr_ros1.policy.actor import Actor, ActorError, save
+from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import ROLES, SPACE, THETA_0, Space, SpaceError
 from training.evaluation import trials
@@ -311,16 +312,24 @@ def test_one_request_for_each_server():
 
 def test_methods(tmp_path):
     obs = observe(np.ones(720), 0.0, THETA_0)
+    here = Context(obs, np.ones(720, np.float32), 0.0, THETA_0, 0.0)
     assert methods.make("dwa").static
-    assert methods.make("dwa").theta(obs).tolist() == THETA_0.tolist()
-    first, again = methods.make("random", seed=3), methods.make("random", seed=3)
-    np.testing.assert_array_equal(first.theta(obs), again.theta(obs))
-    save(tmp_path / "a.safetensors", make_weights())
-    applr = methods.make("applr", policy=str(tmp_path / "a.safetensors"), seed=1)
-    np.testing.assert_array_equal(applr.theta(obs), Actor(make_weights()).theta(obs))
+    assert methods.make("dwa").theta(None).tolist() == THETA_0.tolist()
+    save(tmp_path / "a", make_weights(), {"period_s": 1.0})
+    applr = methods.make_mode("applr", str(tmp_path / "a"))
+    np.testing.assert_array_equal(applr.theta(here), Actor(make_weights()).theta(obs))
+    assert applr.period == 1.0
+    assert methods.make("applr").period == 2.0
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
-    fixed = methods.make("fixed", parameters=str(tmp_path / "set.json"))
-    assert fixed.theta(obs)[:3].tolist() == [1.5, 1.57, 12]
+    fixed = methods.make_mode("fixed", parameters=str(tmp_path / "set.json"))
+    assert fixed.theta(here)[:3].tolist() == [1.5, 1.57, 12]
+
+
+def test_a_period_that_cannot_be_is_refused(tmp_path):
+    for period in (0.0, -1.0, "2", True, 1e9):
+        save(tmp_path / "a", make_weights(), {"period_s": period})
+        with pytest.raises(ActorError, match="period_s"):
+            Actor.load(tmp_path / "a")
 
 
 @pytest.mark.parametrize(
@@ -341,17 +350,17 @@ def test_bad_parameter_files_are_one_line(text, tmp_path):
     path = tmp_path / "set.json"
     path.write_text(text)
     with pytest.raises(SpaceError) as e:
-        methods.make("fixed", parameters=str(path))
+        methods.make("fixed:%s" % path)
     assert "\n" not in str(e.value)
     assert str(path) in str(e.value)
 
 
 def test_unknown_modes_and_missing_files():
-    for call in (lambda: methods.make("fast"), lambda: methods.make("fixed", parameters="")):
-        with pytest.raises(SpaceError):
+    for call in (lambda: methods.make("fast"), lambda: methods.make_mode("fixed")):
+        with pytest.raises(methods.MethodError):
             call()
     with pytest.raises(ActorError):
-        methods.make("applr", policy="/nowhere/actor.safetensors")
+        methods.make_mode("applr", "/nowhere/actor.safetensors")
 
 
 def test_shipped_policy_says_what_made_it_and_drives():

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.files import StorageError
-from applr_ros1.policy.parameter_space import SpaceError
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE, SpaceError
 from training import evaluate
-from training.evaluation import methods, trials
 from training.evaluation import store as trial_store
+from training.evaluation import trials
 from training.mdp.episode import TIME_LIMIT
 
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -285,18 +286,18 @@ def context(**more):
         observation=np.zeros(729, np.float32),
         ranges=np.full(720, 2.0, np.float32),
         phi=0.0,
-        theta=methods.SPACE.theta0,
+        theta=SPACE.theta0,
         time=0.0,
     )
     return methods.Context(**{**given, **more})
 
 
 def theta(method, name):
-    return method.theta(context())[methods.SPACE.names.index(name)]
+    return method.theta(context())[SPACE.names.index(name)]
 
 
 def test_baselines(tmp_path):
-    assert np.array_equal(methods.make("dwa").theta(context()), methods.SPACE.theta0)
+    assert np.array_equal(methods.make("dwa").theta(context()), SPACE.theta0)
     fast = methods.make("fast_dwa")
     assert theta(fast, "max_vel_x") == 1.0
     assert theta(fast, "vx_samples") == 12
@@ -318,13 +319,13 @@ def test_random_depends_on_the_trials_seed_only():
     assert not np.array_equal(method.theta(context()), first[0])
     method.reset(4)
     assert np.array_equal([method.theta(context()) for _ in range(3)], first)
-    assert (np.array(first) >= methods.SPACE.low).all()
-    assert (np.array(first) <= methods.SPACE.high).all()
+    assert (np.array(first) >= SPACE.low).all()
+    assert (np.array(first) <= SPACE.high).all()
 
 
 def test_a_persons_own_class(tmp_path, monkeypatch):
     (tmp_path / "my_module.py").write_text(
-        "from training.evaluation.methods import SPACE\n"
+        "from applr_ros1.policy.parameter_space import SPACE\n"
         "class Cautious:\n    def __init__(self, text='1.0'): self.speed = float(text)\n"
         "    def reset(self, seed): self.seed = seed\n"
         "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': self.speed})\n"

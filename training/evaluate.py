@@ -17,7 +17,7 @@ from typing import Any, Dict, List, Sequence
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
-from training.evaluation import methods
+from applr_ros1.policy import methods
 from training.evaluation.store import TRIALS, Store
 from training.evaluation.trial_pool import Processes, RayActors
 from training.evaluation.trials import PROTOCOLS, Task, plan, world_list

@@ -13,6 +13,7 @@ from collections import Counter
 import numpy as np
 import rospy
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
@@ -21,8 +22,7 @@ from applr_ros1.nodes.applr_topics import Topics
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy import methods
-from applr_ros1.policy.actor import ActorError
-from applr_ros1.policy.appld import AppldError
+from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
@@ -37,29 +37,41 @@ class ApplrNode:
     """Joins inputs, method and worker.
 
     Args:
-        method: Chooses the parameters (policy/methods.py).
+        method: Chooses the parameters (policy/methods/).
         inputs: Scan, odometry, plan and goal.
         topics: What is published.
-        period: Time [s] of ROS between decisions.
+        period: Time [s] of ROS between decisions; None: the method's own.
         namespace: Of move_base.
         max_speed: Largest max_vel_x [m/s] that is set, whatever the method chooses.
+        seed: Of what a method draws; the courses have seed, seed + 1 ...
     """
 
-    def __init__(self, method, inputs, topics, period=2.0, namespace="/move_base", max_speed=math.inf):
-        self.method, self.inputs, self.topics, self.period = method, inputs, topics, period
+    def __init__(self, method, inputs, topics, period=None, namespace="/move_base", max_speed=math.inf, seed=0):
+        self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
+        self._own_period = period
         self.enabled = True
         self._cap = np.where(np.array(SPACE.names) == "max_vel_x", max_speed, math.inf)
         self._report_jump = Throttled(rospy.logwarn)
         self.counts = Counter()
         self.trouble = ""  # newest line about what is wrong; "" when nothing is
         self.degraded = ""  # why the chosen method is not the one that drives
-        self._goal, self._due, self._failures = None, None, 0
+        self._goal, self._due, self._failures, self._began = None, None, 0, None
         self._last = None  # ROS time of the last decision
         self._base_set = False  # whether what a goal-less planner should have has been sent
         self._lock = threading.Lock()  # of trouble
         self._deciding = threading.Lock()  # of method, enabled and the course's state
         self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
         self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
+
+    @property
+    def period(self):
+        """Time [s] of ROS between decisions: as asked for, else the method's."""
+        return self.method.period if self._own_period is None else self._own_period
+
+    def _begin_course(self, now):
+        self.method.reset(self.seed + self.counts["courses"])
+        self.counts["courses"] += 1
+        self._due, self._failures, self._began = now, 0, now
 
     def spin(self):
         """Until shutdown. A clock that jumps back starts afresh."""
@@ -105,8 +117,7 @@ class ApplrNode:
             if self._goal is None or method.static:
                 self._base_set = False
             else:
-                method.reset()
-                self._due, self._failures = rospy.Time.now(), 0
+                self._begin_course(rospy.Time.now())
 
     def _nap(self, now):
         left = TICK if self._due is None else (self._due - now).to_sec()
@@ -127,8 +138,7 @@ class ApplrNode:
                 rospy.loginfo("applr: no goal any more")
                 self._base()
             else:
-                self.method.reset()
-                self._due, self._failures = now, 0
+                self._begin_course(now)
             self._goal, self._last = goal, None
         if goal is not None and now >= self._due:
             self._decide(now, goal)
@@ -140,7 +150,8 @@ class ApplrNode:
                 raise ObservationError("the planner's parameters are not known yet")
             seen = self.inputs.snapshot(now)
             target = local_goal(seen.plan, seen.pose)
-            obs = observe(seen.ranges, goal_angle(target), theta_prev)
+            phi = goal_angle(target)
+            obs = observe(seen.ranges, phi, theta_prev)
         except ObservationError as e:
             if (now - self._due).to_sec() >= self.period:  # tried for a whole period
                 self._due = now
@@ -153,7 +164,7 @@ class ApplrNode:
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
-        theta, refused = self._ask(obs)
+        theta, refused = self._ask(Context(obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec()))
         self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")
@@ -162,11 +173,11 @@ class ApplrNode:
         if not self.method.static:
             self.worker.request(theta)
 
-    def _ask(self, obs):
+    def _ask(self, context):
         """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
         try:
-            return self._capped(SPACE.clip(self.method.theta(obs))), ""
-        except SpaceError as e:
+            return self._capped(SPACE.clip(self.method.theta(context))), ""
+        except ApplrError as e:
             return None, str(e)
         except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
             return None, f"{type(e).__name__}: {e}".splitlines()[0]
@@ -249,7 +260,7 @@ class ApplrNode:
             self._doing(),
             dict(
                 {name: self.counts[name] for name in COUNTS},
-                method=self.method.mode if self.enabled else "off",
+                method=self.method.name if self.enabled else "off",
                 max_speed=f"{self._cap.min():g}",
                 goal=self._goal or "none",
                 decision_age_s=f"{age:.2f}",
@@ -263,14 +274,14 @@ class ApplrNode:
         return "idle: no goal" if self._goal is None else "deciding"
 
 
-def make_method(mode, policy, parameters, seed):
+def make_method(mode, policy, parameters):
     """The method for `mode`. When its file cannot be used: one line, and the planner drives on theta_0."""
     try:
-        return methods.make(mode, policy=policy, parameters=parameters, seed=seed), ""
-    except (ActorError, AppldError, SpaceError) as e:
-        if mode not in methods.METHODS:
+        return methods.make_mode(mode, policy, parameters), ""
+    except ApplrError as e:
+        if mode not in methods.METHODS and mode not in methods.MODES:
             raise
-        return methods.make("dwa"), str(e)
+        return methods.make_mode("dwa"), str(e)
 
 
 def _number(name, default, low, high):
@@ -295,7 +306,7 @@ def main():
     rospy.init_node("applr")
     try:
         period, seed, namespace = (
-            _number("period", 2.0, 0.1, 60.0),
+            _number("period", 0, 0, 60.0),
             _number("seed", 0, 0, 2**31 - 1),
             rospy.resolve_name(_text("move_base", "move_base")),
         )
@@ -307,18 +318,19 @@ def main():
             _text("plan_topic", namespace + "/NavfnROS/plan"),
         )
         base_frame = _text("base_frame", "base_link")
-        method, trouble = make_method(_text("mode", "applr"), _text("policy", ""), _text("parameters", ""), seed)
-    except (SpaceError, ValueError) as e:
+        mode = _text("mode", "applr")
+        method, trouble = make_method(mode, _text("policy", ""), _text("parameters", ""))
+    except ApplrError as e:
         print(f"applr: {e}", file=sys.stderr)
         return 1
     inputs = Inputs(*topics, namespace)
     topics = Topics(base_frame=base_frame)
-    node = ApplrNode(method, inputs, topics, float(period), namespace, float(max_speed))
-    Services(node, int(seed))
+    node = ApplrNode(method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed))
+    Services(node)
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble
-    rospy.loginfo("applr: ready, mode %s, a decision every %g s", method.mode, period)
+    rospy.loginfo("applr: ready, mode %s, a decision every %g s", method.name, node.period)
     gc.collect()
     gc.freeze()  # what is loaded by now stays; it need not be looked through again
     node.spin()

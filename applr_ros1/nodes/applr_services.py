@@ -23,11 +23,10 @@ class Services:
 
     Args:
         node: The node that is controlled.
-        seed: Of mode random.
     """
 
-    def __init__(self, node: ApplrNode, seed: int):
-        self._node, self._seed = node, seed
+    def __init__(self, node: ApplrNode):
+        self._node = node
         self._services = (
             rospy.Service("~enable", SetBool, self._enable),
             rospy.Service("~set_mode", SetMode, self._set_mode),
@@ -35,14 +34,14 @@ class Services:
 
     def _enable(self, request):
         self._node.switch(request.data)
-        return SetBoolResponse(True, "on, mode %s" % self._node.method.mode if request.data else "off: theta_0")
+        return SetBoolResponse(True, "on, mode %s" % self._node.method.name if request.data else "off: theta_0")
 
     def _set_mode(self, request):
-        mode = request.mode or self._node.method.mode
+        mode = request.mode or self._node.method.name
         try:
-            method = methods.make(mode, policy=request.policy, parameters=request.parameters, seed=self._seed)
+            method = methods.make_mode(mode, request.policy, request.parameters)
         except (ValueError, OSError) as problem:
-            rospy.logerr("applr: mode stays %s: %s", self._node.method.mode, problem)
+            rospy.logerr("applr: mode stays %s: %s", self._node.method.name, problem)
             return SetModeResponse(False, str(problem))
         self._node.change_method(method)
         rospy.loginfo("applr: mode %s%s", mode, ", policy " + request.policy if request.policy else "")

@@ -74,8 +74,7 @@ def check(values):
     seed = number("seed", values["seed"])
     if seed != int(seed) or not 0 <= seed < 2**31:
         raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
-    one_of("mode", values["mode"], sorted(methods.METHODS))
-    methods.make(values["mode"], policy=path(values["policy"]), parameters=path(values["parameters"]), seed=int(seed))
+    methods.make_mode(values["mode"], path(values["policy"]), path(values["parameters"]))
     goal(values["goal"])
     if sim:
         worlds.load(values["world"])

@@ -15,6 +15,7 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import observation
+from applr_ros1.policy.decision import period_of
 from applr_ros1.policy.parameter_space import SPACE
 
 FORMAT = "applr-actor-1"
@@ -37,6 +38,7 @@ class Actor:
         self.layers = _layers(weights, observation.BEAMS + 1 + len(space), len(space), "actor")
         self.space = space
         self.metadata = metadata or {}
+        self.period = period_of(self.metadata)
 
     @classmethod
     def load(cls, path, space=SPACE):
@@ -48,7 +50,10 @@ class Actor:
         _compare(path, "parameter space", metadata.get("space"), json.loads(space.to_json()))
         _compare(path, "observation", metadata.get("layout"), observation.LAYOUT)
         _layers(weights, observation.BEAMS + 1 + len(space), len(space), path)
-        return cls(weights, space, metadata)
+        try:
+            return cls(weights, space, metadata)
+        except ValueError as e:
+            raise ActorError(f"{path}: {e}") from None
 
     def action(self, obs):
         """obs (729,) or (n, 729) float32 → action (8,) or (n, 8) float32 in [-1, 1]. NaN goes through."""

@@ -1,7 +1,6 @@
 """APPLD's runtime half: a parameter set for each navigation context and a small network that tells the context from
-the current scan. Called by training/evaluation/methods.py and by launch mode appld; whatever learns from demonstrations writes
-the file.
-"""  # noqa: E501
+the current scan. Called by policy/methods/registry.py; training/appld.py writes the file.
+"""
 
 import json
 import os

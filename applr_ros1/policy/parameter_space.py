@@ -117,7 +117,7 @@ class Space:
         """
         values = list(self.as_dict(self.clip(theta)).values())
         return {
-            server: {target.names[0]: target.sign * values[i] for i, target in self.targets_of(role)}
+            server: {t.names[0]: type(values[i])(t.sign * values[i]) for i, t in self.targets_of(role)}
             for role, server in ROLES.items()
         }
 

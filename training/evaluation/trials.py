@@ -16,8 +16,8 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
+from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from training.evaluation import methods
 from training.mdp.episode import LIMIT, Episode
 from worlds import World, WorldError, field
 
@@ -130,6 +130,7 @@ class Driver:
         world, method = self._world(task.world_spec), self._method(task.method_spec)
         method.reset(task.seed)
         episode = self.episode(task.weights, task.planner)
+        episode.set_period(method.period)
         outcome = episode.reset(world, task.seed)
         changes: List[float] = []
         while not outcome.over:

@@ -1,0 +1,85 @@
+"""Whether a method keeps the contract that node and evaluation rely on: `check_method(MyMethod())`.
+
+Users call it for their own class, for instance in a test of theirs; tests/test_method_contract.py calls it for all
+that come with the package.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any, List
+
+import numpy as np
+
+from applr_ros1.common.errors import reason
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.methods.own import OwnMethod
+from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.observation import BEAMS, observe
+from applr_ros1.policy.parameter_space import SPACE
+
+DECISIONS = 8
+
+
+def check_method(method: Any) -> None:
+    """Put a method to its contract. Returns nothing when it is kept.
+
+    Args:
+        method: A Method, or an object of one's own with theta(context).
+
+    Raises:
+        MethodError: One line with the promise that is broken.
+    """
+    name = type(method).__name__
+    used = method if isinstance(method, Method) else OwnMethod(method, name)
+    _need(np.isfinite(used.period) and 0.05 <= used.period <= 60.0, name, "period is %r s, not .05 to 60" % used.period)
+    contexts = scenes(DECISIONS)
+    first = _course(used, contexts, 7, name)
+    _need(_course(used, contexts, 7, name) == first, name, "the same seed and contexts gave other parameters")
+    _course(used, contexts[::-1], 8, name)
+    _need(_course(used, contexts, 7, name) == first, name, "what it decides depends on an earlier course")
+    if used.static:
+        _need(len(set(first)) == 1, name, "it is static, but its parameters change")
+        _need(_decide(used, None, name) == first[0], name, "it is static, but theta(None) differs")
+    try:
+        json.dumps(used.describe())
+    except (TypeError, ValueError) as error:
+        raise MethodError("%s: describe() is no JSON (%s)" % (name, reason(error))) from None
+
+
+def scenes(count: int) -> List[Context]:
+    """Contexts as they come up while driving: open and narrow, no returns, +inf, any parameters in force."""
+    draw = np.random.default_rng(0)
+    found = []
+    for k in range(count):
+        ranges = draw.uniform(0.1, 0.4 + k, BEAMS).astype(np.float32)
+        ranges[draw.random(BEAMS) < k / count] = np.inf
+        phi, theta = float(draw.uniform(-np.pi, np.pi)), SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
+        found.append(Context(observe(ranges, phi, theta), ranges, phi, theta, 2.0 * k))
+    return found
+
+
+def _course(method: Method, contexts: List[Context], seed: int, name: str) -> List[bytes]:
+    method.reset(seed)
+    return [_decide(method, context, name) for context in contexts]
+
+
+def _decide(method: Method, context: Any, name: str) -> bytes:
+    before = None if context is None else (context.observation.tobytes(), context.theta.tobytes())
+    try:
+        theta = np.array(method.theta(context), dtype=np.float64)
+    except MethodError:
+        raise
+    except Exception as error:
+        raise MethodError("%s: theta(context) raised %s: %s" % (name, type(error).__name__, reason(error))) from None
+    _need(theta.shape == (len(SPACE),), name, "theta has shape %s, not (%d,)" % (theta.shape, len(SPACE)))
+    _need(bool(np.isfinite(theta).all()), name, "theta is not finite")
+    _need(bool(np.array_equal(SPACE.clip(theta), theta)), name, "theta lies outside the ranges, or a count is broken")
+    after = None if context is None else (context.observation.tobytes(), context.theta.tobytes())
+    _need(before == after, name, "it changed the context that it was given")
+    return theta.tobytes()
+
+
+def _need(holds: Any, name: str, problem: str) -> None:
+    if not holds:
+        raise MethodError("%s: %s" % (name, problem))

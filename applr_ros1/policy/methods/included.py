@@ -1,0 +1,108 @@
+"""The methods that come with the package: fixed sets, random sets, functions of the observation, and a frozen one."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Dict, Optional
+
+import numpy as np
+
+from applr_ros1.common.files import read_bytes, sha256
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.parameter_space import SPACE
+
+
+class FixedParameters(Method):
+    """One set of parameters throughout.
+
+    Args:
+        values: (8,); clipped to the ranges.
+    """
+
+    static = True
+
+    def __init__(self, values: np.ndarray):
+        self.values = SPACE.clip(values)
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The set."""
+        return self.values.copy()
+
+    def describe(self) -> Dict[str, Any]:
+        """The set by name."""
+        return {"parameters": SPACE.as_dict(self.values)}
+
+
+class RandomParameters(Method):
+    """Uniform over the ranges at each decision: for trying the stack and for gathering data."""
+
+    def __init__(self) -> None:
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Begin a course with draws that depend on the seed only."""
+        self._draws = np.random.default_rng([seed, 0x7A4D])
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """A new draw."""
+        return SPACE.to_theta(self._draws.uniform(-1.0, 1.0, len(SPACE)))
+
+    def describe(self) -> Dict[str, Any]:
+        """How they are drawn."""
+        return {"parameters": "uniform in the ranges, drawn every step"}
+
+
+class ObservationPolicy(Method):
+    """A function of the observation: an actor, or APPLD's contexts.
+
+    Args:
+        policy: Has theta(observation) and, where it states one, a period [s].
+        path: The file that it was read from; "" for none.
+    """
+
+    def __init__(self, policy: Any, path: str = ""):
+        self.policy, self.path = policy, path
+        self.period = float(getattr(policy, "period", PERIOD))
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The policy's parameters for the observation."""
+        if context is None:
+            raise MethodError("a policy needs an observation to decide on")
+        return self.policy.theta(context.observation)
+
+    def describe(self) -> Dict[str, Any]:
+        """The policy's class and its file with checksum."""
+        kind = {"class": type(self.policy).__name__}
+        if not self.path:
+            return kind
+        return dict(kind, file=os.path.basename(self.path), sha256=sha256(read_bytes(self.path)))
+
+
+class FrozenParameter(Method):
+    """Another method with one parameter held at theta_0: what share of the gain does it carry?
+
+    Args:
+        inner: The method that decides over the others.
+        name: The parameter that is held.
+    """
+
+    def __init__(self, inner: Method, name: str):
+        if name not in SPACE.names:
+            raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(SPACE.names)))
+        self.inner, self.index, self.name = inner, SPACE.names.index(name), name
+        self.static, self.period = inner.static, inner.period
+
+    def reset(self, seed: int) -> None:
+        """Begin a course with the inner method."""
+        self.inner.reset(seed)
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The inner method's parameters but for the one that is held."""
+        theta = np.array(self.inner.theta(context), dtype=np.float64)
+        theta[self.index] = SPACE.theta0[self.index]
+        return theta
+
+    def describe(self) -> Dict[str, Any]:
+        """The inner method's description and the parameter that is held."""
+        return dict(self.inner.describe(), frozen=self.name)

@@ -1,0 +1,40 @@
+"""What a method is: the one interface of all that choose planner parameters, on the robot and in evaluation."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Optional
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.decision import PERIOD, Context
+
+
+class MethodError(ApplrError):
+    """A method that cannot be had, or that misbehaves: one line."""
+
+
+class Method:
+    """Chooses the planner's parameters at each decision.
+
+    Attributes:
+        name: What launch argument `mode` calls it, where it is a mode.
+        static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
+            what a person changes later stands.
+        period: Time [s] between two decisions.
+    """
+
+    name = ""
+    static = False
+    period = PERIOD
+
+    def reset(self, seed: int) -> None:
+        """Begin a course. Everything random is drawn from this seed only."""
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The parameters (8,) until the next decision. Raises SpaceError where there are none to be had."""
+        raise NotImplementedError
+
+    def describe(self) -> Dict[str, Any]:
+        """What is recorded beside the results: two methods that describe themselves alike drive alike."""
+        return {"class": type(self).__name__}
