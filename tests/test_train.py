@@ -22,7 +22,7 @@ from training.experience.trajectory import Layout, Trajectory, unpack
 from training.gorila import config as options
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.learner import Learner
-from training.gorila.worker import Policy
+from training.gorila.worker import PolicyWeights
 from training.train import Training, main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -82,7 +82,7 @@ def test_learns_and_leaves_everything_behind(whole):
         "curves.png",
     }
     assert len((whole / "episodes.csv").read_text().splitlines()) == 81
-    policy = Policy((whole / "best.safetensors").read_bytes())
+    policy = PolicyWeights((whole / "best.safetensors").read_bytes())
     assert policy(np.array([0.9]))[0] < -0.3 < 0.3 < policy(np.array([-0.9]))[0]
 
 

@@ -10,6 +10,8 @@ import safetensors.numpy
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import BEAMS
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
@@ -49,11 +51,7 @@ class Appld:
         """Reads a file that `save` wrote. Raises AppldError."""
         path = os.fspath(path)
         data = files.read_bytes(path, MAX_BYTES, AppldError)
-        try:
-            header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")]).get("__metadata__") or {}
-            weights = safetensors.numpy.load(data)
-        except Exception as error:  # safetensors and json let several kinds through
-            raise AppldError(f"{path}: damaged, or no safetensors file ({str(error).splitlines()[0]})") from None
+        weights, header = unpack(data, path, AppldError)
         if header.get("format") != FORMAT:
             raise AppldError(f"{path}: no APPLD file (format {header.get('format')!r}, expected {FORMAT!r})")
         try:
@@ -64,11 +62,7 @@ class Appld:
 
     def context(self, obs):
         """obs (729,) or its first 720 entries → index of the context."""
-        x = np.asarray(obs, dtype=np.float32)[:BEAMS]
-        for weight, bias in self.layers[:-1]:
-            x = np.maximum(weight @ x + bias, np.float32(0.0))
-        weight, bias = self.layers[-1]
-        return int(np.argmax(weight @ x + bias))
+        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[:BEAMS])))
 
     def theta(self, obs):
         """obs (729,) float32 → theta (8,) float64."""
@@ -115,25 +109,9 @@ def save(path, contexts, weights, metadata=None):
 
 
 def _layers(weights, outputs):
-    """[(weight, bias), ...]; AppldError when names, shapes or values do not fit."""
-    layers, width, count = [], BEAMS, len(weights) // 2
     if not 1 <= outputs <= MAX_CONTEXTS:
         raise AppldError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
-    for i in range(count):
-        try:
-            weight, bias = weights[f"{i}.weight"], weights[f"{i}.bias"]
-        except KeyError as error:
-            raise AppldError(f"the tensor {error} is missing") from None
-        rows = outputs if i == count - 1 else len(bias)
-        if weight.shape != (rows, width) or bias.shape != (rows,):
-            raise AppldError(f"layer {i} has shapes {weight.shape} and {bias.shape}: ({rows}, {width}) needed")
-        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-            raise AppldError(f"layer {i} holds NaN or inf")
-        layers.append((np.asarray(weight, dtype=np.float32), np.asarray(bias, dtype=np.float32)))
-        width = rows
-    if not layers:
-        raise AppldError("there are no layers")
-    return layers
+    return layers_of(weights, BEAMS, outputs, "APPLD's network", AppldError)
 
 
 __all__ = ["Appld", "AppldError", "Published", "PUBLISHED", "SpaceError", "save"]

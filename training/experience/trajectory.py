@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from typing import Any, Dict
 
 import numpy as np
-import safetensors
 import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.tensors import unpack
 
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
 MAX_NAME = 200
@@ -126,7 +126,7 @@ class Trajectory:
     @classmethod
     def unpack(cls, blob: bytes) -> "Trajectory":
         """The inverse of pack. Raises TrajectoryError for bytes that are none."""
-        arrays, header = unpack(blob, TrajectoryError)
+        arrays, header = unpack(blob, "trajectory", TrajectoryError)
         try:
             info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
             if not isinstance(info, dict) or not isinstance(terminated, bool):
@@ -134,14 +134,3 @@ class Trajectory:
             return cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
         except (KeyError, ValueError, RecursionError):
             raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
-
-
-def unpack(blob: bytes, error=ValueError):
-    """(arrays, header) of safetensors bytes; raises `error` with one line where they are damaged."""
-    try:
-        arrays = safetensors.numpy.load(blob)
-        length = int.from_bytes(blob[:8], "little")
-        header = json.loads(blob[8 : 8 + length]).get("__metadata__") or {}
-    except (safetensors.SafetensorError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as e:
-        raise error("damaged safetensors data (%s)" % (str(e).splitlines() or [""])[0]) from None
-    return arrays, header

@@ -16,9 +16,10 @@ import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
+from applr_ros1.common.tensors import unpack
 from training.experience.journal import Journal
 from training.experience.replay import Replay
-from training.experience.trajectory import Layout, Trajectory, TrajectoryError, unpack
+from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 from training.gorila.batch import draw_batch
 from training.storage import make_folder
 from training.td3.td3 import TD3, LearnerError, TD3Config
@@ -192,7 +193,7 @@ class Learner:
         data = read_bytes(path)
         if sha256(data) != checkpoint["learner"]["sha256"]:
             raise StorageError("%s: its checksum is wrong; the file is damaged" % path)
-        self.td3.load(*unpack(data, LearnerError), what=str(self.folder))
+        self.td3.load(*unpack(data, str(path), LearnerError), what=str(self.folder))
         header = self.journal.header()
         if header is not None:
             self.replay.begin_at(header["rows"], header["transitions"])

@@ -17,7 +17,9 @@ from typing import Any, Dict, Optional
 
 import numpy as np
 
-from training.experience.trajectory import Layout, Trajectory, unpack
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.network import forward, layers_of
+from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 
 TRAJECTORY, RESULT, ERROR = b"T", b"R", b"E"
 TRAINING, EVALUATION = 0, 1  # first numbers of the seeds
@@ -33,7 +35,7 @@ class Worker:
         """Do a task. Errors come back as an answer, so that one bad episode ends no actor."""
         try:
             if weights:
-                self.policy = Policy(weights)
+                self.policy = PolicyWeights(weights)
             return self.evaluate(task) if task["kind"] == "evaluate" else self.train(task)
         except Exception as error:  # whatever went wrong, the learner must hear of it in one line
             text = "%s: %s" % (type(error).__name__, (str(error).splitlines() or [""])[0])
@@ -84,19 +86,17 @@ class Worker:
         return self.environments[which]
 
 
-class Policy:
-    """The actor in numpy, of any size: ReLU layers and tanh."""
+class PolicyWeights:
+    """The newest policy's weights, of any layout: observation → action."""
 
     def __init__(self, blob: bytes):
-        arrays, _ = unpack(blob)
-        self.layers = [(arrays["%d.weight" % i], arrays["%d.bias" % i]) for i in range(len(arrays) // 2)]
+        arrays, _ = unpack(blob, "weights", TrajectoryError)
+        count = len(arrays) // 2
+        ends = arrays["0.weight"].shape[1], arrays["%d.weight" % (count - 1)].shape[0]
+        self.layers = layers_of(arrays, *ends, "weights", TrajectoryError)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        x = np.asarray(observation, np.float32)
-        for weight, bias in self.layers[:-1]:
-            x = np.maximum(weight @ x + bias, np.float32(0.0))
-        weight, bias = self.layers[-1]
-        return np.tanh(weight @ x + bias)
+        return np.tanh(forward(self.layers, observation))
 
 
 def roll_out(env, act, rng, world=None):

@@ -9,6 +9,7 @@ from typing import Dict, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.policy.network import forward
 from applr_ros1.policy.observation import BEAMS, RANGE_CAP
 
 HIDDEN = 64
@@ -82,5 +83,5 @@ def _varied(scans, rng) -> np.ndarray:
 
 
 def _apply(weights, scans) -> np.ndarray:
-    hidden = np.maximum(scans @ weights["0.weight"].T + weights["0.bias"], 0.0)
-    return np.argmax(hidden @ weights["1.weight"].T + weights["1.bias"], axis=1)
+    layers = [(weights["%d.weight" % i], weights["%d.bias" % i]) for i in range(len(weights) // 2)]
+    return np.argmax(forward(layers, scans), axis=1)

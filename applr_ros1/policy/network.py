@@ -1,0 +1,56 @@
+"""A multilayer perceptron in numpy: tensors by name are checked once, then applied. Actor, APPLD and workers use it."""
+
+from __future__ import annotations
+
+from typing import Any, List, Mapping, Tuple, Type
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+
+MAX_LAYERS = 16
+Layers = List[Tuple[np.ndarray, np.ndarray]]
+
+
+def layers_of(
+    weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name: str, error: Type[ApplrError]
+) -> Layers:
+    """[(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
+
+    Args:
+        weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}.
+        inputs: Width of the input.
+        outputs: Width of the output.
+        name: What the error's line begins with, a file's path for instance.
+        error: Class of the exception to raise.
+    """
+    layers: Layers = []
+    width, count = inputs, len(weights) // 2
+    names = {"%d.%s" % (i, kind) for i in range(count) for kind in ("weight", "bias")}
+    if not 1 <= count <= MAX_LAYERS or set(weights) != names:
+        there = ", ".join(sorted(weights)[:6])
+        raise error("%s: tensors are %s...: 0.weight, 0.bias, 1.weight... needed" % (name, there))
+    for i in range(count):
+        weight, bias = weights["%d.weight" % i], weights["%d.bias" % i]
+        rows = outputs if i == count - 1 else len(bias) if bias.ndim else 0
+        if weight.shape != (rows, width) or bias.shape != (rows,):
+            raise error(
+                "%s: layer %d has shapes %s and %s, (%d, %d) and (%d,) needed"
+                % (name, i, weight.shape, bias.shape, rows, width, rows)
+            )
+        if weight.dtype != np.float32 or bias.dtype != np.float32:
+            raise error("%s: layer %d is %s, float32 needed" % (name, i, weight.dtype))
+        if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
+            raise error("%s: layer %d holds NaN or inf; train or copy it again" % (name, i))
+        layers.append((weight, bias))
+        width = rows
+    return layers
+
+
+def forward(layers: Layers, x: Any) -> np.ndarray:
+    """The network's output before any last activation: ReLU between layers. x (n, inputs) or (inputs,). NaN passes."""
+    x = np.asarray(x, dtype=np.float32)
+    for weight, bias in layers[:-1]:
+        x = np.maximum(x @ weight.T + bias, np.float32(0.0))
+    weight, bias = layers[-1]
+    return x @ weight.T + bias
