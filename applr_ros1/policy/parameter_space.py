@@ -184,7 +184,7 @@ def _targets(name):
     if name == "inflation_radius":
         return (Target("local_inflation", (name,)), Target("global_inflation", (name,)))
     declared = _declared(_server(name), name)
-    targets = (Target("planner", (declared.name,) + declared.aliases),)
+    targets: Tuple[Target, ...] = (Target("planner", (declared.name,) + declared.aliases),)
     if name == "max_vel_theta":  # the planner takes the other direction apart: the same speed, mirrored
         targets += (Target("planner", ("min_vel_theta",), -1.0),)
     return targets
