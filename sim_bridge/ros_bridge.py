@@ -33,7 +33,7 @@ from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
 
 from . import make
-from .ros_topics import Topics
+from .ros_topics import BridgeTopics
 from .simulator import SimulatorError
 
 TICK = 0.01  # simulated seconds between clocks; data every second one
@@ -71,7 +71,7 @@ class Bridge:
         self.refused = 0
         self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
         self.touched = False
-        self.topics = Topics()
+        self.topics = BridgeTopics()
         self.simulator.reset(world, self.seed)
         self.topics.publish_world(self.simulator, self.stamp())
         self._connect()

@@ -31,7 +31,7 @@ for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
 _ATTITUDE_COVARIANCE = [1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4]
 
 
-class Topics:
+class BridgeTopics:
     """The publishers. Queued, so that no frozen listener holds the simulation up."""
 
     def __init__(self):

@@ -12,7 +12,7 @@ from applr_ros1.common.files import StorageError
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from training import bags_to_dataset
-from training.bags.episodes import Report, trajectories
+from training.bags.episodes import BagReport, trajectories
 from training.bags.reader import BagError, find, read
 from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
 from training.experience.dataset import Dataset
@@ -102,7 +102,7 @@ def record(path, **options):
 
 
 def rebuild(path, **options):
-    report = Report()
+    report = BagReport()
     return list(trajectories(read(path), report=report, **options)), report
 
 

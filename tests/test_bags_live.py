@@ -102,7 +102,7 @@ def test_recording_to_driving(stack, tmp_path):
     import rospy
     from std_srvs.srv import Empty
 
-    from training.bags.episodes import Report, trajectories
+    from training.bags.episodes import BagReport, trajectories
     from training.bags.reader import read
 
     bag = tmp_path / "drive.bag"
@@ -112,7 +112,7 @@ def test_recording_to_driving(stack, tmp_path):
     recorder.end()
     wait_for(bag.exists, 10.0, "bag")
 
-    report = Report()
+    report = BagReport()
     found = list(trajectories(read(bag), report=report))
     assert report.transitions >= 3, report
     assert report.verified >= report.transitions, report

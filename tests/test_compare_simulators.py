@@ -20,7 +20,7 @@ ROOT = os.path.dirname(HERE)
 def cells(times, contact=0.0):
     """{(world n, set): one trial}; None: a failure."""
     return {
-        ("w%d" % n, "dwa"): np.array([[t is not None, compare.LIMIT if t is None else t, contact]])
+        ("w%d" % n, "dwa"): np.array([[t is not None, compare.TIME_LIMIT if t is None else t, contact]])
         for n, t in enumerate(times)
     }
 

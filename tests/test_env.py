@@ -11,7 +11,7 @@ import sim_bridge
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
 from training.mdp.episode import Episode, Outcome, nearest
-from training.mdp.reward import STANDING, Reward, failed
+from training.mdp.reward import MOST_STANDING, Reward, failed
 from worlds import Course, World
 
 
@@ -220,7 +220,7 @@ def test_distance_is_bounded_both_ways():
 def test_a_failure_pays_for_the_time_it_stands_still():
     fallen = replace(STEP, flipped=True, decisions=45)
     assert Reward()(fallen, 0, 50)[1]["time"] == -6.0
-    assert Reward()(replace(fallen, decisions=3), 0, 50)[1]["time"] == -1.0 - STANDING
+    assert Reward()(replace(fallen, decisions=3), 0, 50)[1]["time"] == -1.0 - MOST_STANDING
     assert Reward()(replace(STEP, timeout=True), 0)[1]["time"] == -1.0
 
 

@@ -382,3 +382,17 @@ def test_shipped_policy_says_what_made_it_and_drives():
         assert row["success"] == "True", row
         times[task.world, task.method] = float(row["time_s"])
     assert all(times[w, "applr"] < 0.8 * times[w, "dwa"] for w in SHIPPED_DRIVES), times
+
+
+def test_the_robot_is_described_alike_on_both_sides():
+    """The simulated Jackal's scan and outline are those of the policy's observation and the planner's parameters."""
+    from applr_ros1.planner.costmap import footprint
+    from applr_ros1.planner.parameters.declarations import JACKAL
+    from sim_bridge import jackal
+
+    assert (jackal.BEAMS, jackal.ANGLE_MIN, jackal.ANGLE_MAX) == (
+        observation.BEAMS,
+        observation.ANGLE_MIN,
+        -observation.ANGLE_MIN,
+    )
+    np.testing.assert_allclose(footprint.parse(JACKAL["local_costmap"]["footprint"]), jackal.FOOTPRINT, atol=1e-6)

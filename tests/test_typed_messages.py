@@ -18,7 +18,7 @@ from training.bags.reader import read
 
 @pytest.fixture
 def published(monkeypatch):
-    """What a Topics publishes, as (topic, message)."""
+    """What a ApplrTopics publishes, as (topic, message)."""
     messages = []
 
     def publisher(topic, kind, **_):
@@ -54,7 +54,7 @@ def written(path, messages):
 
 
 def test_typed_and_json_decisions_read_the_same(published, tmp_path):
-    topics = applr_topics.Topics()
+    topics = applr_topics.ApplrTopics()
     theta = SPACE.clip(np.linspace(0.4, 1.9, 8))
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")

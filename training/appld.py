@@ -23,7 +23,7 @@ from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, WEIGHTS
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.parameter_space import SPACE
-from training.bags.reader import BagError, Topics, find
+from training.bags.reader import BagError, TopicNames, find
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
@@ -171,9 +171,9 @@ def parse(arguments=None) -> argparse.Namespace:
     )
     p.add_argument("--steps", type=int, default=500, help="Number of gradient steps of the classifier's training.")
     p.add_argument("--seed", type=int, default=0, help="Seed of all random draws.")
-    p.add_argument("--scan", default=Topics.scan, help="Topic of the laser scans in the bags.")
-    p.add_argument("--odometry", default=Topics.odometry, help="Topic of the odometry in the bags.")
-    p.add_argument("--command", default=Topics.command, help="Topic of the velocity commands in the bags.")
+    p.add_argument("--scan", default=TopicNames.scan, help="Topic of the laser scans in the bags.")
+    p.add_argument("--odometry", default=TopicNames.odometry, help="Topic of the odometry in the bags.")
+    p.add_argument("--command", default=TopicNames.command, help="Topic of the velocity commands in the bags.")
     p.add_argument("--verbose", action="store_true", help="Print a line for each generation of the search.")
     given = without_remappings(arguments)
     options = p.parse_args(given)
@@ -200,7 +200,7 @@ def run(options: argparse.Namespace) -> None:
     bags = find(options.bags)
     if not bags:
         raise BagError("%s: no bags there" % ", ".join(options.bags))
-    topics = Topics(scan=options.scan, odometry=options.odometry, command=options.command)
+    topics = TopicNames(scan=options.scan, odometry=options.odometry, command=options.command)
     try:
         log = learn([read(bag, topics) for bag in bags], options.out, options)
     except KeyboardInterrupt:

@@ -14,14 +14,16 @@ from typing import Any, Dict, List
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
-from training.bags.episodes import Report, trajectories
-from training.bags.reader import BagError, Topics, find, read
+from training.bags.episodes import BagReport, trajectories
+from training.bags.reader import BagError, TopicNames, find, read
 from training.experience.dataset import Writer
 from training.experience.trajectory import TrajectoryError
 from training.mdp.reward import Reward
 
 
-def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(), finish=None, say=print) -> dict:
+def convert(
+    paths, folder, topics: TopicNames = TopicNames(), reward: Reward = Reward(), finish=None, say=print
+) -> dict:
     """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns its manifest.
 
     A bag or episode that is damaged or incomplete is skipped, said and counted under its reason. Raises BagError when
@@ -34,7 +36,7 @@ def convert(paths, folder, topics: Topics = Topics(), reward: Reward = Reward(),
     source = {"bags": read_bags, "reward": asdict(reward)}
     writer = Writer(folder, source=source)
     for bag in bags:
-        report = Report()
+        report = BagReport()
         try:
             for trajectory in trajectories(read(bag, topics), reward, writer.layout, report, finish):
                 writer.add(trajectory)
@@ -92,7 +94,7 @@ def parse(arguments) -> argparse.Namespace:
         help="Coefficient of the reward to use instead of its default; can be given several times. Names: %s."
         % ", ".join(f.name for f in fields(Reward)),
     )
-    for topic in fields(Topics):
+    for topic in fields(TopicNames):
         parser.add_argument(
             "--" + topic.name.replace("_", "-"),
             default=topic.default,
@@ -109,7 +111,7 @@ def main(arguments=None) -> int:
 def run(options: argparse.Namespace) -> None:
     """Converts the bags that the options name."""
     reward = Reward(**dict(_coefficient(text) for text in options.reward))
-    topics = Topics(**{f.name: getattr(options, f.name) for f in fields(Topics)})
+    topics = TopicNames(**{f.name: getattr(options, f.name) for f in fields(TopicNames)})
     manifest = convert(options.bags, options.out, topics, reward, options.finish)
     print("%s: %d transitions in %d shards" % (options.out, manifest["transitions"], len(manifest["shards"])))
 

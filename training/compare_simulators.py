@@ -27,9 +27,9 @@ from training import evaluate
 from training.evaluation.store import TRIALS, read_rows
 from training.evaluation.trials import COLUMNS
 from training.gorila.tasks import spread
+from training.mdp.episode import TIME_LIMIT
 
 KNOWN = ("dwa", "fast_dwa")  # the first sets, theta_0 and Fast-DWA; those behind them are drawn
-LIMIT = 100.0  # [s] what a failure counts as, where failures are ranked, too
 
 Cell = Tuple[str, str]  # world, set
 
@@ -53,11 +53,13 @@ def set_names(count: int) -> List[str]:
 
 # -- what was driven -------------------------------------------------------------------------------------------------
 def read(folder: str) -> Dict[Cell, np.ndarray]:
-    """{(world, set): (trials, 3) success, seconds (LIMIT for a failure), contact}, in the order of the trials."""
+    """{(world, set): (trials, 3) success, seconds (TIME_LIMIT for a failure), contact}, in the order of the trials."""
     found: Dict[Cell, List[Tuple[float, float, float]]] = {}
     for row in read_rows(os.path.join(folder, TRIALS), COLUMNS):
         success = row[4] == "True"
-        found.setdefault((row[0], row[1]), []).append((success, float(row[7]) if success else LIMIT, row[5] == "True"))
+        found.setdefault((row[0], row[1]), []).append(
+            (success, float(row[7]) if success else TIME_LIMIT, row[5] == "True")
+        )
     return {cell: np.array(trials, dtype=float) for cell, trials in found.items()}
 
 
@@ -107,7 +109,7 @@ ROWS = {
     "compared": "of these with a success in both",
     "pearson": "correlation of their times (Pearson)",
     "spearman": "rank correlation of their times (Spearman)",
-    "spearman_all": "rank correlation of all, failures as %g s" % LIMIT,
+    "spearman_all": "rank correlation of all, failures as %g s" % TIME_LIMIT,
     "ratio": "ratio of mean times, second / first",
     "trials": "trials of each",
     "same_outcome": "same outcome, trial by trial",

@@ -71,7 +71,7 @@ def parse(arguments=None) -> argparse.Namespace:
     p.add_argument("--world", default="physical_course", help="World to drive in. Default: %(default)s.")
     p.add_argument(
         "--simulator",
-        choices=("pybullet", "kinematic"),
+        choices=sim_bridge.NAMES,
         default="pybullet",
         help="Simulator to drive in. Default: %(default)s.",
     )

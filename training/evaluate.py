@@ -14,6 +14,7 @@ import sys
 import time
 from typing import Any, Dict, List, Sequence
 
+import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
@@ -176,7 +177,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     p.add_argument(
         "--simulator",
-        choices=("pybullet", "kinematic"),
+        choices=sim_bridge.NAMES,
         default="pybullet",
         help="Simulator to drive in. Default: %(default)s.",
     )

@@ -16,6 +16,7 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.common.files import read_json, write_json
@@ -197,7 +198,7 @@ def parser() -> argparse.ArgumentParser:
             ".world file or a folder of them; several are separated by commas."
         ),
     )
-    p.add_argument("--simulator", default="kinematic", choices=("kinematic", "pybullet"), help="Simulator to drive in.")
+    p.add_argument("--simulator", default="kinematic", choices=sim_bridge.NAMES, help="Simulator to drive in.")
     p.add_argument(
         "--weights",
         default=DEFAULT_WEIGHTS,

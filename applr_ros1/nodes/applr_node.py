@@ -18,7 +18,7 @@ from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_services import Services
-from applr_ros1.nodes.applr_topics import Topics
+from applr_ros1.nodes.applr_topics import ApplrTopics
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy import methods
@@ -324,7 +324,7 @@ def main():
         print(f"applr: {e}", file=sys.stderr)
         return 1
     inputs = Inputs(*topics, namespace)
-    topics = Topics(base_frame=base_frame)
+    topics = ApplrTopics(base_frame=base_frame)
     node = ApplrNode(method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed))
     Services(node)
     if trouble:

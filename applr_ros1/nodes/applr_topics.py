@@ -18,7 +18,7 @@ from applr_ros1.msg import Decision, Parameters
 from applr_ros1.policy.parameter_space import SPACE
 
 
-class Topics:
+class ApplrTopics:
     """Publishers below applr in the node's namespace, and /diagnostics, which all robots share.
 
     Args:

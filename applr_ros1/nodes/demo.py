@@ -21,7 +21,7 @@ from applr_ros1.common.progress import announced
 from . import arguments, processes
 
 PICTURE = "applr_demo.png"
-LIMIT = 300.0  # simulated seconds: default DWA sometimes takes long to free itself
+DRIVE_LIMIT = 300.0  # simulated seconds: default DWA sometimes takes long to free itself
 UP_WITHIN = 300.0  # wall seconds for one part to come up; the first time its kernels are compiled
 STALLED_AFTER = 20.0  # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
@@ -29,7 +29,7 @@ NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|
 EXTRA = {
     "port": ("", "Port of the ROS master; empty takes a free one."),
     "picture": (PICTURE, "File for the picture."),
-    "limit": (str(LIMIT), "Simulated time [s] after which the drive counts as timed out."),
+    "limit": (str(DRIVE_LIMIT), "Simulated time [s] after which the drive counts as timed out."),
 }
 
 

@@ -21,7 +21,7 @@ TOO_OLD = (
 )
 KEEP = 5.0  # seconds for which an ended goal stays in the status list
 MOST = 200  # ended goals in the status list
-PERIOD = 0.2  # s between status messages without news
+STATUS_PERIOD = 0.2  # s between status messages without news
 ENDED = {"succeeded": GoalStatus.SUCCEEDED, "aborted": GoalStatus.ABORTED, "preempted": GoalStatus.PREEMPTED}
 
 
@@ -125,7 +125,7 @@ class GoalServer:
     def publish_status(self, stamp) -> None:
         """Publish the status list if there is news or its time has come; forget what ended long ago."""
         now = stamp.to_sec()
-        if not self._news and 0.0 <= now - self._published < PERIOD:
+        if not self._news and 0.0 <= now - self._published < STATUS_PERIOD:
             return
         self._news, self._published = False, now
         while self._ended:

@@ -36,7 +36,7 @@ _KINDS = {
 
 
 @dataclass
-class Report:
+class ApplyReport:
     """What came of one `apply`.
 
     ok: every value is in force, read back; theta: (8,) asked for; error: one line; put_back: servers returned to their
@@ -225,14 +225,14 @@ class ReconfigureClient:
         """Sets theta (8,) on all servers, one call each and side by side, and verifies the answers.
 
         Raises SpaceError before anything is sent when a value is not finite. Otherwise never raises and ends within
-        `seconds` (twice that where values have to be put back): see Report. If one server refuses, is gone or
+        `seconds` (twice that where values have to be put back): see ApplyReport. If one server refuses, is gone or
         does not answer, those that took the new values get their former ones back.
         """
         theta = self.space.clip(theta)
         began = time.monotonic()
         with self._lock:
             if not self.connected:
-                return Report(False, theta, f"no parameter servers below {self.namespace} yet")
+                return ApplyReport(False, theta, f"no parameter servers below {self.namespace} yet")
             wanted = {
                 role: {name: self._servers[role].clamp(name, sign * theta[i]) for i, sign, name in names}
                 for role, names in self._names.items()
@@ -248,7 +248,7 @@ class ReconfigureClient:
                 }
                 failed = self._set_all(again, Deadline(seconds))
                 put_back = tuple(self._servers[role].name for role in again if role not in failed)
-        return Report(
+        return ApplyReport(
             not errors,
             theta,
             "; ".join(str(e) for e in errors.values()),

@@ -11,7 +11,7 @@ from typing import Callable, Optional
 
 import numpy as np
 
-from applr_ros1.nodes.reconfigure_client import ReconfigureClient, Report
+from applr_ros1.nodes.reconfigure_client import ApplyReport, ReconfigureClient
 
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
@@ -24,7 +24,7 @@ class ReconfigureWorker:
 
     Args:
         client: Reaches the planner's reconfigure servers.
-        on_report: Called with the Report of every attempt, from the worker's thread.
+        on_report: Called with the ApplyReport of every attempt, from the worker's thread.
         on_trouble: Called with one line while the servers cannot be found, and with "" when they have been found, from
             the worker's thread.
     """
@@ -32,7 +32,7 @@ class ReconfigureWorker:
     def __init__(
         self,
         client: ReconfigureClient,
-        on_report: Callable[[Report], None],
+        on_report: Callable[[ApplyReport], None],
         on_trouble: Callable[[str], None],
     ):
         self.client, self._on_report, self._on_trouble = client, on_report, on_trouble

@@ -22,7 +22,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
 
-PERIOD = 0.05  # s of wall time between commands
+COMMAND_PERIOD = 0.05  # s of wall time between commands
 TOPICS = (
     "/front/scan",
     "/odometry/filtered",
@@ -174,7 +174,7 @@ def drive(smoother, device, publisher, recorder, clock=time.monotonic):
                 raise TeleopError(recorder.error)
             publisher.publish(_twist(*smoother.command(now, min(now - last, 0.2))))
             last = now
-            time.sleep(PERIOD)
+            time.sleep(COMMAND_PERIOD)
     except OSError as error:
         raise TeleopError("%s is gone (%s)" % (device.kind, error.strerror or error)) from None
     finally:

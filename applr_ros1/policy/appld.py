@@ -12,7 +12,7 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.network import forward, layers_of
-from applr_ros1.policy.observation import BEAMS
+from applr_ros1.policy.observation import AHEAD, BEAMS, LEFT, RIGHT
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
 FORMAT = "applr-appld-1"
@@ -87,7 +87,7 @@ class Published:
     def context(self, obs):
         """obs (729,) → index into `names`."""
         ranges = np.asarray(obs, dtype=np.float64)[:BEAMS] + 1.0
-        ahead, right, left = ranges[300:420].min(), ranges[80:200].min(), ranges[520:640].min()
+        ahead, right, left = (ranges[beams].min() for beams in (AHEAD, RIGHT, LEFT))
         if ahead > self.AHEAD:
             return self.names.index("open")
         if right < self.SIDE and left < self.SIDE:

@@ -13,6 +13,7 @@ from applr_ros1.policy.parameter_space import SPACE
 
 BEAMS = 720
 RANGE_CAP = 2.0  # m; the paper caps the scan there
+AHEAD, RIGHT, LEFT = slice(300, 420), slice(80, 200), slice(520, 640)  # beams of 45 degrees in these directions
 ANGLE_MIN = -2.35619  # rad; 270 degrees in all
 ANGLE_TOLERANCE = 0.02  # rad; how far a scanner's first and last beam may be from that
 LOOKAHEAD = 1.0  # m; the local goal is the first plan point farther away than this

@@ -15,11 +15,12 @@ import numpy as np
 
 from applr_ros1.common.angles import place
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
-from training.mdp.episode import LIMIT, NEAREST, PERIOD, Outcome
+from training.mdp.episode import DECISION_LIMIT, NEAREST, Outcome
 from training.mdp.reward import Reward, failed
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
@@ -51,7 +52,7 @@ class Goal:
 
 
 @dataclass
-class Report:
+class BagReport:
     """What became of a bag."""
 
     episodes: int = 0
@@ -91,7 +92,7 @@ def trajectories(
     recording: Recording,
     reward: Reward = Reward(),
     layout: Layout = Layout(),
-    report: Optional[Report] = None,
+    report: Optional[BagReport] = None,
     finish: Optional[float] = None,
 ) -> Iterator[Trajectory]:
     """Yields a Trajectory per usable stretch of each goal; what is unusable is counted in `report`.
@@ -99,7 +100,7 @@ def trajectories(
     finish: metres towards the goal after which a course counts as reached, though move_base drives on (the paper's
     goal lies beyond the finish line); None: only move_base's own result counts.
     """
-    report = report if report is not None else Report()
+    report = report if report is not None else BagReport()
     courses = []
     for goal in goals(recording, report):
         try:
@@ -117,7 +118,7 @@ def trajectories(
         yield from _cut(recording, goal, number, moments, reward, layout, report)
 
 
-def goals(recording: Recording, report: Report) -> List[Goal]:
+def goals(recording: Recording, report: BagReport) -> List[Goal]:
     """The goals that were pursued, from the action's status (or, where that was not recorded, goal and result)."""
     spans: List[List] = []
     if recording.status:
@@ -277,7 +278,7 @@ def _trajectory(recording, goal, number, run, reward, layout, report) -> Traject
     for before, after in zip(run, run[1:]):
         action = SPACE.to_action(_chosen(recording, before, after))
         change = float(np.abs(action - SPACE.to_action(before.outcome.theta)).mean())
-        rewards.append(reward(after.outcome, change, max(LIMIT, after.outcome.decisions))[0])
+        rewards.append(reward(after.outcome, change, max(DECISION_LIMIT, after.outcome.decisions))[0])
         actions.append(action)
     last = run[-1].outcome
     report.episodes += 1

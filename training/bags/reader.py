@@ -30,7 +30,7 @@ class BagError(ApplrError):
 
 
 @dataclass(frozen=True)
-class Topics:
+class TopicNames:
     """Where a drive was recorded. parameter_updates are found below move_base, whatever the layers are called."""
 
     scan: str = "/front/scan"
@@ -51,7 +51,7 @@ class Recording:
     """
 
     path: Path
-    topics: Topics
+    topics: TopicNames
     odometry: "Poses" = field(init=False)  # this and the next four: set by _fill
     scan_at: np.ndarray = field(init=False)  # (n,)
     scan_stamp: np.ndarray = field(init=False)  # (n,)
@@ -108,7 +108,7 @@ class Poses:
     frame: str
 
 
-def read(path, topics: Topics = Topics()) -> Recording:
+def read(path, topics: TopicNames = TopicNames()) -> Recording:
     """Read a bag: everything but scans and plans, of which only the times are read.
 
     Raises:

@@ -20,7 +20,7 @@ from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
 from applr_ros1.policy.parameter_space import ROLES
 from sim_bridge import jackal
-from training.bags.reader import SECOND, Topics
+from training.bags.reader import SECOND, TopicNames
 from training.mdp.episode import Episode, Outcome
 
 PAUSE = 5.0  # s of time between two courses of a bag
@@ -35,7 +35,7 @@ _RESULT = {
 class BagWriter:
     """A ROS 1 bag with the stack's topics. Times in seconds from 0; a context manager. Raises StorageError."""
 
-    def __init__(self, path, topics: Topics = Topics()):
+    def __init__(self, path, topics: TopicNames = TopicNames()):
         self.path, self.topics = Path(path), topics
         self.store = get_typestore(Stores.ROS1_NOETIC)
         for name, text in _RESULT.items():

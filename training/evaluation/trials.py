@@ -18,7 +18,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.episode import LIMIT, Episode
+from training.mdp.episode import DECISION_LIMIT, Episode
 from worlds import World, WorldError, field
 
 KEY = ("world", "method", "trial", "seed")
@@ -37,13 +37,13 @@ class Protocol(NamedTuple):
 
 PROTOCOLS = {
     "paper": Protocol(
-        LIMIT,
+        DECISION_LIMIT,
         False,
         "The paper's course: from 1 m before the reference path to y = 10 (5.925 m), goal 5 m beyond its "
         "end; a contact does not end the trial; 100 s.",
     ),
     "barn-challenge": Protocol(
-        LIMIT,
+        DECISION_LIMIT,
         True,
         "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; among moving obstacles "
         "start (11, 0), goal 20 m ahead; a collision ends the trial; 100 s.",

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
+from applr_ros1.policy.decision import PERIOD
 from training.gorila.learner import LearnerConfig
-from training.mdp.episode import PERIOD
 from training.mdp.reward import Reward
 from training.td3.td3 import TD3Config
 

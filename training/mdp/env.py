@@ -19,8 +19,9 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import observation
+from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.episode import PERIOD, Episode
+from training.mdp.episode import Episode
 from training.mdp.reward import Reward, failed
 
 ID = "applr_ros1/Navigation-v0"

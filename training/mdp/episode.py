@@ -17,14 +17,14 @@ from applr_ros1.common.angles import place, wrapped
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 
-PERIOD = 2.0  # the paper's decision period [s]
 CONTROL_PERIOD = 0.05  # of one planner and controller cycle [s]: the Jackal's 20 Hz
 TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
-LIMIT = 50  # decisions of the paper's period in TIME_LIMIT
+DECISION_LIMIT = round(TIME_LIMIT / PERIOD)  # decisions of the paper's period in TIME_LIMIT
 NEAREST = 0.1  # smallest distance that the laser can tell [m]: what lies nearer counts as this
 
 

@@ -8,9 +8,10 @@ from typing import Dict, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from training.mdp.episode import LIMIT, PERIOD, Outcome
+from applr_ros1.policy.decision import PERIOD
+from training.mdp.episode import DECISION_LIMIT, Outcome
 
-STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
+MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Reward:
 
     c_f   R_f = 1(at the goal) - 1: each decision before the goal costs 1. A trial that fails for good (the planner
           gave up, the robot lies on its side) stands still until the limit: what that costs is paid at its end, as at
-          most STANDING decisions.
+          most MOST_STANDING decisions.
     c_p   R_p = metres driven towards the goal, (p' - p) . (goal - p) / |goal - p|.
     c_c   R_c = -1 / d with d the smallest range of the last scan. d is at least .1 m (the laser's own limit), so
           R_c >= -10, and at most the observation's 2 m, so R_c <= -.5.
@@ -50,7 +51,7 @@ class Reward:
                 raise ApplrError("reward coefficient %s is %r: give a finite number" % (f.name, getattr(self, f.name)))
 
     def __call__(
-        self, outcome: Outcome, change: float, limit: int = LIMIT, period: float = PERIOD
+        self, outcome: Outcome, change: float, limit: int = DECISION_LIMIT, period: float = PERIOD
     ) -> Tuple[float, Dict[str, float]]:
         """The reward of one decision.
 
@@ -66,7 +67,7 @@ class Reward:
         share = period / PERIOD  # costs are per 2 s: a course costs the same with any decision period
         time = -outcome.seconds / PERIOD if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
-            time -= min(STANDING, (limit - outcome.decisions) * share)
+            time -= min(MOST_STANDING, (limit - outcome.decisions) * share)
         near = min(outcome.decision_min if self.lowest else outcome.last_scan_min, self.FARTHEST)
         terms = {
             "time": self.c_f * time,

@@ -6,11 +6,11 @@ from typing import List
 
 import numpy as np
 
+from applr_ros1.policy.decision import PERIOD
 from training.report import paper, statistics
 from training.report.data import SETS, THIRDS, Results
 from training.report.table import Table
 
-PERIOD = 2.0  # of one decision [s]
 NONE = "–"
 
 

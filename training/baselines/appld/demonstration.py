@@ -16,10 +16,10 @@ import numpy as np
 
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.policy.observation import ObservationError, check_scan
-from training.bags.reader import SECOND, BagError, Topics, open_bag, stamp
+from training.bags.reader import SECOND, BagError, TopicNames, open_bag, stamp
 from training.mdp.episode import CONTROL_PERIOD
 
-STANDING = 0.02  # m/s and rad/s; less is no driving
+DRIVING_SPEED = 0.02  # m/s and rad/s; less is no driving
 HELD = 0.5  # s for which a command counts after it was given
 SHORTEST = 5.0  # s of driving that a demonstration must have
 MAX_INSTANTS = 36_000  # half an hour
@@ -53,10 +53,10 @@ class Demonstration:
     @property
     def driving(self) -> np.ndarray:
         """(n,) bool: where the demonstrator does not stand."""
-        return np.abs(self.command).max(axis=1) > STANDING
+        return np.abs(self.command).max(axis=1) > DRIVING_SPEED
 
 
-def read(path, topics: Topics = Topics()) -> Demonstration:
+def read(path, topics: TopicNames = TopicNames()) -> Demonstration:
     """A ROS 1 or ROS 2 bag with scans, odometry and commands. Raises BagError with one line.
 
     The goal is the newest one sent to move_base, in the odometry's frame; without one, where the demonstration ends.
@@ -78,7 +78,7 @@ def read(path, topics: Topics = Topics()) -> Demonstration:
     return _instants(path, heard)
 
 
-def _hear(reader, topics: Topics, heard) -> None:
+def _hear(reader, topics: TopicNames, heard) -> None:
     hearers = {
         topics.scan: _scan,
         topics.odometry: _odometry,
@@ -142,7 +142,7 @@ def _instants(path, heard) -> Demonstration:
     nearest -= np.abs(stamps[nearest - 1] - when) <= np.abs(stamps[nearest] - when)
     command = _commands(heard["command"], when) if heard["command"] else _next(states[nearest, 3:])
     used = np.abs(stamps[nearest] - when) < 0.1 * SECOND
-    moving = np.flatnonzero((np.abs(command).max(axis=1) > STANDING) & used)
+    moving = np.flatnonzero((np.abs(command).max(axis=1) > DRIVING_SPEED) & used)
     if len(moving) * CONTROL_PERIOD < SHORTEST:
         raise BagError(
             "%s: %.1f s of driving; a demonstration needs %g s and more"

@@ -13,6 +13,7 @@ import numpy as np
 import ruptures
 from scipy.cluster.hierarchy import fcluster, linkage
 
+from applr_ros1.policy.observation import AHEAD
 from training.baselines.appld.demonstration import Demonstration
 from training.mdp.episode import CONTROL_PERIOD
 
@@ -45,7 +46,7 @@ def features(demonstration: Demonstration) -> np.ndarray:
     ranges = np.nan_to_num(np.asarray(demonstration.ranges, np.float64), nan=CAP, posinf=CAP, neginf=0.0)
     ranges = np.minimum(ranges, CAP)
     beside = np.sort(np.column_stack([ranges[:, 60:260].min(axis=1), ranges[:, 460:660].min(axis=1)]), axis=1)
-    raw = np.column_stack([np.abs(demonstration.command), ranges[:, 300:420].min(axis=1), beside])
+    raw = np.column_stack([np.abs(demonstration.command), ranges[:, AHEAD].min(axis=1), beside])
     kernel = np.ones(min(SMOOTHED, len(raw)))
     weight = np.convolve(np.ones(len(raw)), kernel, mode="same")
     return np.column_stack([np.convolve(column, kernel, mode="same") / weight for column in raw.T])
