@@ -31,6 +31,8 @@ MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}  
 class ConfigError(ApplrError):
     """An option that cannot be meant; one line with the option, its value and the remedy."""
 
+    exit_status = 2
+
 
 @dataclass(frozen=True)
 class TrainConfig(Options):
