@@ -40,8 +40,11 @@ class Actor:
 
     @classmethod
     def load(cls, path, space=SPACE):
-        """Reads an actor file. Raises ActorError when it is absent, damaged, too big, of other shapes, made
-        for another parameter space or observation, or when its checksum is wrong.
+        """Read an actor file.
+
+        Raises:
+            ActorError: It is absent, damaged, too big, of other shapes, made for another parameter space or
+                observation, or its checksum is wrong.
         """
         path = os.fspath(path)
         weights, metadata = _read(path)
@@ -54,11 +57,11 @@ class Actor:
             raise ActorError(f"{path}: {e}") from None
 
     def action(self, obs):
-        """obs (729,) or (n, 729) float32 → action (8,) or (n, 8) float32 in [-1, 1]. NaN goes through."""
+        """The action (8,) or (n, 8) float32 in [-1, 1] for observations (729,) or (n, 729). NaN goes through."""
         return np.tanh(forward(self.layers, obs))
 
     def theta(self, obs):
-        """obs (729,) → theta (8,): scaled to the ranges, counts rounded. Raises SpaceError on NaN or inf."""
+        """The parameters (8,) for an observation (729,): scaled, counts rounded. Raises SpaceError on NaN or inf."""
         return self.space.to_theta(self.action(obs))
 
 

@@ -1,5 +1,6 @@
-"""APPLD's runtime half: a parameter set for each navigation context and a small network that tells the context from
-the current scan. Called by policy/methods/registry.py; training/appld.py writes the file.
+"""APPLD's runtime half: a parameter set for each context, and a network that tells the context from the scan.
+
+Called by policy/methods/registry.py; training/appld.py writes the file.
 """
 
 import json
@@ -61,23 +62,25 @@ class Appld:
             raise AppldError(f"{path}: its contexts or layers do not fit ({error})") from None
 
     def context(self, obs):
-        """obs (729,) or its first 720 entries → index of the context."""
+        """The index of the context that an observation (729,), or its first 720 entries, shows."""
         return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[:BEAMS])))
 
     def theta(self, obs):
-        """obs (729,) float32 → theta (8,) float64."""
+        """The parameters (8,) float64 for an observation (729,) float32."""
         return self.sets[self.context(obs)].copy()
 
 
 class Published:
-    """The published parameter sets. Their classifier was never published: this rule of ours stands in for it, on the
-    free space ahead and to the sides. `open` where nothing is near ahead, else `gap` between two near walls, `obstacle`
-    where something is close ahead, and `curve` in the rest. Chosen among three such rules by a few drives only
-    (with `obstacle` in the rest, most trials run out of time).
+    """The authors' published parameter sets, chosen by a rule of ours.
+
+    Their classifier was never published. The rule looks at the free space ahead and to the sides: `open` where
+    nothing is near ahead, else `gap` between two near walls, `obstacle` where something is close ahead, and `curve` in
+    the rest. It was chosen among three such rules by a few drives only (with `obstacle` in the rest, most trials run
+    out of time).
     """
 
     names = list(PUBLISHED)
-    AHEAD = 1.6  # [m], 45 degrees; freer counts as open
+    FREE = 1.6  # [m], 45 degrees; freer counts as open
     SIDE = 0.6  # [m]; nearer counts as a wall beside the robot
     CLOSE = 0.8  # [m], 45 degrees ahead
 
@@ -85,17 +88,17 @@ class Published:
         self.sets = np.array([space.clip(theta) for theta in PUBLISHED.values()])
 
     def context(self, obs):
-        """obs (729,) → index into `names`."""
+        """The index into `names` for an observation (729,)."""
         ranges = np.asarray(obs, dtype=np.float64)[:BEAMS] + 1.0
         ahead, right, left = (ranges[beams].min() for beams in (AHEAD, RIGHT, LEFT))
-        if ahead > self.AHEAD:
+        if ahead > self.FREE:
             return self.names.index("open")
         if right < self.SIDE and left < self.SIDE:
             return self.names.index("gap")
         return self.names.index("obstacle" if ahead < self.CLOSE else "curve")
 
     def theta(self, obs):
-        """obs (729,) float32 → theta (8,) float64."""
+        """The parameters (8,) float64 for an observation (729,) float32."""
         return self.sets[self.context(obs)].copy()
 
 

@@ -42,8 +42,15 @@ class Target:
 
 @dataclass(frozen=True)
 class Space:
-    """A box of n planner parameters. names: the paper's; low, high, theta0: (n,) in the parameter's own unit;
-    integer: (n,) bool, True for sample counts; targets: which servers' values each parameter sets.
+    """A box of n planner parameters.
+
+    Attributes:
+        names: The paper's names.
+        low: (n,) smallest values, in each parameter's own unit.
+        high: (n,) largest values.
+        integer: (n,) bool, True for sample counts.
+        theta0: (n,) the Jackal's defaults.
+        targets: Which servers' values each parameter sets.
     """
 
     names: Tuple[str, ...]
@@ -57,7 +64,7 @@ class Space:
         return len(self.names)
 
     def clip(self, theta):
-        """theta (n,) → (n,) float64 inside the ranges, counts rounded to the nearest integer.
+        """The nearest parameters (n,) float64 inside the ranges, counts rounded to whole numbers.
 
         Raises SpaceError when the length is wrong or a value is not finite (1e9 is clipped, NaN is refused).
         """
@@ -67,7 +74,7 @@ class Space:
         return np.where(self.integer, np.rint(theta), theta)
 
     def to_theta(self, action):
-        """action (n,) in [-1, 1] → theta (n,) float64: scaled to the ranges, clipped, counts rounded.
+        """The parameters (n,) float64 for an action (n,) in [-1, 1]: scaled to the ranges, clipped, counts rounded.
 
         Raises SpaceError for NaN, inf and wrong lengths.
         """
@@ -77,22 +84,22 @@ class Space:
         return self.clip(self.low + 0.5 * (action + 1.0) * (self.high - self.low))
 
     def to_action(self, theta):
-        """theta (n,) → (n,) float64 in [-1, 1]. Values beyond the ranges (a person may set them) are
-        clipped.
-        """
+        """The action (n,) float64 in [-1, 1] for parameters; values beyond the ranges (a person may set them) clip."""
         theta = np.asarray(theta, dtype=np.float64)
         self._check(theta, "parameter")
         return np.clip(2.0 * (theta - self.low) / (self.high - self.low) - 1.0, -1.0, 1.0)
 
     def as_dict(self, theta):
-        """theta (n,) → {name: value}, counts as int."""
+        """The parameters (n,) as {name: value}, counts as int."""
         return {
             name: int(value) if whole else float(value) for name, value, whole in zip(self.names, theta, self.integer)
         }
 
     def from_dict(self, values, base=None):
-        """{name: value} → theta (n,), missing names taken from `base` (theta_0). Raises SpaceError when a
-        name is unknown, a value is no number, or one lies outside its range.
+        """The parameters (n,) of {name: value}; missing names are taken from `base` (theta_0).
+
+        Raises:
+            SpaceError: A name is unknown, a value is no number, or one lies outside its range.
         """
         theta = np.array(self.theta0 if base is None else base, dtype=np.float64)
         for name, value in values.items():
@@ -111,7 +118,7 @@ class Space:
         return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == role]
 
     def requests(self, theta):
-        """theta (n,), clipped → {server: {name: value}}: one request for each of move_base's servers.
+        """One request for each of move_base's servers, {server: {name: value}}, for parameters (n,), clipped.
 
         Raises SpaceError, before there is any request, for a wrong length or a value that is not finite.
         """
@@ -126,8 +133,9 @@ class Space:
         return [(ROLES[self.targets[name][0].server], self.targets[name][0].names[0]) for name in self.names]
 
     def read(self, path):
-        """theta (n,) from a JSON file: {name: value}, or {"parameters": {name: value}, ...}; names left out keep
-        theta_0. Raises SpaceError.
+        """The parameters (n,) in a JSON file: {name: value}, or {"parameters": {name: value}, ...}.
+
+        Names left out keep theta_0. Raises SpaceError.
         """
         values = files.read_json(path, MAX_SET_BYTES, SpaceError)
         values = values.get("parameters", values) if isinstance(values, dict) else values
