@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common import angles, files
-from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.arguments import number_within, without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 
 PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
@@ -97,6 +97,14 @@ def test_only_regular_files_within_the_bound_are_read(tmp_path):
 
 def test_remapping_arguments_are_left_out():
     assert without_remappings(["--seed", "3", "__name:=train", "scan:=/front/scan"]) == ["--seed", "3"]
+
+
+def test_numbers_within_bounds():
+    assert number_within("speed", 2, 0.0, 2.0) == 2
+    assert number_within("max_speed", math.inf, 0.2, math.inf) == math.inf
+    for value in (-0.1, 2.1, math.nan, math.inf, "1", True, None, [1]):
+        with pytest.raises(Wrong, match="speed is .*: give a number from 0 to 2"):
+            number_within("speed", value, 0.0, 2.0, Wrong)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])

@@ -13,6 +13,7 @@ from collections import Counter
 import numpy as np
 import rospy
 
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
@@ -286,10 +287,7 @@ def make_method(mode, policy, parameters):
 
 def _number(name, default, low, high):
     """The private parameter `name`. SpaceError, one line, where it is no number from low to high."""
-    value = rospy.get_param("~" + name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-        raise SpaceError(f"{name} is {value!r}: give a number from {low} to {high}")
-    return value
+    return number_within(name, rospy.get_param("~" + name, default), low, high, SpaceError)
 
 
 def _text(name, default):

@@ -5,7 +5,6 @@ cmd_vel (20 Hz) and /demonstration (who drives, latched).
 """
 
 import json
-import math
 import os
 import signal
 import sys
@@ -18,6 +17,7 @@ from geometry_msgs.msg import Twist
 from sensor_msgs.msg import Joy
 from std_msgs.msg import String
 
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
@@ -189,15 +189,7 @@ def _twist(v, w):
 
 
 def _number(name, default, low, high):
-    value = rospy.get_param("~" + name, default)
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float))
-        or not math.isfinite(value)
-        or not low <= value <= high
-    ):
-        raise TeleopError("%s is %r: give a number from %g to %g" % (name, value, low, high))
-    return value
+    return number_within(name, rospy.get_param("~" + name, default), low, high, TeleopError)
 
 
 def _input_device():

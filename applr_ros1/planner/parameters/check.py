@@ -1,15 +1,17 @@
 """Checks, converts and completes parameter trees against the declarations.
 
-MoveBase completes what it is given; the node prints check()'s lines at start-up. Pure standard library.
+MoveBase completes what it is given; the node prints check()'s lines at start-up.
 """
 
 from __future__ import annotations
 
-import ast
 import difflib
 import math
 from typing import Any, Dict, List, Optional, Tuple
 
+import numpy as np
+
+from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.declarations import (
     BEHAVIOUR,
     GLOBAL_PLANNERS,
@@ -52,7 +54,7 @@ def convert(p: Parameter, value: Any, label: str = "") -> Any:
     if p.type == "str" and isinstance(value, (str, list)):
         text = value if isinstance(value, str) else str(value)
         if p.name == "footprint":
-            outline(text, label)
+            _check_outline(text, label)
         return text
     kind = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text"}
     raise ParameterError("%s is %r: give %s" % (label, value, kind.get(p.type, "a list")))
@@ -63,18 +65,15 @@ def clamp(p: Parameter, value: Any) -> Any:
     return min(max(value, p.min), p.max) if p.type in ("double", "int") else value
 
 
-def outline(text: str, label: str = "footprint") -> List[List[float]]:
-    """The vertices of a footprint parameter; [] stands for a circle. ParameterError if it is no such list."""
+def _check_outline(text: str, label: str) -> None:
+    """Raise ParameterError where a footprint parameter is no list of at least three points within 100 m."""
     try:
-        points = ast.literal_eval(text.strip() or "[]")
-        points = [[float(x), float(y)] for x, y in points]
-        good = all(math.isfinite(v) and abs(v) < 100 for point in points for v in point)
-    except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
+        good = bool((np.abs(footprint.parse(text)) < 100.0).all())
+    except footprint.FootprintError:
         good = False
-    if not good or 0 < len(points) < 3:
+    if not good:
         shown = text if len(text) < 60 else text[:57] + "..."
         raise ParameterError("%s is %s: give at least three points, [[x, y], ...] in metres" % (label, shown))
-    return points
 
 
 def table(path: str, sources: Optional[Dict[str, str]] = None) -> Optional[Tuple[Parameter, ...]]:
