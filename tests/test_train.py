@@ -14,11 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from applr_ros1.common.tensors import unpack
 from training import dataset
 from training.evaluation.periodic import Rounds
 from training.experience.dataset import Dataset, DatasetError, Writer, export_replay
 from training.experience.journal import Journal
-from training.experience.trajectory import Layout, Trajectory, unpack
+from training.experience.trajectory import Layout, Trajectory
 from training.gorila import config as options
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.learner import Learner
@@ -54,7 +55,7 @@ def toy(out, *more):
 def state_of(folder):
     """Everything that learning goes on from, bit for bit."""
     checkpoint = Learner.saved(folder)
-    arrays, header = unpack((Path(folder) / checkpoint["learner"]["file"]).read_bytes())
+    arrays, header = unpack((Path(folder) / checkpoint["learner"]["file"]).read_bytes(), "state", ValueError)
     data = {name: array.tobytes() for name, array in arrays.items()}
     keys = ("transitions", "updates", "rows", "episodes", "rng", "seen")
     return data, header, {key: checkpoint[key] for key in keys}
