@@ -87,7 +87,6 @@ def build_robot(p: Any, client: int, pose: Sequence[float]) -> int:
     The body's frame is the chassis's centre of mass.
     """
     on = {"physicsClientId": client}
-    x, y, yaw = pose
     com_x, com_y, com_z = jackal.CHASSIS_COM
     length, width, height = jackal.CHASSIS_SIZE
     chassis = p.createCollisionShape(
@@ -108,14 +107,11 @@ def build_robot(p: Any, client: int, pose: Sequence[float]) -> int:
         for i in (1, -1)
         for j in (1, -1)
     ]
-    c, s = math.cos(yaw), math.sin(yaw)
-    sink = jackal.MASS * jackal.GRAVITY / 4 / GROUND_CONTACT[0]
     robot = p.createMultiBody(
         jackal.CHASSIS_MASS,
         chassis,
         -1,
-        [x + c * com_x - s * com_y, y + s * com_x + c * com_y, jackal.BASE_HEIGHT + com_z - sink],
-        p.getQuaternionFromEuler([0, 0, yaw]),
+        *_standing(p, pose),
         linkMasses=[jackal.WHEEL_MASS] * 4,
         linkCollisionShapeIndices=[wheel] * 4,
         linkVisualShapeIndices=[-1] * 4,
@@ -151,6 +147,25 @@ def build_robot(p: Any, client: int, pose: Sequence[float]) -> int:
             **on,
         )
     return robot
+
+
+def put_robot(p: Any, client: int, robot: int, pose: Sequence[float]) -> None:
+    """Put the Jackal at pose (x, y, yaw), standing."""
+    on = {"physicsClientId": client}
+    p.resetBasePositionAndOrientation(robot, *_standing(p, pose), **on)
+    p.resetBaseVelocity(robot, (0, 0, 0), (0, 0, 0), **on)
+    for wheel in range(4):
+        p.resetJointState(robot, wheel, 0.0, 0.0, **on)
+
+
+def _standing(p, pose):
+    """Position and attitude of the chassis's centre of mass for a robot that stands at pose (x, y, yaw)."""
+    x, y, yaw = pose
+    com_x, com_y, com_z = jackal.CHASSIS_COM
+    c, s = math.cos(yaw), math.sin(yaw)
+    sink = jackal.MASS * jackal.GRAVITY / 4 / GROUND_CONTACT[0]
+    position = [x + c * com_x - s * com_y, y + s * com_x + c * com_y, jackal.BASE_HEIGHT + com_z - sink]
+    return position, p.getQuaternionFromEuler([0, 0, yaw])
 
 
 def _upright(x, y):

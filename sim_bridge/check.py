@@ -230,6 +230,26 @@ def _believes_its_odometry(factory: Factory) -> None:
     simulator.close()
 
 
+def _is_teleported(factory: Factory) -> None:
+    """teleport() puts the robot elsewhere, standing, while time and the odometry's position go on."""
+    simulator = factory()
+    simulator.reset(small_world(start=(1.0, 1.0, 0.3)), 0)
+    before = _drive(simulator, 0.5, 0.1, 2.0)
+    after = simulator.teleport((-1.0, 2.0, 1.5))
+    _need(after.pose == (-1.0, 2.0, 1.5), "teleport() leads to %s", after.pose)
+    _need(after.twist == (0.0, 0.0), "after teleport() it moves at %s", after.twist)
+    _need(after.odom_pose == (*before.odom_pose[:2], 1.5), "after teleport() its odometry is %s", after.odom_pose)
+    _need(after.time == before.time, "teleport() takes %.3f s", after.time - before.time)
+    x, y, _ = simulator.to_world(after.odom_pose)
+    _need(hypot(x + 1.0, y - 2.0) < 1e-9, "to_world(odometry) is (%.3f, %.3f) after teleport()", x, y)
+    simulator.advance(1.0)
+    moved = hypot(simulator.state.pose[0] + 1.0, simulator.state.pose[1] - 2.0)
+    _need(moved < 0.2, "it rolls %.2f m on after teleport()", moved)
+    state = _drive(simulator, 0.5, 0.0, 2.0)
+    _need(state.pose[1] > 2.5, "after teleport() and 2 s at .5 m/s it is at y = %.2f", state.pose[1])
+    simulator.close()
+
+
 def _repeats(factory: Factory) -> None:
     """The same world, seed and commands give the same states and scans to the last bit, in another object too."""
     simulator, other = factory(), factory()
@@ -283,6 +303,7 @@ PROMISES: Tuple[Callable[[Factory], None], ...] = (
     _meets_obstacles,
     _sees_and_meets_movers,
     _believes_its_odometry,
+    _is_teleported,
     _repeats,
     _randomises_within_bounds,
     _closes,

@@ -46,12 +46,15 @@ class KinematicSimulator(Simulator):
             self._circles[:, :3] = self.world.cylinders
             self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
         self._steps, self._elapsed = 0, 0.0
+        self._move_to(pose)
+        self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
+
+    def _move_to(self, pose):
         self._wheels = np.zeros(skid_steer.SIZE)
         self._body = np.zeros(kernel.SIZE)
         c, s = cos(pose[2]), sin(pose[2])
         com_x, com_y = jackal.COM
         self._body[:3] = pose[0] + c * com_x - s * com_y, pose[1] + s * com_x + c * com_y, pose[2]
-        self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
     def _drive(self, duration):
         self._elapsed += duration

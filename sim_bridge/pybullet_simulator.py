@@ -62,6 +62,11 @@ class PybulletSimulator(Simulator):
         self._steps, self._elapsed = 0, 0.0
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
+    def _move_to(self, pose):
+        scene.put_robot(self._p, self._client, self._robot, pose)
+        self._drive_state = np.zeros(skid_steer.SIZE)
+        self._spin(0.0, 0.0)
+
     def _drive(self, duration):
         self._elapsed += duration
         steps = int(round(self._elapsed / STEP)) - self._steps

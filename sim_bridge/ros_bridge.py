@@ -8,7 +8,8 @@ Subscribes: /cmd_vel and /jackal_velocity_controller/cmd_vel (the newest command
 estimate, as on the Jackal; the robot stays where it is), ~world (changes the world).
 Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
 ~world names).
-Parameters: ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation.
+Parameters: ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead
+of the course's), ~paused (begin with the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py).
 
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
@@ -60,6 +61,7 @@ class Bridge:
             options = dict(options, gui=True)
         world = worlds.load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **options)
+        self.start = _start(str(rospy.get_param("~start", "")))
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
         with announced(compiling, rospy.loginfo):
             self._warm_up(world)
@@ -71,9 +73,13 @@ class Bridge:
         self.refused = 0
         self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
         self.touched = False
+        self.running = threading.Event()  # simulated time goes on
+        if not rospy.get_param("~paused", False):
+            self.running.set()
         self.topics = BridgeTopics()
-        self.simulator.reset(world, self.seed)
+        self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
+        self.front = _gazebos_front(self) if rospy.get_param("~gazebo", False) else None
         self._connect()
         rospy.loginfo(
             "sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
@@ -96,8 +102,9 @@ class Bridge:
         self.simulator.scan()
 
     def _connect(self):
-        for topic in ("/cmd_vel", "/jackal_velocity_controller/cmd_vel"):
-            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
+        heard = (self.front.on_cmd_vel, self.front.on_controller_command) if self.front else (self.on_command,) * 2
+        for topic, callback in zip(("/cmd_vel", "/jackal_velocity_controller/cmd_vel"), heard):
+            rospy.Subscriber(topic, Twist, callback, queue_size=1, buff_size=2**16, tcp_nodelay=True)
         rospy.Subscriber("/set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
         rospy.Subscriber("~world", String, self.on_world, queue_size=1)
         rospy.Service("~reset", Empty, self.on_reset)
@@ -112,6 +119,10 @@ class Bridge:
         """Simulate and publish until the node is shut down."""
         pace, ticks = Pace(), 0
         while not rospy.is_shutdown():
+            if not self.running.is_set():
+                self.running.wait(0.1)
+                pace.begin()
+                continue
             ticks += 1
             with self.lock:
                 self._take_command()
@@ -121,6 +132,8 @@ class Bridge:
                 if ticks % 2 == 0:
                     self.topics.publish_state(state, self.simulator.scan(), stamp, self.touched)
                     self.touched = False
+                    if self.front is not None:
+                        self.front.publish()
                     if ticks % 10 == 0:
                         self.topics.publish_movers(self.simulator, stamp)
                 self.topics.publish_clock(stamp)
@@ -183,6 +196,40 @@ class Bridge:
         with self.lock:
             self.simulator.set_odometry((p.x, p.y, yaw_of(q)))
 
+    # -- for Gazebo's front ------------------------------------------------------------------------
+    def pause(self) -> None:
+        """Stop simulated time. Returns when the step under way is over."""
+        self.running.clear()
+        with self.lock:
+            pass
+
+    def unpause(self) -> None:
+        """Let simulated time go on."""
+        self.running.set()
+
+    def start_pose(self) -> Any:
+        """Where the robot starts, (x, y, yaw) in the world."""
+        return self.start or self.simulator.world.course.start
+
+    def teleport(self, pose: Any) -> None:
+        """Put the robot at pose (x, y, yaw) of the world, standing, while time goes on."""
+        with self.lock:
+            self.simulator.teleport(pose)
+            self.touched = False
+            self.topics.publish_frames(self.simulator, self.stamp())
+
+    def set_position(self, x: float, y: float) -> None:
+        """Set the position that the odometry states; its heading stays that of the IMU."""
+        with self.lock:
+            true_x, true_y, yaw = self.simulator.state.pose
+            self.simulator.set_odometry((x, y, yaw))
+            self.simulator.odom_origin = (true_x - x, true_y - y)
+            self.topics.publish_frames(self.simulator, self.stamp())
+
+    def restart(self) -> None:
+        """Robot, odometry and moving obstacles back to the start; the costmaps stay as they are."""
+        self._restart(clear=False)
+
     def on_reset(self, _: Any) -> EmptyResponse:
         """Service ~reset: the same world from the start, under the next seed."""
         self._restart()
@@ -208,21 +255,24 @@ class Bridge:
         rospy.loginfo("sim_bridge: world %s", world.name)
         return ""
 
-    def _restart(self, world=None):
+    def _restart(self, world=None, clear=True):
         """Begin anew in `world`; without one in the present world, under the next seed."""
         with self.lock:
             if world is None:
                 world, self.seed = self.simulator.world, self.seed + 1
+            else:
+                self.start = None  # that of the new world's course
             self.base_time += self.simulator.state.time + TICK
             with self.arrived:
                 self.newest, self.driven, self.commanded_at = None, False, 0.0
-            state = self.simulator.reset(world, self.seed)
+            state = self.simulator.reset(world, self.seed, self.start)
             self.touched = False
             self.topics.publish_world(self.simulator, self.stamp())
             self.topics.publish_state(state, self.simulator.scan(), self.stamp(), False)
             self.topics.publish_clock(self.stamp())
-        time.sleep(0.05)  # scans from the old place pass before the maps are cleared
-        _clear_costmaps()
+        if clear:
+            time.sleep(0.05)  # scans from the old place pass before the maps are cleared
+            _clear_costmaps()
 
 
 class Pace:
@@ -278,6 +328,25 @@ def _number(name, default):
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
         raise SimulatorError("%s is %r: give a number" % (name, value))
     return value
+
+
+def _start(text):
+    """(x, y, yaw) of a parameter such as "1 2 1.57"; None for an empty one."""
+    try:
+        numbers = tuple(float(word) for word in text.split())
+    except ValueError:
+        numbers = (float("nan"),)
+    if text.strip() and not (len(numbers) == 3 and all(map(isfinite, numbers))):
+        raise SimulatorError("start is %r: give 'x y yaw' [m, m, rad] in the world" % text)
+    return numbers or None
+
+
+def _gazebos_front(bridge):
+    try:
+        from .gazebo.front import Front
+    except ImportError as error:
+        raise SimulatorError("gazebo is true but its messages are missing (%s): run ./applr setup" % error) from None
+    return Front(bridge)
 
 
 def main() -> int:

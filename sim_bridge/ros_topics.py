@@ -68,6 +68,18 @@ class BridgeTopics:
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Static frames, obstacles and the world's name: after every reset and change of world."""
+        self.publish_frames(simulator, stamp)
+        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
+        markers = [Marker(action=Marker.DELETEALL)]
+        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
+        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
+        markers[0].header.frame_id = WORLD
+        self.obstacles.publish(markers)
+        self.world.publish(simulator.world.name)
+        self._last = None
+
+    def publish_frames(self, simulator: Any, stamp: Any) -> None:
+        """The static frames: the robot's parts, and where odom lies in the world."""
         x, y = simulator.odom_origin
         laser = _transform(BASE, jackal.LASER_FRAME, jackal.LASER_OFFSET + (0.0,), stamp, jackal.LASER_HEIGHT)
         self.tf_static.publish(
@@ -78,14 +90,6 @@ class BridgeTopics:
                 _transform(WORLD, ODOM, (x, y, 0.0), stamp),
             ]
         )
-        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
-        markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
-        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
-        markers[0].header.frame_id = WORLD
-        self.obstacles.publish(markers)
-        self.world.publish(simulator.world.name)
-        self._last = None
 
     def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the moving cylinders where they are now, if anyone listens."""

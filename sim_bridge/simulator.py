@@ -186,6 +186,23 @@ class Simulator(ABC):
         self._odometry.set(pose, self.state.pose[2])
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
+    def teleport(self, pose: Sequence[float]) -> RobotState:
+        """Put the robot at `pose` (x, y, yaw) of the world frame, standing; time goes on and the commands count on.
+
+        The odometry notices nothing of the way: its position stays, as in Gazebo, where it comes from the wheels. Its
+        heading follows, since that comes from the IMU.
+        """
+        pose = tuple(float(value) for value in pose)
+        if len(pose) != 3 or not all(map(isfinite, pose)):
+            raise SimulatorError("pose %r: give three finite numbers x, y, yaw" % (pose,))
+        x, y, yaw = pose[0], pose[1], wrap(pose[2])
+        self._move_to((x, y, yaw))
+        self.state = replace(self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False)
+        odom_x, odom_y, _ = self.state.odom_pose
+        self.set_odometry((odom_x, odom_y, yaw))
+        self.odom_origin = (x - odom_x, y - odom_y)
+        return self.state
+
     def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
         """(k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
         movers = self.world.movers
@@ -202,6 +219,10 @@ class Simulator(ABC):
     @abstractmethod
     def _place(self, pose, new_world: bool, seed: int) -> None:
         """Start anew: the robot stands at `pose` in self.world, self.state is set."""
+
+    @abstractmethod
+    def _move_to(self, pose: Pose) -> None:
+        """Put the robot at `pose`, standing, in the middle of a drive; the caller renews self.state."""
 
     @abstractmethod
     def _drive(self, duration: float) -> None:
