@@ -78,7 +78,7 @@ class BridgeTopics:
         self.world.publish(simulator.world.name)
         self._last = None
 
-    def publish_frames(self, simulator: Any, stamp: Any) -> None:
+    def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """The static frames: the robot's parts, and where odom lies in the world."""
         x, y = simulator.odom_origin
         laser = _transform(BASE, jackal.LASER_FRAME, jackal.LASER_OFFSET + (0.0,), stamp, jackal.LASER_HEIGHT)

@@ -195,7 +195,7 @@ class Simulator(ABC):
         pose = tuple(float(value) for value in pose)
         if len(pose) != 3 or not all(map(isfinite, pose)):
             raise SimulatorError("pose %r: give three finite numbers x, y, yaw" % (pose,))
-        x, y, yaw = pose[0], pose[1], wrap(pose[2])
+        x, y, yaw = pose[0], pose[1], angles.wrapped(pose[2])
         self._move_to((x, y, yaw))
         self.state = replace(self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False)
         odom_x, odom_y, _ = self.state.odom_pose

@@ -72,6 +72,7 @@ MAY_KNOW = (
     ("applr_ros1/scripts/", None),
     ("applr_ros1/", set()),
     ("sim_bridge/ros_bridge", None),
+    ("sim_bridge/gazebo/", None),
     ("sim_bridge/ros_", None),
     ("sim_bridge/", NUMBERS | {"scipy", "pybullet", "pybullet_utils", "matplotlib", "worlds"}),
     ("training/td3/", {"numpy", "torch"}),

@@ -280,7 +280,7 @@ class MoveBaseNode:
 
     def _clock_stalled(self) -> None:
         if self.goals.active:
-            rospy.logerr("standing still: /clock has not moved for a second")
+            rospy.loginfo("standing still: /clock has not moved for a second, simulation is paused or has ended")
             self._send(0.0, 0.0)
 
     def _cycle_failed(self, error) -> None:

@@ -92,7 +92,8 @@ class Front:
         answer.header.stamp, answer.header.frame_id = stamp, request.relative_entity_name or "world"
         if request.relative_entity_name not in WORLD_FRAMES:
             answer.status_message = (
-                "GetModelState: reference relative_entity_name [%s] not found; give world" % request.relative_entity_name
+                "GetModelState: reference relative_entity_name [%s] not found; give world"
+                % request.relative_entity_name
             )
             return answer
         for name, pose, twist in models:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, isfinite, sin, sqrt
+from math import cos, isfinite, sin
 from typing import Any, Optional, Tuple
 
 from geometry_msgs.msg import Pose, Twist
+
+from applr_ros1.common.angles import yaw_of
 
 from ..ros_topics import quaternion
 
@@ -35,8 +37,4 @@ def planar(message: Any) -> Optional[Tuple[float, float, float]]:
     values = (message.position.x, message.position.y, q.x, q.y, q.z, q.w)
     if not all(map(isfinite, values)):
         return None
-    length = sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
-    if not 0.0 < length < float("inf"):
-        return values[0], values[1], 0.0
-    x, y, z, w = (value / length for value in values[2:])
-    return values[0], values[1], atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return values[0], values[1], yaw_of(q) if any(values[2:]) else 0.0
