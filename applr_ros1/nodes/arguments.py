@@ -61,6 +61,7 @@ def check(values):
     values: {name: text} for every argument of the launch file.
     """
     sim = boolean("sim", values["sim"])
+    boolean("gazebo", values["gazebo"])
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
     boolean("monitor", values["monitor"])
