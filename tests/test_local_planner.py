@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from applr_ros1.planner.parameters.declarations import JACKAL
-from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner, cut_plan
+from applr_ros1.planner.plan_cut import cut_plan
+from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 
 FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
 PARAMS = dict(JACKAL["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0)

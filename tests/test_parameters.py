@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from applr_ros1.planner.parameters import declarations as parameters
-from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.check import complete, remark
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import JACKAL, SERVERS, STATIC, ParameterError, check, servers
 
@@ -70,6 +70,25 @@ def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
     tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], max_rot_vel=2.0, max_trans_vel=0.3))
     assert check(tree) == []
     assert Configuration(complete(tree))["DWAPlannerROS"] == Configuration(complete(DWA))["DWAPlannerROS"]
+    assert remark(tree) == [
+        "DWAPlannerROS/max_trans_vel is an older name without effect: give max_vel_trans",
+        "DWAPlannerROS/max_rot_vel is an older name without effect: give max_vel_theta",
+    ]
+    assert remark(DWA) == remark(JACKAL) == []
+
+
+@pytest.mark.parametrize(
+    ("own", "values", "words"),
+    [
+        ({}, {"latch_xy_goal_tolerance": True}, "give it below move_base itself"),
+        ({"latch_xy_goal_tolerance": True}, {"latch_xy_goal_tolerance": False}, "give it below move_base itself"),
+        ({}, {"occdist_scale": 0.0}, "occdist_scale is 0"),
+        ({}, {"path_distance_bias": 0}, "path_distance_bias is 0"),
+    ],
+)
+def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
+    (line,) = remark(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own))
+    assert words in line
 
 
 @pytest.mark.parametrize(

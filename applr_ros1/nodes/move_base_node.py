@@ -25,6 +25,7 @@ from std_srvs.srv import Empty, EmptyResponse
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
+from applr_ros1.planner.parameters.check import remark
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, check
 from applr_ros1.planner.warm_up import warm_up
 
@@ -325,6 +326,8 @@ def main() -> int:
         return 1
     for logger in ("rosout", "rospy.internal"):
         logging.getLogger(logger).addFilter(_OwnFootprints())
+    for line in remark(tree):
+        rospy.logwarn("parameter %s", line)
     with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     node = MoveBaseNode(tree)

@@ -6,10 +6,11 @@ Called by search.py to leave out samples that cannot win. A bound is never above
 import math
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.angles import LARGEST_TURN
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import UNSURE, outline_cost
 from applr_ros1.planner.distance_grid import settle
-from applr_ros1.planner.dwa.closed_form import AT_BORDER, LARGEST_TURN, arc, arc_errors, exact_end_cells, sure_end_cells
+from applr_ros1.planner.dwa.closed_form import AT_BORDER, arc, arc_errors, exact_end_cells, sure_end_cells
 from applr_ros1.planner.dwa.critics import final_distance, footprint_scale, scale_footprint, weighted_sum
 from applr_ros1.planner.dwa.generator import (
     SLACK,

@@ -7,9 +7,9 @@ where the pose is farther from a cell border than these roundings can have led i
 import math
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.angles import LARGEST_TURN, small_turn
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.dwa.generator import commanded, move, ramped
-from applr_ros1.planner.trajectory.bounds import LARGEST_TURN, small_turn
 
 ROUNDING = 1.01 * 2.0**-24  # of one float32 value, with something for the closed forms
 FORMULA = 1e-9  # [m]; the closed forms by themselves are good to about 1e-12

@@ -6,9 +6,9 @@ from typing import Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.plan_cut import leading_far, within
 
 Pose = Tuple[float, float, float]
-NEAR = 1.0  # [m]: leading points of the cut that are not nearer than this are dropped
 EMPTY = np.zeros((0, 3))
 
 
@@ -32,15 +32,15 @@ class LocalPlan:
     def cut(self, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None) -> np.ndarray:
         """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
 
-        prune: without the leading ones that are NEAR or farther away; as many go from the front of the stored plan,
+        prune: without the leading ones that are 1 m or farther away; as many go from the front of the stored plan,
         even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are
         one.
         """
         in_plan = (x, y) if frame is None else _placed(x, y, frame)
-        first, last = _within(self.poses, in_plan[0], in_plan[1], limit)
+        first, last = within(self.poses, in_plan[0], in_plan[1], limit)
         cut = _transformed(self.poses[first:last], _inverse(frame))
         if prune:
-            far = _leading_far(cut, x, y)
+            far = leading_far(cut, x, y)
             cut = cut[far:]
             self.poses = self.poses[far:]
         return cut
@@ -95,33 +95,3 @@ def _through_matrix(yaws, turn):
         else:
             z, w = r / 2, back
         yaws[i] = math.atan2(2 * (w * z), w * w - z * z)
-
-
-@kernel
-def _within(plan, x, y, limit):
-    n = plan.shape[0]
-    first = 0
-    while first < n and _squared_distance(plan, first, x, y) > limit * limit:
-        first += 1
-    last = first
-    while last < n:
-        last += 1
-        if _squared_distance(plan, last - 1, x, y) > limit * limit:
-            break
-    return first, last
-
-
-@kernel
-def _leading_far(plan, x, y):
-    """How many of the first points are NEAR or farther away."""
-    far = 0
-    while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
-        far += 1
-    return far
-
-
-@kernel
-def _squared_distance(plan, i, x, y):
-    dx = x - plan[i, 0]
-    dy = y - plan[i, 1]
-    return dx * dx + dy * dy

@@ -13,6 +13,7 @@ from applr_ros1.planner.dwa.local_plan import EMPTY, LocalPlan
 from applr_ros1.planner.dwa.planner import Choice, DWAPlanner
 from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate, Triple
 from applr_ros1.planner.local_planner import Command, LocalPlanner
+from applr_ros1.planner.plan_cut import half_size
 
 NO_COSTS, NO_TRAJECTORIES = np.zeros((0, 7), np.float32), np.zeros((0, 5), np.float32)
 NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
@@ -109,7 +110,7 @@ class DWALocalPlanner(LocalPlanner):
         pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured.
         """
         self._forget_cycle()
-        cut = self.stored_plan.cut(pose[0], pose[1], _half_size(costmap), self._prunes)
+        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), self._prunes)
         goal = self.stored_plan.goal()
         if goal is None or len(cut) == 0:
             return Step(False, STANDING, NO_PLAN, cut)
@@ -131,9 +132,3 @@ class DWALocalPlanner(LocalPlanner):
 def _wrapped(pose):
     """The pose with its angle gone through a quaternion."""
     return pose[0], pose[1], wrapped(pose[2])
-
-
-def _half_size(costmap):
-    """The larger half [m] of the map's two sides."""
-    ny, nx = costmap.cells.shape
-    return max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0)

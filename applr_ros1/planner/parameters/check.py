@@ -25,7 +25,7 @@ from applr_ros1.planner.parameters.declarations import (
     ParameterError,
     namespace,
 )
-from applr_ros1.planner.parameters.dwa_planner_parameters import check_together
+from applr_ros1.planner.parameters.dwa_planner_parameters import check_together, remarks
 from applr_ros1.planner.variant import Variant
 
 
@@ -110,6 +110,14 @@ def check(tree: Dict[str, Any]) -> List[str]:
         except ParameterError as problem:
             problems.append(str(problem))
     return problems
+
+
+def remark(tree: Dict[str, Any]) -> List[str]:
+    """What a tree without mistakes gives in vain, or at a risk: one line each."""
+    if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) != "DWAPlannerROS":
+        return []
+    lines = remarks(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
+    return ["DWAPlannerROS/" + line for line in lines]
 
 
 def _check(here, path, sources, behaviours, problems):

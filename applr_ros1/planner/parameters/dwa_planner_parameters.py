@@ -104,10 +104,30 @@ def check_together(values):
         raise ParameterError("min_vel_y, max_vel_y are %g, %g: give 0: no sideways velocity is commanded" % sideways)
 
 
-def _older(name, newer):
-    return real(name, 0.0, -INF, INF, None, "",
-        "Older name of %s. Without effect, as in the C++ node: give %s." % (newer, newer))
+def remarks(values, latches):
+    """What is without effect, or more dangerous than it looks, in the values given for DWAPlannerROS: one line each.
 
+    values: those that the parameter files give; latches: latch_xy_goal_tolerance of move_base itself.
+    """
+    lines = ["%s is an older name without effect: give %s" % (old, OLDER[old]) for old in OLDER if old in values]
+    if bool(values.get("latch_xy_goal_tolerance", latches)) != latches:
+        lines.append("latch_xy_goal_tolerance is without effect here: give it below move_base itself")
+    for name in ("occdist_scale", "path_distance_bias"):
+        if values.get(name) == 0:
+            lines.append("%s is 0: trajectories that only this critic refuses are driven" % name)
+    return lines
+
+
+OLDER = {
+    "max_trans_vel": "max_vel_trans",
+    "min_trans_vel": "min_vel_trans",
+    "max_rot_vel": "max_vel_theta",
+    "min_rot_vel": "min_vel_theta",
+    "max_vel_rot": "max_vel_theta",
+    "min_vel_rot": "min_vel_theta",
+    "acc_limit_trans": "acc_lim_trans",
+    "rot_stopped_vel": "theta_stopped_vel",
+}
 
 # Read once, when the node starts
 STATIC_DWA_PLANNER = (
@@ -127,12 +147,7 @@ STATIC_DWA_PLANNER = (
         "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
     text("global_frame_id", "odom", None, "Frame of trajectory_cloud."),
     text("odom_topic", "odom", None, "Topic of the odometry; only odom is available, which can be remapped."),
-    _older("max_trans_vel", "max_vel_trans"),
-    _older("min_trans_vel", "min_vel_trans"),
-    _older("max_rot_vel", "max_vel_theta"),
-    _older("min_rot_vel", "min_vel_theta"),
-    _older("max_vel_rot", "max_vel_theta"),
-    _older("min_vel_rot", "min_vel_theta"),
-    _older("acc_limit_trans", "acc_lim_trans"),
-    _older("rot_stopped_vel", "theta_stopped_vel"),
+) + tuple(
+    real(old, 0.0, -INF, INF, None, "", "Older name of %s. Without effect, as in the C++ node: give %s." % (new, new))
+    for old, new in OLDER.items()
 )

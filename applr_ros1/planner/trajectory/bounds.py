@@ -8,22 +8,12 @@ sure of it: a bound is never above the exact cost, and no result depends on the 
 import math
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.angles import LARGEST_TURN, small_turn
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
 from applr_ros1.planner.trajectory.scoring import advance, new_velocity, step_count
 
 MARGIN = 1e-6  # [cells]; the closed forms are good to about 1e-10
-LARGEST_TURN = 0.5  # [rad] a step; the chord's formula fails near a full turn
-
-
-@kernel
-def small_turn(a):
-    """(cos a, sin a) by their series, for |a| <= .25 good to about 1e-15."""
-    t = a * a
-    return (
-        1 - t / 2 * (1 - t / 12 * (1 - t / 30 * (1 - t / 56))),
-        a * (1 - t / 6 * (1 - t / 20 * (1 - t / 42 * (1 - t / 72)))),
-    )
 
 
 @kernel

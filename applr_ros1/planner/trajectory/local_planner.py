@@ -10,14 +10,13 @@ from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.trajectory.planner import Result, TrajectoryPlanner
 
 STOPPED = 0.01  # [m/s] and [rad/s]
-NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped
 STANDING = (0.0, 0.0)
 EMPTY = np.zeros((0, 3))
 
@@ -87,7 +86,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         v, w = (float(v) for v in twist)
         if not math.isfinite(x + y + yaw + v + w):
             return False, STANDING
-        cut, dropped = cut_plan(self._plan, x, y, _half_size(costmap), self._prunes)
+        cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes)
         if dropped:
             self._plan = self._plan[dropped:]
         if len(cut) == 0:
@@ -145,46 +144,3 @@ class TrajectoryLocalPlanner(LocalPlanner):
         if self.planner.score(costmap, pose, velocity, command)[0] >= 0:
             return True, (command[0], command[2])
         return False, STANDING
-
-
-def _half_size(costmap):
-    """The larger half [m] of the map's two sides."""
-    ny, nx = costmap.cells.shape
-    return max(nx * costmap.resolution / 2, ny * costmap.resolution / 2)
-
-
-def cut_plan(plan: np.ndarray, x: float, y: float, limit: float, prune: bool) -> Tuple[np.ndarray, int]:
-    """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows. goal_functions.cpp:77, 96.
-
-    From the first point within `limit` [m] on, up to and including the first one beyond it. Pruned: without the
-    leading points that are NEAR or farther away; that many (`dropped`) are also to go from the front of the stored
-    plan, even where the cut begins later.
-    """
-    first, last, dropped = _cut(plan, x, y, limit, prune)
-    return plan[first:last].copy(), dropped
-
-
-@kernel
-def _cut(plan, x, y, limit, prune):
-    n = plan.shape[0]
-    first = 0
-    while first < n and _squared_distance(plan, first, x, y) > limit * limit:
-        first += 1
-    last = first
-    while last < n:
-        last += 1
-        if _squared_distance(plan, last - 1, x, y) > limit * limit:
-            break
-    dropped = 0
-    if prune:
-        while first < last and _squared_distance(plan, first, x, y) >= NEAR * NEAR:
-            first += 1
-            dropped += 1
-    return first, last, dropped
-
-
-@kernel
-def _squared_distance(plan, i, x, y):
-    dx = x - plan[i, 0]
-    dy = y - plan[i, 1]
-    return dx * dx + dy * dy
