@@ -27,7 +27,9 @@ def node(master):
     import rospy
 
     parameters = copy.deepcopy(tree())
-    parameters["DWAPlannerROS"].update(publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0)
+    parameters["DWAPlannerROS"].update(
+        publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
+    )
     jackal = FakeJackal(POSTS)
     child = start(master, parameters)
     yield child
@@ -43,6 +45,7 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
     published, subscribed = rostopic.get_topic_list()
     ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
     assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE["publishes"]
+    assert any(name == "/wheels/odom" and "/move_base" in nodes for name, _, nodes in subscribed)
     assert not any(name.startswith(OTHER) for name in ours)
     assert not any(name.startswith(OTHER) for name in rosservice.get_service_list(node="/move_base"))
     for name, kind in SURFACE["services"].items():

@@ -55,10 +55,12 @@ class MoveBaseNode:
             self._clock_stalled,
             self._cycle_failed,
         )
+        local_planner = self.move_base.local_planner_name
         self.sensors = Sensors(
             self.frame,
             static["global_costmap"]["robot_base_frame"],
             static["global_costmap"]["obstacles_layer"]["scan"]["topic"],
+            static[local_planner].get("odom_topic", "odom"),
         )
         self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -71,7 +73,6 @@ class MoveBaseNode:
             rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
             rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
         )
-        local_planner = self.move_base.local_planner_name
         self._plans = PlanDisplay(self.frame, local_planner, static[local_planner])
         self._maps = {
             name: CostmapDisplay(

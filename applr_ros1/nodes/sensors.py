@@ -32,9 +32,9 @@ TF_ERRORS = (
 
 
 class Sensors:
-    """Frames: `fixed` (the costmaps' global frame) and `base`; `topic`: of the scan; the odometry's is "odom"."""
+    """Frames: `fixed` (the costmaps' global frame) and `base`; topics: `topic` of the scan, `odometry`."""
 
-    def __init__(self, fixed: str, base: str, topic: str):
+    def __init__(self, fixed: str, base: str, topic: str, odometry: str = "odom"):
         self.fixed, self.base = fixed, base
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
         self._listener = tf2_ros.TransformListener(self.buffer, queue_size=100, buff_size=2**20)
@@ -43,7 +43,7 @@ class Sensors:
         self._newest = rospy.Time(0)
         self._beams: Optional[int] = None
         self.pose_trouble = self.scan_trouble = ""  # the last thing that was wrong, for who says why the robot stands
-        self._odometry = rospy.Subscriber("odom", Odometry, self._take_odometry, queue_size=1, buff_size=2**20)
+        self._odometry = rospy.Subscriber(odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20)
         self._scan = rospy.Subscriber(topic, ScanMessage, self._scans.append, queue_size=1, buff_size=2**24)
         self.topic = self._scan.resolved_name
 

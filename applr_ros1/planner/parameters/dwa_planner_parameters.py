@@ -146,7 +146,7 @@ STATIC_DWA_PLANNER = (
     flag("publish_traj_pc", False, None,
         "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
     text("global_frame_id", "odom", None, "Frame of trajectory_cloud."),
-    text("odom_topic", "odom", None, "Topic of the odometry; only odom is available, which can be remapped."),
+    text("odom_topic", "odom", None, "Topic of the odometry."),
 ) + tuple(
     real(old, 0.0, -INF, INF, None, "", "Older name of %s. Without effect, as in the C++ node: give %s." % (new, new))
     for old, new in OLDER.items()
