@@ -1,4 +1,4 @@
-"""compare_simulators: its figures on trials made by hand, and the command from worlds to table, with a toy driver and a
+"""compare_simulators: its figures on trials made by hand, and the command from worlds to table, with a toy runner and a
 stop in the middle. The real simulators are compared in docs/training.md.
 """
 
@@ -12,6 +12,7 @@ import pytest
 
 from applr_ros1.policy.parameter_space import SPACE
 from training import compare_simulators as compare
+from training.evaluation.score import FAILURE_SECONDS
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
@@ -20,7 +21,7 @@ ROOT = os.path.dirname(HERE)
 def cells(times, contact=0.0):
     """{(world n, set): one trial}; None: a failure."""
     return {
-        ("w%d" % n, "dwa"): np.array([[t is not None, compare.TIME_LIMIT if t is None else t, contact]])
+        ("w%d" % n, "dwa"): np.array([[t is not None, FAILURE_SECONDS if t is None else t, contact]])
         for n, t in enumerate(times)
     }
 
@@ -70,8 +71,8 @@ def run(out, *more):
         "3",
         "--trials",
         "2",
-        "--driver",
-        "toy_driver:ToyDriver",
+        "--runner",
+        "toy_runner:ToyRunner",
         "--out",
         str(out),
     ]

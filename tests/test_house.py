@@ -81,6 +81,31 @@ MAY_KNOW = (
         "training/mdp/",
         {"numpy", "gymnasium", "applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"},
     ),
+    ("training/workers/", {"numpy", "ray", "applr_ros1.policy"}),
+    (
+        "training/evaluation/",
+        {"numpy", "tqdm", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}
+        | {"training.mdp", "training.storage", "training.workers"},
+    ),
+    (
+        "training/report/",
+        {"numpy", "scipy", "matplotlib", "worlds", "applr_ros1.policy", "training.evaluation", "training.storage"},
+    ),
+    (
+        "training/bags/",
+        {"numpy", "rosbags", "applr_ros1.policy", "sim_bridge", "training.experience", "training.mdp"},
+    ),
+    (
+        "training/baselines/",
+        {"numpy", "scipy", "torch", "cma", "ruptures", "sklearn", "applr_ros1.planner", "applr_ros1.policy"}
+        | {"sim_bridge", "worlds", "training.bags", "training.evaluation", "training.mdp", "training.workers"},
+    ),
+    (
+        "training/gorila/",
+        {"numpy", "torch", "tensorboard", "safetensors", "gymnasium", "matplotlib", "yaml", "applr_ros1.planner"}
+        | {"applr_ros1.policy", "sim_bridge", "worlds", "training.evaluation", "training.experience", "training.mdp"}
+        | {"training.storage", "training.td3", "training.workers"},
+    ),
     ("training/", LEARNING | {"applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}),
 )
 

@@ -375,12 +375,12 @@ def test_shipped_policy_says_what_made_it_and_drives():
     assert 0.0 < told["result"]["time_s"] < 100.0
     with open(path.replace(".safetensors", ".md"), encoding="utf-8") as card:
         assert "training.train" in card.read()
-    driver = trials.Driver("kinematic", "paper")
+    runner = trials.TrialRunner("kinematic")
     times = {}
     for task in trials.plan([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
-        row = dict(zip(trials.COLUMNS, driver.run(task)["row"]))
-        assert row["success"] == "True", row
-        times[task.world, task.method] = float(row["time_s"])
+        result = runner.run(task).result
+        assert result.success, result
+        times[task.world, task.method] = result.time_s
     assert all(times[w, "applr"] < 0.8 * times[w, "dwa"] for w in SHIPPED_DRIVES), times
 
 

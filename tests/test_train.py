@@ -16,15 +16,18 @@ import pytest
 
 from applr_ros1.common.tensors import unpack
 from training import dataset
-from training.evaluation.periodic import Rounds
+from training.evaluation.periodic import PeriodicEvaluation
 from training.experience.dataset import Dataset, DatasetError, Writer, export_replay
 from training.experience.journal import Journal
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila import config as options
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.learner import Learner
-from training.gorila.worker import PolicyWeights
-from training.train import Training, main
+from training.gorila.run import TrainingRun
+from training.td3.td3 import LearnerError
+from training.train import main
+from training.workers.tasks import Answer, TrialResult
+from training.workers.worker import PolicyWeights
 
 ROOT = Path(__file__).resolve().parents[1]
 TOY = [
@@ -55,7 +58,7 @@ def toy(out, *more):
 def state_of(folder):
     """Everything that learning goes on from, bit for bit."""
     checkpoint = Learner.saved(folder)
-    arrays, header = unpack((Path(folder) / checkpoint["learner"]["file"]).read_bytes(), "state", ValueError)
+    arrays, header = unpack((Path(folder) / checkpoint["learner"]["file"]).read_bytes(), "state", LearnerError)
     data = {name: array.tobytes() for name, array in arrays.items()}
     keys = ("transitions", "updates", "rows", "episodes", "rng", "seen")
     return data, header, {key: checkpoint[key] for key in keys}
@@ -251,7 +254,7 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     before = state_of(whole)
     one_line(capsys, toy(whole), 2, "holds a run already: --resume")
     one_line(capsys, ["--resume", "--out", whole, "--hidden", "64"], 2, "--hidden 64: .* cannot be changed")
-    lock = Training(parse(toy(tmp_path / "busy", "--steps", "10"))).lock
+    lock = TrainingRun(parse(toy(tmp_path / "busy", "--steps", "10"))).lock
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], 1, "another train.py works")
     lock.release()
     stored = json.loads((whole / "config.json").read_text())
@@ -354,33 +357,30 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
 
     def drive(rounds, step, seconds):
         for number in iter(lambda: rounds.due(step), None):
-            tasks = rounds.begin(number, step, step)
-            for task in tasks:
-                summary = rounds.add(
-                    {
-                        "task": task,
-                        "return": -seconds,
-                        "length": 5,
-                        "success": seconds < 100,
-                        "collided": task["world"] == 1,
-                        "time_s": seconds,
-                        "timeout": False,
-                    }
-                )
+            for trial in rounds.begin(number, step, step):
+                touched = trial.world == "w1"
+                result = TrialResult(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds)
+                summary = rounds.add(Answer(trial, result=result))
             yield summary
 
-    first = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="kinematic")
+    first = PeriodicEvaluation(
+        tmp_path, [("w0", "w0"), ("w1", "w1")], 2, 100, 0, contact_seconds=4.0, setting="kinematic"
+    )
     assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
     (summary,) = drive(first, 130, 10.0)
     assert summary["round"] == 1
     assert summary["score"] == 12.0
     assert summary["best"]
     assert [s["best"] for s in drive(first, 210, 11.0)] == [False]
-    again = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="kinematic")
+    again = PeriodicEvaluation(
+        tmp_path, [("w0", "w0"), ("w1", "w1")], 2, 100, 0, contact_seconds=4.0, setting="kinematic"
+    )
     assert again.best["step"] == 130
     assert again.default["time_s"] == 20.0
     assert again.due(299) is None
-    other = Rounds(tmp_path, [0, 1], 2, 100, 0, contact_seconds=4.0, setting="pybullet")
+    other = PeriodicEvaluation(
+        tmp_path, [("w0", "w0"), ("w1", "w1")], 2, 100, 0, contact_seconds=4.0, setting="pybullet"
+    )
     summaries = list(drive(other, 310, 100.0))
     assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
     assert summaries[1]["time_s"] is None

@@ -1,5 +1,5 @@
 """evaluate.py: the plan, seeds, trials.csv row for row after a kill, torn files, workers that die, and every mistake
-one line. A toy driver stands in for the robot; the real one is driven at the end.
+one line. A toy runner stands in for the robot; the real one is driven at the end.
 """
 
 import csv
@@ -9,18 +9,22 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from applr_ros1.common.files import StorageError
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 from training import evaluate
+from training.evaluation import run as evaluation
 from training.evaluation import store as trial_store
 from training.evaluation import trials
 from training.mdp.episode import TIME_LIMIT
+from training.workers.tasks import Answer, Trial, TrialResult
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.dirname(HERE)
@@ -40,8 +44,8 @@ def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="d
         "4",
         "--out",
         str(out),
-        "--driver",
-        "toy_driver:ToyDriver",
+        "--runner",
+        "toy_runner:ToyRunner",
         "--no-report",
     ] + [str(m) for m in more]
 
@@ -76,26 +80,20 @@ def test_same_seeds_for_every_method_and_whatever_else_is_driven():
 
 
 def test_answers_come_out_in_the_plans_order():
+    """Whatever the order in which they come in; and no trial is given too far ahead of the first that is missing."""
     rng = np.random.default_rng(0)
-    tasks = trials.plan([("w", "w")], [("m", "m")], 60, seed=0)
+    plan = trials.plan([("w", "w")], [("m", "m")], 60, seed=0)
+    ordered = evaluation.Ordered(plan, first=10, ahead=20)
 
     class Pool:
-        def __init__(self):
-            self.given, self.died = {}, False
+        given = []
 
-        def give(self, slot, task):
-            self.given[slot] = task
+        def poll(self, timeout):
+            self.given += iter(lambda: ordered.next_task(0), None)
+            assert len(self.given) <= 20
+            return [Answer(self.given.pop(int(rng.integers(len(self.given)))), result=TrialResult())]
 
-        def wait(self):
-            slot = list(self.given)[int(rng.integers(len(self.given)))]
-            task = self.given.pop(slot)
-            if task["trial"] == 7 and not self.died:
-                self.died = True
-                return [(slot, None)]
-            return [(slot, {"row": [task["trial"]]})]
-
-    out = [answer["row"][0] for answer in evaluate.in_order(tasks, 10, Pool(), 4)]
-    assert out == list(range(10, 60))
+    assert [answer.task for answer in ordered.answers(Pool())] == plan[10:]
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
@@ -182,7 +180,7 @@ def test_torn_tail_is_mended(tmp_path, damage):
     plan = trials.plan([("w", "w")], [("m", "m")], 9, seed=0)
     store = trial_store.Store(tmp_path, {}, plan)
     for task in plan:
-        store.append({"row": list(task.key) + ["1"] * 6, "measures": list(task.key) + ["1"] * 6, "trace": None})
+        store.append(task, TrialResult())
     store.close()
     whole = (tmp_path / "trials.csv").read_bytes().splitlines(keepends=True)
     for name, kept in (("trials.csv", 6), ("measures.csv", 4)):
@@ -206,7 +204,7 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     plan = trials.plan([("w", "w")], [("m", "m")], 3, seed=0)
     store = trial_store.Store(tmp_path, {"seed": 0}, plan)
     for task in plan:
-        store.append({"row": list(task.key) + ["1"] * 6, "measures": list(task.key) + ["1"] * 6, "trace": None})
+        store.append(task, TrialResult())
     store.close()
     whole = (tmp_path / "trials.csv").read_bytes()
 
@@ -277,7 +275,7 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
 
 
 def test_ros_arguments_are_ignored():
-    assert evaluate.parse(["--trials", "3", "__name:=evaluate", "__log:=/x.log"]).trials == 3
+    assert evaluate.parse(["--trials", "3", "__name:=evaluate", "__log:=/x.log"])[0].trials == 3
 
 
 # -- methods ---------------------------------------------------------------------------------------------------------
@@ -358,17 +356,19 @@ def test_ablation_freezes_one_parameter_at_a_time():
 def test_trial_depends_on_its_task_only():
     """Driven first, or after another world with another method: the same, to the last digit."""
     (tmp_set, other) = ("frozen:inflation_radius:fast_dwa", "generated:64")
-    task = trials.Task("generated:19", "m", 0, 11, "generated:19", tmp_set, False)
-    fresh = trials.Driver("kinematic", "paper").run(task)
-    used = trials.Driver("kinematic", "paper")
-    before = task._replace(world=other, world_spec=other, method_spec="random", seed=3)
+    task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set, DEFAULT_WEIGHTS, "ours")
+    fresh = trials.TrialRunner("kinematic").run(task)
+    used = trials.TrialRunner("kinematic")
+    before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
     for weights in ("per_cell", "per_metre"):
         episode = used.episode(weights, "ours")
         episode.time_limit = 6.0
-        used.run(before._replace(weights=weights))
+        used.run(replace(before, weights=weights))
         episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
-    assert used.run(task._replace(weights="per_metre"))["row"] != fresh["row"]
+    assert used.run(replace(task, weights="per_metre")).result != fresh.result
+    theta = tuple(methods.make(tmp_set).theta(context()))
+    assert used.run(replace(task, theta=theta)).result == fresh.result  # a set that a search hands over
 
 
 def test_protocols():
@@ -391,14 +391,7 @@ def test_store_and_traces(tmp_path):
     store = trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
     with pytest.raises(StorageError, match="another"):
         trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
-    key = list(plan[0].key)
-    store.append(
-        {
-            "row": key + ["True"] * 3 + ["1.0", "1", "1.0"],
-            "measures": key + ["x"] * 6,
-            "trace": trials.pack_trace(trace),
-        }
-    )
+    store.append(plan[0], TrialResult(), trials.pack_trace(trace))
     store.close()
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 1) is None

@@ -14,6 +14,7 @@ from training.evaluation import trials
 from training.report import ReportError, data, paper, statistics, tables, tables_more, write
 from training.report.regions import clearance, region_of
 from training.report.table import Table
+from training.workers.tasks import TrialResult
 
 METHODS = ("dwa", "applr", "applr-without-max_vel_x")
 
@@ -50,16 +51,21 @@ def folder(tmp_path_factory):
         mean *= {"dwa": 1.0, "applr": 0.75}.get(task.method, 0.85)
         good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
         seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
-        key = list(task.key)
-        row = [good, False, not good, seconds, math.ceil(seconds / 2), 6.5]
-        measures = ["finished" if good else "time limit", 7.0, 0.3, 5.0, 1.0, 0.1]
-        store.append(
-            {
-                "row": key + [str(v) for v in row],
-                "measures": key + [str(v) for v in measures],
-                "trace": trials.pack_trace(Trace) if task.trace and task.world in ("generated:20",) else None,
-            }
+        result = TrialResult(
+            success=good,
+            timeout=not good,
+            time_s=seconds,
+            decisions=math.ceil(seconds / 2),
+            path_length_m=6.5,
+            reason="finished" if good else "time limit",
+            route_m=7.0,
+            min_clearance_m=0.3,
+            mean_jerk=5.0,
+            mean_turn=1.0,
+            switching=0.1,
         )
+        traced = task.trace and task.world in ("generated:20",)
+        store.append(task, result, trials.pack_trace(Trace) if traced else b"")
     store.finish(75.0, workers=2)
     store.close()
     return out
@@ -229,14 +235,8 @@ def test_report_is_whole(folder):
 def test_report_of_one_method_and_one_world(tmp_path):
     plan = trials.plan([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
     store = trial_store.Store(tmp_path, {"worlds": ["house"], "world_specs": ["/gone.world"]}, plan)
-    key = list(plan[0].key)
-    store.append(
-        {
-            "row": key + ["False", "True", "True", "100.0", "50", "3.0"],
-            "measures": key + ["time limit"] + ["nan"] * 5,
-            "trace": trials.pack_trace(Trace),
-        }
-    )
+    result = TrialResult(False, True, True, 100.0, 3.0, "time limit", *[math.nan] * 5, decisions=50)
+    store.append(plan[0], result, trials.pack_trace(Trace))
     store.close()
     assert write(tmp_path).endswith("index.html")
 

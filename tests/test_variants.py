@@ -155,7 +155,7 @@ def test_several_kinds_of_weights_are_a_last_column(tmp_path, capsys):
     from training.evaluation.trials import COLUMNS
 
     command = ["--worlds", "generated:0,generated:7", "--methods", "dwa,random", "--trials", "2", "--workers", "1"]
-    command += ["--driver", "toy_driver:ToyDriver", "--no-report", "--out", str(tmp_path), "--planner", "cpp-like"]
+    command += ["--runner", "toy_runner:ToyRunner", "--no-report", "--out", str(tmp_path), "--planner", "cpp-like"]
     both = [*command, "--weights", "per_cell,per_metre"]
     assert evaluate.main(both) == 0
     table = tmp_path / "trials.csv"
@@ -184,22 +184,30 @@ def test_several_kinds_of_weights_are_a_last_column(tmp_path, capsys):
 def test_weights_and_planner_reach_training_and_evaluation(tmp_path):
     pytest.importorskip("torch")
     pytest.importorskip("gymnasium")
+    import worlds
+    from training.evaluation.periodic import PeriodicEvaluation
+    from training.evaluation.trials import TrialRunner
     from training.gorila.config import TrainConfig, parse
+    from training.gorila.preparation import prepare
     from training.mdp.env import ApplrEnv
-    from training.train import prepare
 
     config = TrainConfig(
         worlds="generated:0", eval_worlds="generated:1", weights="drawn", planner_frequency=5, eval_planner="cpp-like"
     )
-    settings = prepare(config)[0]
-    env, held_out = (ApplrEnv(**settings[which]) for which in ("train", "evaluate"))
+    made, kinds = prepare(config), config.evaluation()
+    env = ApplrEnv(**made.settings.collect.options["options"])
+    evaluation = PeriodicEvaluation(
+        tmp_path, made.held_out, 1, 1, 0, 0.0, weights=kinds["weights"], planner=kinds["planner"]
+    )
+    (trial,) = evaluation.begin(-1, 0, 0)
+    held_out = TrialRunner(**made.settings.trial.options).episode(trial.weights, trial.planner)
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
     assert {(v.weights, v.planner) for v in kinds} == {("per_cell", "ours"), ("per_metre", "ours")}
     env.reset(seed=0)
     assert env.episode.move_base.variant == kinds[0]
-    held_out.reset(seed=0)
-    assert held_out.episode.move_base.variant.planner == "cpp-like"
-    frequencies = [e.episode.move_base.configuration("")["planner_frequency"] for e in (env, held_out)]
+    held_out.reset(worlds.load("generated:1"), 0)
+    assert held_out.move_base.variant.planner == "cpp-like"
+    frequencies = [e.move_base.configuration("")["planner_frequency"] for e in (env.episode, held_out)]
     assert frequencies == [5.0, 20.0]
     # a run of before the choice existed drove per_metre, and goes on so
     older = {name: value for name, value in asdict(config).items() if name != "weights"}

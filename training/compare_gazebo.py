@@ -18,7 +18,7 @@ from scipy import stats
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes
-from training.evaluation.store import read_rows
+from training.evaluation.store import flag, read_rows
 from training.evaluation.trials import COLUMNS as OURS
 
 COLUMNS = ("world", "n", "n_success", "time_mean_succ")
@@ -39,10 +39,10 @@ class World(NamedTuple):
 
 def ours(path: str, method: str) -> Dict[int, World]:
     """BARN's worlds ("world_N") among the trials of `method` in a trials.csv."""
-    found: Dict[int, List[List[str]]] = {}
+    found: Dict[int, List[Dict[str, str]]] = {}
     for row in read_rows(path, OURS):
-        number = re.match(r"^world_(\d+)$", row[0])
-        if number and row[1] == method:
+        number = re.match(r"^world_(\d+)$", row["world"])
+        if number and row["method"] == method:
             found.setdefault(int(number.group(1)), []).append(row)
     if not found:
         raise CompareError(
@@ -51,8 +51,8 @@ def ours(path: str, method: str) -> Dict[int, World]:
     return {n: _world(rows) for n, rows in found.items()}
 
 
-def _world(rows: List[List[str]]) -> World:
-    times = [float(row[7]) for row in rows if row[4] == "True"]
+def _world(rows: List[Dict[str, str]]) -> World:
+    times = [float(row["time_s"]) for row in rows if flag(row["success"])]
     return World(len(rows), len(times), float(np.mean(times)) if times else float("nan"))
 
 

@@ -14,7 +14,7 @@ import csv
 import io
 import os
 import sys
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 from scipy import stats
@@ -23,11 +23,11 @@ import worlds as worlds_package
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.parameter_space import SPACE
-from training import evaluate
-from training.evaluation.store import TRIALS, read_rows
-from training.evaluation.trials import COLUMNS
-from training.gorila.tasks import spread
-from training.mdp.episode import TIME_LIMIT
+from training.command_line import Parser, simulator, whole
+from training.evaluation.run import EvaluationOptions, evaluate
+from training.evaluation.score import FAILURE_SECONDS, trial_seconds
+from training.evaluation.store import TRIALS, flag, read_rows
+from training.evaluation.trials import COLUMNS, KEY, evenly_spaced
 
 KNOWN = ("dwa", "fast_dwa")  # the first sets, theta_0 and Fast-DWA; those behind them are drawn
 
@@ -40,31 +40,35 @@ class Drawn:
     def __init__(self, number: str):
         self.values = SPACE.to_theta(np.random.default_rng([0x5E75, int(number)]).uniform(-1.0, 1.0, len(SPACE)))
 
-    def theta(self, context):
+    def theta(self, context: Any) -> np.ndarray:
+        """The set, whatever the context."""
         return self.values
 
     def describe(self) -> Dict[str, Any]:
+        """For evaluation.json."""
         return {"parameters": SPACE.as_dict(self.values)}
 
 
 def set_names(count: int) -> List[str]:
+    """What the sets are called: theta_0, Fast-DWA, and then the drawn ones."""
     return [KNOWN[n] if n < len(KNOWN) else "random_%d" % (n - len(KNOWN) + 1) for n in range(count)]
 
 
 # -- what was driven -------------------------------------------------------------------------------------------------
 def read(folder: str) -> Dict[Cell, np.ndarray]:
-    """{(world, set): (trials, 3) success, seconds (TIME_LIMIT for a failure), contact}, in the order of the trials."""
+    """{(world, set): (trials, 3) success, seconds (as they are ranked), contact}, in the order of the trials."""
     found: Dict[Cell, List[Tuple[float, float, float]]] = {}
     for row in read_rows(os.path.join(folder, TRIALS), COLUMNS):
-        success = row[4] == "True"
-        found.setdefault((row[0], row[1]), []).append(
-            (success, float(row[7]) if success else TIME_LIMIT, row[5] == "True")
-        )
+        success = flag(row["success"])
+        trial = (success, trial_seconds(success, float(row["time_s"])), flag(row["collided"]))
+        found.setdefault((row["world"], row["method"]), []).append(trial)
     return {cell: np.array(trials, dtype=float) for cell, trials in found.items()}
 
 
 def agreement(a: Dict[Cell, np.ndarray], b: Dict[Cell, np.ndarray]) -> Dict[str, float]:
-    """Figures over the cells that both hold. Times are means over a cell's successes, of the cells that have one in
+    """Figures over the cells that both hold.
+
+    Times are means over a cell's successes, of the cells that have one in
     both; NaN where there are too few. Outcomes are compared trial by trial.
     """
     cells = sorted(set(a) & set(b))
@@ -98,7 +102,7 @@ def _correlation(measure, x, y) -> float:
     return float(measure(x, y)[0]) if len(x) > 2 and np.ptp(x) > 0 and np.ptp(y) > 0 else np.nan
 
 
-def halves(a: Dict[Cell, np.ndarray]):
+def halves(a: Dict[Cell, np.ndarray]) -> Tuple[Dict[Cell, np.ndarray], Dict[Cell, np.ndarray]]:
     """A simulator against itself: trials of even and of odd number."""
     return {c: t[0::2] for c, t in a.items()}, {c: t[1::2] for c, t in a.items()}
 
@@ -109,7 +113,7 @@ ROWS = {
     "compared": "of these with a success in both",
     "pearson": "correlation of their times (Pearson)",
     "spearman": "rank correlation of their times (Spearman)",
-    "spearman_all": "rank correlation of all, failures as %g s" % TIME_LIMIT,
+    "spearman_all": "rank correlation of all, failures as %g s" % FAILURE_SECONDS,
     "ratio": "ratio of mean times, second / first",
     "trials": "trials of each",
     "same_outcome": "same outcome, trial by trial",
@@ -178,7 +182,9 @@ def markdown(first: str, second: str, a: Dict[Cell, np.ndarray], b: Dict[Cell, n
 
 def side_by_side(first: str, second: str, folders: Sequence[str]) -> str:
     """CSV: a row per trial that both drove."""
-    a, b = ({tuple(row[:4]): row[4:] for row in read_rows(os.path.join(f, TRIALS), COLUMNS)} for f in folders)
+    a, b = (
+        {tuple(row[name] for name in KEY): row for row in read_rows(os.path.join(f, TRIALS), COLUMNS)} for f in folders
+    )
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     parts = ("success", "collided", "time_s")
@@ -187,7 +193,7 @@ def side_by_side(first: str, second: str, folders: Sequence[str]) -> str:
     )
     for key in a:
         if key in b:
-            writer.writerow(list(key) + [v for side in (a, b) for v in (side[key][0], side[key][1], side[key][3])])
+            writer.writerow(list(key) + [side[key][part] for side in (a, b) for part in parts])
     return out.getvalue()
 
 
@@ -205,14 +211,9 @@ def _mean(side: Dict[Cell, np.ndarray]) -> str:
 
 
 # -- the command -----------------------------------------------------------------------------------------------------
-def parse(arguments: Sequence[str] = None) -> argparse.Namespace:
-    whole = evaluate._whole
-    p = evaluate._Parser(
-        prog="compare_simulators",
-        description=__doc__,
-        allow_abbrev=False,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
+    """Checked options. Raises UsageError."""
+    p = Parser("compare_simulators", description=__doc__)
     p.add_argument(
         "--worlds",
         default="generated:train",
@@ -257,61 +258,53 @@ def parse(arguments: Sequence[str] = None) -> argparse.Namespace:
     p.add_argument("--out", default="results/simulators", help="Folder for the comparison. Default: %(default)s.")
     p.add_argument(
         "--simulators",
+        type=_simulators,
         default="pybullet,kinematic",
         help="The two simulators to compare, separated by a comma. Default: %(default)s.",
     )
-    p.add_argument("--driver", default="training.evaluation.trials:Driver", help=argparse.SUPPRESS)  # tests give a toy
-    options = p.parse_args(arguments)
-    options.simulators = options.simulators.split(",")
-    if len(options.simulators) != 2:
-        p.error("--simulators needs two names, like pybullet,kinematic")
-    return options
+    p.add_argument("--runner", default=EvaluationOptions.runner, help=argparse.SUPPRESS)  # tests give a toy
+    return p.parse_args(arguments)
 
 
-def main(arguments: Sequence[str] = None) -> int:
+def _simulators(text: str) -> List[str]:
+    names = text.split(",")
+    if len(names) != 2:
+        raise argparse.ArgumentTypeError("%r: give two names, like pybullet,kinematic" % text)
+    return [simulator(name) for name in names]
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Exit status 0; 1 and one line on stderr for a mistake; 130 after Ctrl-C."""
     return run_main(lambda: run(parse(arguments)), "compare_simulators")
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace) -> None:
+    """Evaluates in both simulators, and writes and prints the comparison."""
     specs = [spec for part in options.worlds.split(",") for spec in worlds_package.specs(part.strip())]
     chosen = [
         "%s=training.compare_simulators:Drawn:%s" % (n, n[7:]) if n not in KNOWN else n for n in set_names(options.sets)
     ]
     first, second = options.simulators
     folders = [os.path.join(options.out, first), os.path.join(options.out, second + "-2" * (first == second))]
-    for simulator, folder in zip((first, second), folders):
-        status = evaluate.main(
-            [
-                "--worlds",
-                ",".join(spread(specs, options.count)),
-                "--methods",
-                ",".join(chosen),
-                "--trials",
-                str(options.trials),
-                "--simulator",
-                simulator,
-                "--traces",
-                "0",
-                "--workers",
-                str(options.workers),
-                "--seed",
-                str(options.seed),
-                "--no-report",
-                "--driver",
-                options.driver,
-                "--out",
-                folder,
-            ]
+    for name, folder in zip((first, second), folders):
+        evaluate(
+            EvaluationOptions(
+                worlds=",".join(evenly_spaced(specs, options.count)),
+                methods=",".join(chosen),
+                trials=options.trials,
+                simulator=name,
+                workers=options.workers,
+                out=folder,
+                seed=options.seed,
+                traces=0,
+                runner=options.runner,
+            )
         )
-        if status:
-            return status
-    names = [os.path.basename(folder) for folder in folders]
-    text = markdown(*names, *(read(folder) for folder in folders))
-    write_bytes(os.path.join(options.out, "comparison.csv"), side_by_side(*names, folders).encode())
+    a, b = (os.path.basename(folder) for folder in folders)
+    text = markdown(a, b, *(read(folder) for folder in folders))
+    write_bytes(os.path.join(options.out, "comparison.csv"), side_by_side(a, b, folders).encode())
     write_bytes(os.path.join(options.out, "comparison.md"), text.encode())
     print(text)
-    return 0
 
 
 if __name__ == "__main__":

@@ -135,22 +135,29 @@ def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
 
 def actor_rate(actors, seconds=20.0):
     """Transitions per second of so many processes with random parameters in the built-in train worlds."""
-    from training.experience.trajectory import Trajectory
-    from training.gorila.actor_pool import Processes
-    from training.gorila.config import TrainConfig
-    from training.gorila.tasks import Tasks
 
-    tasks = Tasks(TrainConfig(warmup=10**9).resolved(), 250)
-    settings = {"env": "training.mdp.env:ApplrEnv", "train": {}, "evaluate": {}}
-    pool = Processes(settings, tasks.next, actors)
-    pool.publish(0, b"")
+    from training.experience.trajectory import Trajectory
+    from training.gorila.config import TrainConfig
+    from training.gorila.scheduler import TaskScheduler
+    from training.workers.local import ChildProcesses
+    from training.workers.tasks import RunnerSpec, WorkerSettings
+
+    scheduler = TaskScheduler(TrainConfig(warmup=10**9).resolved(), 250)
+    scheduler.ready = True
+    options = {"env": "training.mdp.env:ApplrEnv", "options": {"worlds": "generated:train"}}
+    settings = WorkerSettings(collect=RunnerSpec("training.gorila.collector:Collector", options))
+    pool = ChildProcesses(settings, scheduler.next_task, actors)
     try:
         came, begun = 0, None
         while begun is None or time.perf_counter() - begun < seconds:
             for answer in pool.poll(0.2):
                 if begun is not None:
-                    came += len(Trajectory.unpack(answer[1:]))
-            if begun is None and min(tasks._next.values(), default=0) > 1 and len(tasks._next) == actors:
+                    came += len(Trajectory.unpack(answer.data))
+            if (
+                begun is None
+                and min(scheduler._next_episode.values(), default=0) > 1
+                and len(scheduler._next_episode) == actors
+            ):
                 begun = time.perf_counter()  # every actor has driven an episode: all is compiled
         return came / (time.perf_counter() - begun), "transitions/s"
     finally:

@@ -1,22 +1,24 @@
-"""An evaluation's folder: trials.csv and measures.csv, a row per trial in the plan's order, evaluation.json (what was
-asked), traces/. evaluate.py appends, the report reads. A kill at any moment loses only trials that were under way.
+"""An evaluation's folder, which a kill at any moment costs only the trials that were under way.
+
+trials.csv and measures.csv hold a row per trial in the plan's order, evaluation.json what was asked, traces/ the driven
+paths. evaluate.py appends, the report reads.
 """
 
 from __future__ import annotations
 
-import base64
 import csv
 import io
 import json
 import os
 import re
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, Iterable, List, Optional, Sequence
 
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
-from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, Task
+from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, key_of
 from training.storage import Lock, make_folder
+from training.workers.tasks import Trial, TrialResult
 
 OLDER = {"weights": ["per_metre"], "planner": "ours"}  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"
@@ -25,10 +27,9 @@ TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluat
 class Store:
     """The folder, locked for this process. `settings`: what must be the same when an evaluation is continued."""
 
-    def __init__(self, out, settings: Dict[str, Any], plan: Sequence[Task]):
+    def __init__(self, out, settings: Dict[str, Any], plan: Sequence[Trial]):
         self.folder = make_folder(out)
-        self._plan = plan
-        self._several = len({task.weights for task in plan}) > 1  # then the last column names each trial's weights
+        self._several = len({trial.weights for trial in plan}) > 1  # then the last column names each trial's weights
         more = (WEIGHTS_COLUMN,) if self._several else ()
         self._lock = Lock(self.folder, "evaluate.py")
         try:
@@ -62,24 +63,29 @@ class Store:
                 "%s: holds %d trials, more than the %d asked for; give another --out or more --trials"
                 % (self.folder, done, len(plan))
             )
-        for number, (row, task) in enumerate(zip(rows[0][:done], plan)):
-            if tuple(row[: len(KEY)]) != task.key or rows[1][number][: len(KEY)] != row[: len(KEY)]:
+        for number, (row, measures, trial) in enumerate(zip(rows[0][:done], rows[1], plan)):
+            key = dict(zip(KEY, key_of(trial)))
+            if any(row[name] != cell or measures[name] != cell for name, cell in key.items()):
                 raise StorageError(
                     "%s: line %d is trial %s, but this evaluation's is %s; give another --out"
-                    % (self.folder / TRIALS, number + 2, "/".join(row[:3]), "/".join(task.key[:3]))
+                    % (
+                        self.folder / TRIALS,
+                        number + 2,
+                        "/".join(row[name] for name in KEY[:3]),
+                        "/".join(key[name] for name in KEY[:3]),
+                    )
                 )
         self._settings = dict(read_json(path) if path.exists() else {}, **settings)
         write_json(path, self._settings)
         return done
 
-    def append(self, answer: Dict[str, Any]) -> None:
+    def append(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
         """The next trial of the plan. Its row in trials.csv comes last: what is there is whole."""
-        more = [self._plan[self.done].weights] if self._several else []
-        if answer["trace"]:
-            folder = make_folder(self.folder / TRACES)
-            write_bytes(folder / trace_name(*answer["row"][:3], *more), base64.b64decode(answer["trace"]))
-        self._files[1].append(answer["measures"] + more)
-        self._files[0].append(answer["row"] + more)
+        if trace:
+            name = trace_name(trial.world, trial.method, trial.trial, trial.weights if self._several else "")
+            write_bytes(make_folder(self.folder / TRACES) / name, trace)
+        for file in reversed(self._files):
+            file.append([_cell(getattr(trial if hasattr(trial, name) else result, name)) for name in file.columns])
         self.done += 1
 
     def finish(self, seconds: float, **more: Any) -> None:
@@ -89,6 +95,7 @@ class Store:
         write_json(self.folder / SETTINGS, self._settings)
 
     def close(self) -> None:
+        """Closes the files and lets go of the folder."""
         for file in self._files:
             file.close()
         self._lock.release()
@@ -98,8 +105,8 @@ class _Table:
     """A CSV that rows are appended to, each flushed to disk; opened, it holds its header and `keep` rows."""
 
     def __init__(self, path: Path, columns: Sequence[str], keep: int):
-        self.path = path
-        text = _lines([columns] + read_rows(path, columns)[:keep])
+        self.path, self.columns = path, columns
+        text = _lines([columns, *(row.values() for row in read_rows(path, columns)[:keep])])
         if not path.exists() or path.read_bytes() != text:
             write_bytes(path, text)
         try:
@@ -123,17 +130,20 @@ class _Table:
         os.close(self._file)
 
 
-def read_rows(path, columns: Sequence[str]) -> List[List[str]]:
-    """The whole rows of a CSV of ours; a torn tail is left out. [] where there is no file. A row is as long as
-    `columns`, or one longer where its last cell names the weights (WEIGHTS_COLUMN). StorageError when the file is of
-    another kind, or damaged before its end.
+def read_rows(path: os.PathLike | str, columns: Sequence[str]) -> List[Dict[str, str]]:
+    """The whole rows of a CSV of ours by their columns' names; a torn tail is left out. [] where there is no file.
+
+    A row has the given columns, and WEIGHTS_COLUMN too where several kinds of weights were driven.
+
+    Raises:
+        StorageError: when the file is of another kind, or damaged before its end.
     """
     path = Path(path)
     if not path.exists():
         return []
     text = read_bytes(path).decode("utf-8", "replace")
-    whole = text[: text.rfind("\n") + 1]
-    rows = list(csv.reader(io.StringIO(whole.replace("\0", "?"))))
+    lines = text[: text.rfind("\n") + 1]
+    rows = list(csv.reader(io.StringIO(lines.replace("\0", "?"))))
     if not rows:
         return []
     if rows[0] == [*columns, WEIGHTS_COLUMN]:
@@ -143,21 +153,38 @@ def read_rows(path, columns: Sequence[str]) -> List[List[str]]:
             "%s: its columns are %s, expected %s; give another folder"
             % (path, _short(",".join(rows[0])), ",".join(columns))
         )
+
+    def whole(row: List[str]) -> bool:
+        return len(row) == len(columns) and row[columns.index("trial")].isdigit()
+
     good = 1
-    while good < len(rows) and len(rows[good]) == len(columns) and rows[good][2].isdigit():
+    while good < len(rows) and whole(rows[good]):
         good += 1
-    if any(len(row) == len(columns) and row[2].isdigit() for row in rows[good:]):
+    if any(whole(row) for row in rows[good:]):
         raise StorageError("%s: line %d is damaged, with good lines behind it; mend or remove it" % (path, good + 1))
-    return rows[1:good]
+    return [dict(zip(columns, row)) for row in rows[1:good]]
 
 
-def trace_name(world: str, method: str, trial, weights: str = "") -> str:
+def flag(cell: str) -> bool:
+    """True or False of a cell. Raises ValueError."""
+    if cell not in ("True", "False"):
+        raise ValueError("%r is neither True nor False" % cell)
+    return cell == "True"
+
+
+def _cell(value: Any) -> str:
+    return str(round(value, 4) if isinstance(value, float) else value)
+
+
+def trace_name(world: str, method: str, trial: int, weights: str = "") -> str:
     """File name of a trial's trace; weights: given where several are driven."""
     parts = [world, method, trial] + [weights] * bool(weights)
     return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in parts) + ".npz"
 
 
-def read_trace(folder, world: str, method: str, trial: int, weights: str = "") -> Optional[Dict[str, Any]]:
+def read_trace(
+    folder: os.PathLike | str, world: str, method: str, trial: int, weights: str = ""
+) -> Optional[Dict[str, Any]]:
     """{"time", "pose", "twist", "theta"} of a trial whose trace was kept, else None."""
     import numpy as np
 
@@ -169,7 +196,7 @@ def read_trace(folder, world: str, method: str, trial: int, weights: str = "") -
         return None
 
 
-def _lines(rows) -> bytes:
+def _lines(rows: Iterable[Iterable[str]]) -> bytes:
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue().encode()

@@ -1,14 +1,16 @@
-"""One evaluation trial: which there are, what seed each has, and driving one. evaluate.py plans them, trial_worker.py
-drives them. A trial depends on its task only, not on who drives it or what was driven before.
+"""Evaluation trials: which there are, what seed each has, and the one runner that drives them.
+
+evaluate.py, the periodic evaluation of a training, static_search.py and compare_simulators.py all plan Trials and have
+them driven by TrialRunner in a pool of workers. A trial depends on its task only, not on who drives it or what was
+driven before.
 """
 
 from __future__ import annotations
 
-import base64
 import dataclasses
 import io
 import zlib
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
 import numpy as np
 
@@ -18,32 +20,32 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.episode import DECISION_LIMIT, Episode
+from training.mdp.episode import Episode, Trace
+from training.mdp.reward import Reward
+from training.workers.tasks import POLICY, Answer, Trial, TrialResult
+from training.workers.worker import PolicyWeights
 from worlds import World, WorldError, field
 
 KEY = ("world", "method", "trial", "seed")
-COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
 WEIGHTS_COLUMN = "weights"  # the last one, in both tables, where several kinds of weights are driven
+COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
 MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
 
 
 class Protocol(NamedTuple):
-    """limit: decisions of two seconds; end_on_contact: a collision ends the trial."""
+    """Rules of a trial. end_on_contact: a collision ends it."""
 
-    limit: int
     end_on_contact: bool
     sentence: str
 
 
 PROTOCOLS = {
     "paper": Protocol(
-        DECISION_LIMIT,
         False,
         "The paper's course: from 1 m before the reference path to y = 10 (5.925 m), goal 5 m beyond its "
         "end; a contact does not end the trial; 100 s.",
     ),
     "barn-challenge": Protocol(
-        DECISION_LIMIT,
         True,
         "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; among moving obstacles "
         "start (11, 0), goal 20 m ahead; a collision ends the trial; 100 s.",
@@ -51,24 +53,9 @@ PROTOCOLS = {
 }
 
 
-class Task(NamedTuple):
-    """A trial to drive. world and method are the names in trials.csv; *_spec say how to get them; weights and planner
-    are MoveBase's (planner/variant.py).
-    """
-
-    world: str
-    method: str
-    trial: int
-    seed: int
-    world_spec: str
-    method_spec: str
-    trace: bool
-    weights: str = DEFAULT_WEIGHTS
-    planner: str = OURS
-
-    @property
-    def key(self) -> Tuple[str, str, str, str]:
-        return self.world, self.method, str(self.trial), str(self.seed)
+def key_of(trial: Trial) -> Tuple[str, str, str, str]:
+    """The cells of KEY in a trial's row."""
+    return trial.world, trial.method, str(trial.trial), str(trial.seed)
 
 
 def seed_of(base: int, world: str, trial: int) -> int:
@@ -77,23 +64,30 @@ def seed_of(base: int, world: str, trial: int) -> int:
 
 
 def plan(
-    worlds: List[Tuple[str, str]],
-    chosen: List[Tuple[str, str]],
+    worlds: Sequence[Tuple[str, str]],
+    chosen: Sequence[Tuple[str, str]],
     trials: int,
     seed: int,
     traces: int = 1,
     weights: Sequence[str] = (DEFAULT_WEIGHTS,),
     planner: str = OURS,
-) -> List[Task]:
-    """All tasks in the order of trials.csv: first every world's first trial with each method, then every second one, so
-    that a run that is stopped has seen all worlds, and more trials of the same evaluation only append.
+) -> List[Trial]:
+    """All trials in the order of trials.csv.
 
-    worlds, chosen  [(name, specification), ...]
-    traces          of so many trials a world and method the driven path is kept
-    weights         kinds of distance weights; each drives every method with the same seeds
+    First every world's first trial with each method, then every second one, so that a run that is stopped has driven
+    all worlds, and more trials of the same evaluation only append.
+
+    Args:
+        worlds: [(name, specification), ...].
+        chosen: the methods, [(name, specification), ...].
+        trials: of each method in each world.
+        seed: of all of them.
+        traces: of so many trials of each method in each world the driven path is kept.
+        weights: kinds of distance weights; each drives every method with the same seeds.
+        planner: kind of planner (applr_ros1/planner/variant.py).
     """
     return [
-        Task(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces, kind, planner)
+        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, kind, planner, trial < traces)
         for trial in range(trials)
         for world, world_spec in worlds
         for kind in weights
@@ -115,60 +109,76 @@ def under(protocol: str, world: World) -> World:
     return dataclasses.replace(world, course=field.challenge_course(world.course.path))
 
 
-class Driver:
-    """Drives tasks one after the other, with one simulator, and one planner of each kind that the tasks name."""
+TRIAL_RUNNER = "training.evaluation.trials:TrialRunner"  # as workers are told
 
-    def __init__(self, simulator: str, protocol: str):
-        self.protocol = protocol
-        self.simulator = sim_bridge.make(simulator)
+
+class TrialRunner:
+    """Runner of Trial tasks (training/workers/worker.py): one after the other, with one simulator.
+
+    There is a planner of each kind that the tasks name.
+
+    Args:
+        simulator: name of the simulator.
+        protocol: one of PROTOCOLS.
+        reward: fields of the Reward that total_reward is counted in.
+        period: decision period [s]; None: each method's own.
+    """
+
+    def __init__(
+        self,
+        simulator: str,
+        protocol: str = "paper",
+        reward: Optional[Dict[str, Any]] = None,
+        period: Optional[float] = None,
+    ):
+        self.protocol, self.reward = protocol, Reward(**(reward or {}))
+        self.simulator, self.period = sim_bridge.make(simulator), period
         self._episodes: Dict[Tuple[str, str], Episode] = {}
         self._worlds: Dict[str, World] = {}
         self._methods: Dict[str, methods.Method] = {}
 
-    def run(self, task: Task) -> Dict[str, Any]:
-        """{"row": values of COLUMNS, "measures": of MEASURES, "trace": npz in base64 or None}: all of it JSON."""
-        world, method = self._world(task.world_spec), self._method(task.method_spec)
+    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Answer:
+        """Drives the trial; policy: what a trial of the method POLICY drives."""
+        world, method = self._world(task.world_spec), self._method(task, policy)
         method.reset(task.seed)
         episode = self.episode(task.weights, task.planner)
+        episode.set_period(self.period or method.period)
         episode.set_period(method.period)
         outcome = episode.reset(world, task.seed)
         changes: List[float] = []
+        total = 0.0
         while not outcome.over:
             context = methods.Context(episode.observation(), outcome.ranges, outcome.phi, outcome.theta, outcome.time_s)
             before = SPACE.to_action(outcome.theta)
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(SPACE.to_action(outcome.theta) - before).mean()))
-        row = [
-            bool(outcome.success),
-            bool(outcome.collided),
-            bool(outcome.timeout),
-            _round(outcome.time_s),
-            int(outcome.decisions),
-            _round(outcome.path_length_m),
-        ]
-        measures = [
-            outcome.reason,
-            _round(world.course.route_m),
-            _round(outcome.min_clearance_m),
-            _round(outcome.mean_jerk),
-            _round(outcome.mean_turn),
-            _round(np.mean(changes)),
-        ]
-        key = list(task.key)
-        return {
-            "row": key + [str(v) for v in row],
-            "measures": key + [str(v) for v in measures],
-            "trace": pack_trace(episode.trace) if task.trace else None,
-        }
+            total += self.reward(outcome, changes[-1], episode.limit, episode.period)[0]
+        result = TrialResult(
+            success=bool(outcome.success),
+            collided=bool(outcome.collided),
+            timeout=bool(outcome.timeout),
+            time_s=float(outcome.time_s),
+            path_length_m=float(outcome.path_length_m),
+            reason=outcome.reason,
+            route_m=float(world.course.route_m),
+            min_clearance_m=float(outcome.min_clearance_m),
+            mean_jerk=float(outcome.mean_jerk),
+            mean_turn=float(outcome.mean_turn),
+            switching=float(np.mean(changes)),
+            decisions=int(outcome.decisions),
+            total_reward=float(total),
+        )
+        return Answer(task, result=result, data=pack_trace(episode.trace) if task.trace else b"")
 
     def episode(self, weights: str, planner: str) -> Episode:
         """The loop that drives this kind of planner, made when first asked for."""
         key = weights, planner
         if key not in self._episodes:
-            rules = PROTOCOLS[self.protocol]
-            move_base = MoveBase(weights=weights, planner=planner)
             self._episodes[key] = Episode(
-                self.simulator, move_base, limit=rules.limit, end_on_contact=rules.end_on_contact, record=True
+                self.simulator,
+                MoveBase(weights=weights, planner=planner),
+                end_on_contact=PROTOCOLS[self.protocol].end_on_contact,
+                record=True,
             )
         return self._episodes[key]
 
@@ -179,32 +189,44 @@ class Driver:
             self._worlds[spec] = under(self.protocol, worlds_package.load(spec))
         return self._worlds[spec]
 
-    def _method(self, spec: str) -> methods.Method:
-        if spec not in self._methods:
-            self._methods[spec] = methods.make(spec)
-        return self._methods[spec]
+    def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
+        if task.theta is not None:
+            return methods.FixedParameters(np.array(task.theta))
+        if task.method_spec == POLICY:
+            if policy is None:
+                raise ValueError("a trial of the policy came without a policy")
+            return methods.ObservationPolicy(_Learnt(policy))
+        if task.method_spec not in self._methods:
+            self._methods[task.method_spec] = methods.make(task.method_spec)
+        return self._methods[task.method_spec]
 
 
-def _round(value: float) -> float:
-    return round(float(value), 4)
+class _Learnt:
+    """The policy that is being learnt, as what ObservationPolicy asks."""
+
+    def __init__(self, policy: PolicyWeights):
+        self.policy = policy
+
+    def theta(self, observation: np.ndarray) -> np.ndarray:
+        return SPACE.to_theta(self.policy(observation))
 
 
-def pack_trace(trace) -> str:
-    """A trial's trace as npz in base64: time, pose, twist (a row per 50 ms), theta (a row per decision)."""
+def pack_trace(trace: Trace) -> bytes:
+    """A trial's trace as npz: time, pose, twist (a row per 50 ms), theta (a row per decision)."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
-        time=np.float32(trace.time),
-        pose=np.float32(trace.pose),
-        twist=np.float32(trace.twist),
-        theta=np.float32(trace.theta),
+        time=np.array(trace.time, np.float32),
+        pose=np.array(trace.pose, np.float32),
+        twist=np.array(trace.twist, np.float32),
+        theta=np.array(trace.theta, np.float32),
     )
-    return base64.b64encode(buffer.getvalue()).decode()
+    return buffer.getvalue()
 
 
-def world_list(text: str, protocol: str) -> List[Tuple[str, str, Optional[World]]]:
+def world_list(text: str, protocol: str) -> List[Tuple[str, str, World]]:
     """[(name, specification, World), ...] of a comma-separated list, checked. Raises WorldError."""
-    found = []
+    found: List[Tuple[str, str, World]] = []
     for part in text.split(","):
         for spec in worlds_package.specs(part.strip()):
             world = under(protocol, worlds_package.load(spec))
@@ -212,3 +234,13 @@ def world_list(text: str, protocol: str) -> List[Tuple[str, str, Optional[World]
                 raise WorldError("two worlds are called %r: evaluate one at a time, or rename a file" % world.name)
             found.append((world.name, spec, world))
     return found
+
+
+T = TypeVar("T")
+
+
+def evenly_spaced(items: Sequence[T], count: int) -> List[T]:
+    """`count` of the items, evenly spaced from the first to the last; all of them for 0."""
+    if not count or count >= len(items):
+        return list(items)
+    return [items[i] for i in np.linspace(0, len(items) - 1, count).round().astype(int)]

@@ -29,6 +29,8 @@ FORMAT = "applr-checkpoint-1"
 
 @dataclass(frozen=True)
 class LearnerConfig:
+    """How much is kept, when gradient steps are due, and TD3's own options."""
+
     td3: TD3Config = TD3Config()
     capacity: int = 5_500_000  # rows of the replay: the paper's five million transitions, with last states
     updates_per_transition: float = 0.1  # one gradient step per ten transitions, as the authors' code
@@ -193,11 +195,12 @@ class Learner:
         data = read_bytes(path)
         if sha256(data) != checkpoint["learner"]["sha256"]:
             raise StorageError("%s: its checksum is wrong; the file is damaged" % path)
-        self.td3.load(*unpack(data, str(path), LearnerError), what=str(self.folder))
-        header = self.journal.header()
-        if header is not None:
-            self.replay.begin_at(header["rows"], header["transitions"])
-            self.episodes = header["episodes"]
+        arrays, header = unpack(data, str(path), LearnerError)
+        self.td3.load(arrays, header, what=str(self.folder))
+        first = self.journal.header()
+        if first is not None:
+            self.replay.begin_at(first["rows"], first["transitions"])
+            self.episodes = first["episodes"]
         for blob in self.journal.read(until=checkpoint["journal"]):
             self.replay.add(Trajectory.unpack(blob))
         self.replay.restore_episode_numbers(checkpoint["seen"])
@@ -217,10 +220,12 @@ class Staleness:
         self.count, self.total, self.most = 0, 0, 0
 
     def add(self, updates: int) -> None:
+        """One more trajectory, of a policy so many updates old."""
         self.count, self.total, self.most = self.count + 1, self.total + updates, max(self.most, updates)
 
     @property
     def mean(self) -> float:
+        """Mean age in updates; 0 before the first trajectory."""
         return self.total / self.count if self.count else 0.0
 
 

@@ -5,17 +5,18 @@ All tables and figures of the report are made from these.
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
-from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, read_rows
-from training.evaluation.trials import COLUMNS, MEASURES
+from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, flag, read_rows
+from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN
 from worlds import builtin
 
 SETS = ("Training", "Test", "Physical course", "Other")
@@ -53,7 +54,7 @@ class Cell:
 class Results:
     """cells[method][world], the evaluation's settings, and how worlds are grouped."""
 
-    def __init__(self, folder):
+    def __init__(self, folder: os.PathLike | str):
         self.folder = Path(folder)
         rows = read_rows(self.folder / TRIALS, COLUMNS)
         measures = read_rows(self.folder / MEASURES_FILE, MEASURES)
@@ -62,8 +63,8 @@ class Results:
         path = self.folder / SETTINGS
         self.settings: Dict[str, Any] = read_json(path) if path.exists() else {}
         self.count = len(rows)
-        self.methods = list(dict.fromkeys(row[1] for row in rows))
-        self.worlds = list(dict.fromkeys(row[0] for row in rows))
+        self.methods = list(dict.fromkeys(row["method"] for row in rows))
+        self.worlds = list(dict.fromkeys(row["world"] for row in rows))
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
         self.rivals = [m for m in self.methods if m != self.baseline]
         try:
@@ -72,12 +73,16 @@ class Results:
             raise ReportError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
 
     @staticmethod
-    def _cells(rows, measures) -> Dict[str, Dict[str, Cell]]:
-        extra = {tuple(m[:4]): m[4:] for m in measures}
-        nothing = [""] + ["nan"] * 5
-        found: Dict[str, Dict[str, List]] = {}
+    def _cells(rows: List[Dict[str, str]], measures: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:
+        def key(row: Dict[str, str]) -> Tuple[str, ...]:
+            return (*(row[name] for name in KEY), row.get(WEIGHTS_COLUMN, ""))
+
+        extra = {key(row): row for row in measures}
+        nothing = dict.fromkeys(MEASURES, "nan")
+        found: Dict[str, Dict[str, List[Dict[str, str]]]] = {}
         for row in rows:
-            found.setdefault(row[1], {}).setdefault(row[0], []).append(row[4:] + extra.get(tuple(row[:4]), nothing))
+            trial = {**nothing, "reason": "", **extra.get(key(row), {}), **row}
+            found.setdefault(row["method"], {}).setdefault(row["world"], []).append(trial)
         return {method: {world: _cell(trials) for world, trials in worlds.items()} for method, worlds in found.items()}
 
     def of_set(self, name: str) -> List[str]:
@@ -104,20 +109,27 @@ class Results:
         return np.concatenate(parts) if parts else np.zeros(0)
 
 
-def _cell(trials: List[List[str]]) -> Cell:
-    columns = list(zip(*trials))
-    success, collided, timeout = (np.array([_flag(v) for v in column]) for column in columns[:3])
-    time, decisions, path, route, clearance, jerk, turn, switching = (
-        np.array([float(v) for v in column]) for column in columns[3:6] + columns[7:]
+def _cell(trials: List[Dict[str, str]]) -> Cell:
+    def flags(column: str) -> np.ndarray:
+        return np.array([flag(trial[column]) for trial in trials])
+
+    def numbers(column: str) -> np.ndarray:
+        return np.array([float(trial[column]) for trial in trials])
+
+    return Cell(
+        success=flags("success"),
+        collided=flags("collided"),
+        timeout=flags("timeout"),
+        time=numbers("time_s"),
+        decisions=numbers("decisions"),
+        path_length=numbers("path_length_m"),
+        reason=[trial["reason"] for trial in trials],
+        route=numbers("route_m"),
+        clearance=numbers("min_clearance_m"),
+        jerk=numbers("mean_jerk"),
+        turn=numbers("mean_turn"),
+        switching=numbers("switching"),
     )
-    reasons = list(columns[6])
-    return Cell(success, collided, timeout, time, decisions, path, reasons, route, clearance, jerk, turn, switching)
-
-
-def _flag(text: str) -> bool:
-    if text not in ("True", "False"):
-        raise ValueError("%r is neither True nor False" % text)
-    return text == "True"
 
 
 def set_of(world: str) -> str:

@@ -1,4 +1,4 @@
-"""The actors: both kinds learn, dead ones are replaced, Ray's nodes may go, and the learner takes in what they send."""
+"""The workers: both kinds learn, dead ones are replaced, Ray's nodes may go, the learner takes in what they send."""
 
 import signal
 import threading
@@ -8,21 +8,53 @@ import numpy as np
 import pytest
 
 from training.experience.trajectory import Layout, Trajectory
-from training.gorila import actor_pool
-from training.gorila.actor_pool import InProcess, PoolError, Processes, RayPool, start_ray
 from training.gorila.config import TrainConfig
 from training.gorila.learner import Learner, LearnerConfig
-from training.gorila.tasks import Tasks, easiest_first
+from training.gorila.scheduler import TaskScheduler
 from training.td3.td3 import TD3Config
 from training.train import main
+from training.workers.local import ROOT, ChildProcesses
+from training.workers.pool import InProcess, PoolError
+from training.workers.ray import RayActors, start_ray
+from training.workers.tasks import (
+    POLICY,
+    Answer,
+    Collect,
+    MessageError,
+    RunnerSpec,
+    Trial,
+    TrialResult,
+    WorkerSettings,
+    decode_answer,
+    decode_settings,
+    decode_task,
+    encode_answer,
+    encode_settings,
+    encode_task,
+)
 
-TOY = {"env": "tests.toy_env:Line", "train": {}, "evaluate": {}}
-SLOW = dict(TOY, env="tests.toy_env:Slow")
 LAYOUT = Layout(0, 1, 1)
 
 
-def tasks(**options):
-    return Tasks(TrainConfig(env="tests.toy_env:Line", **options).resolved(), None)
+def settings(env):
+    options = {"env": env, "options": {}}
+    return WorkerSettings(
+        RunnerSpec("training.gorila.collector:Collector", options),
+        RunnerSpec("training.gorila.collector:EnvironmentTrials", options),
+    )
+
+
+TOY, SLOW = settings("tests.toy_env:Line"), settings("tests.toy_env:Slow")
+
+
+def scheduler(**options):
+    made = TaskScheduler(TrainConfig(env="tests.toy_env:Line", **options).resolved(), None)
+    made.ready = True
+    return made
+
+
+def trial(number, method="dwa"):
+    return Trial("w", method, number, number, "", POLICY if method == "policy" else method, "per_metre", "ours")
 
 
 def weights(seed=0):
@@ -41,8 +73,8 @@ def collect(pool, seconds, enough=lambda answers: False):
 
 
 def trajectories(answers):
-    assert all(a[:1] == b"T" for a in answers), [a for a in answers if a[:1] != b"T"][:1]
-    return [Trajectory.unpack(a[1:]) for a in answers]
+    assert not any(answer.error for answer in answers), answers
+    return [Trajectory.unpack(answer.data) for answer in answers]
 
 
 def gone(pid):
@@ -56,7 +88,7 @@ def gone(pid):
 def test_in_process_is_the_same_every_time_and_pulls_the_newest_policy():
     runs = []
     for _ in range(2):
-        pool = InProcess(TOY, tasks(seed=3).next)
+        pool = InProcess(TOY, scheduler(seed=3).next_task)
         pool.publish(0, weights(0))
         answers = pool.poll(0)
         pool.publish(7, weights(1))
@@ -70,17 +102,17 @@ def test_in_process_is_the_same_every_time_and_pulls_the_newest_policy():
 
 
 def test_processes_deliver_each_episode_once_and_are_gone_after():
-    pool = Processes(TOY, tasks().next, 2)
+    pool = ChildProcesses(TOY, scheduler().next_task, 2)
     try:
         pool.publish(0, weights())
         got = trajectories(
             collect(
                 pool,
                 30,
-                lambda answers: len(answers) > 40 and all(any(b"actor-%d" % i in a for a in answers) for i in (0, 1)),
+                lambda answers: len(answers) > 40 and {a.task.actor for a in answers} == {"actor-0", "actor-1"},
             )
         )
-        pids = [slot.actor.pid for slot in pool._slots]
+        pids = [slot.worker.pid for slot in pool.slots]
     finally:
         begun = time.monotonic()
         pool.close()
@@ -92,12 +124,12 @@ def test_processes_deliver_each_episode_once_and_are_gone_after():
 
 
 def test_a_killed_and_a_stopped_process_are_replaced():
-    pool = Processes(SLOW, tasks().next, 2, task_seconds=3.0)
+    pool = ChildProcesses(SLOW, scheduler().next_task, 2, task_seconds=3.0)
     try:
         pool.publish(0, weights())
         assert collect(pool, 30, lambda answers: len(answers) >= 4)
-        pool._slots[0].actor.send_signal(signal.SIGKILL)
-        pool._slots[1].actor.send_signal(signal.SIGSTOP)
+        pool.slots[0].worker.send_signal(signal.SIGKILL)
+        pool.slots[1].worker.send_signal(signal.SIGSTOP)
         assert len(trajectories(collect(pool, 30, lambda a: pool.replaced >= 2 and len(a) > 6))) > 6
         assert pool.replaced >= 2
         assert pool.alive == 2
@@ -111,11 +143,11 @@ def test_actors_end_when_the_learner_is_killed(tmp_path):
     import sys
 
     code = (
-        "import sys, time; from tests.test_actor_pool import *; pool = Processes(TOY, tasks().next, 2)\n"
+        "import sys, time; from tests.test_workers import *; pool = ChildProcesses(TOY, scheduler().next_task, 2)\n"
         "pool.publish(0, weights()); collect(pool, 20, lambda a: len(a) > 3)\n"
-        "print(*[slot.actor.pid for slot in pool._slots], flush=True); time.sleep(60)"
+        "print(*[slot.worker.pid for slot in pool.slots], flush=True); time.sleep(60)"
     )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=actor_pool.ROOT)
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT)
     pids = [int(word) for word in process.stdout.readline().split()]
     process.kill()
     process.wait()
@@ -127,11 +159,10 @@ def test_actors_end_when_the_learner_is_killed(tmp_path):
 
 
 def test_actors_that_all_die_end_the_run_in_one_line():
-    settings = dict(TOY, env="os:abort")  # ends its process at the first task
-    pool = Processes(settings, tasks().next, 2)
+    pool = ChildProcesses(settings("os:abort"), scheduler().next_task, 2)
     try:
         pool.publish(0, weights())
-        with pytest.raises(PoolError, match="actors died one after the other"):
+        with pytest.raises(PoolError, match="workers died one after the other"):
             collect(pool, 60)
     finally:
         pool.close()
@@ -208,7 +239,14 @@ def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on():
     assert learner.transitions == 30
     assert learner.td3.updates == 30
     reasons = " | ".join(learner.refused)
-    for part in ("came twice", "damaged", "NaN", "more than 15 updates old", "is no number"):
+    for part in (
+        "came twice",
+        "truncated",
+        "not a safetensors file",
+        "NaN",
+        "more than 15 updates old",
+        "is no number",
+    ):
         assert part in reasons
     assert learner.staleness.most == 11
     assert learner.staleness.count == 3
@@ -222,37 +260,91 @@ def test_a_learner_without_a_folder_saves_nothing_and_goes_on():
     assert learner.train() == 10
 
 
-def test_curriculum_opens_from_the_easiest_quarter_to_all():
-    config = TrainConfig(steps=1000, curriculum=0.5).resolved()
-    order = np.arange(40)[::-1]
-    t = Tasks(config, 40, order)
-    first = {t.next(0)["world"] for _ in range(300)}
-    assert first == set(range(30, 40))
-    t.transitions = 500
-    assert {t.next(0)["world"] for _ in range(2000)} == set(range(40))
-
-
-def test_easiest_world_first():
-    worlds = pytest.importorskip("worlds")
-    few = [worlds.load("generated:%d" % i) for i in (0, 80, 160, 299)]
-    order = easiest_first(few)
-    assert sorted(order) == [0, 1, 2, 3]
-    assert order[0] == 0
-    assert order[-1] in (2, 3)
-
-
-def test_evaluations_go_first_and_lost_trials_are_given_again(monkeypatch):
-    t = tasks()
-    trials = [{"kind": "evaluate", "round": 1, "world": w, "trial": 0, "seed": 0} for w in range(2)]
+def test_evaluations_go_before_training():
+    t = scheduler()
+    trials = [trial(i) for i in range(2)]
     t.evaluate(trials)
-    assert [t.next(i)["kind"] for i in range(3)] == ["evaluate", "evaluate", "train"]
-    assert t.done(trials[0])
-    assert not t.done(trials[0])
-    now = time.monotonic()
-    monkeypatch.setattr("training.gorila.tasks.time.monotonic", lambda: now + 1000)
-    again = t.next(0)
-    assert again == trials[1]
-    assert t.next(0)["kind"] == "train"
+    assert [t.next_task(i) for i in range(2)] == trials
+    assert isinstance(t.next_task(2), Collect)
+
+
+def test_messages_there_and_back_and_nonsense_refused():
+    tasks = [
+        Collect("actor-1", 3, 0, 0.5, False, None, 7),
+        Trial("w", "m", 1, 2, "s", "", "per_cell", "ours", True, theta=(0.5, 1.0)),
+    ]
+    for task in tasks:
+        assert decode_task(encode_task(task, b"weights")) == (task, b"weights")
+    answer = Answer(tasks[1], result=TrialResult(True, time_s=12.5, reason="finished"), data=b"\x00trace")
+    assert decode_answer(encode_answer(answer), tasks[1]) == answer
+    assert decode_settings(encode_settings(TOY)) == TOY
+    good = encode_task(tasks[0])
+    for nonsense in (b"", b"\x80\x04K\x01.", good[:20], good.replace(b'"seed": 0', b'"seed": "0"'), b"\x02\0\0\0{}"):
+        with pytest.raises(MessageError):
+            decode_task(nonsense)
+        with pytest.raises(MessageError):
+            decode_answer(nonsense, tasks[1])
+
+
+class Driver:
+    """A runner of trials: number 3 ends its process each time, number 4 fails, the rest tell what they drove."""
+
+    def __init__(self, **options):
+        pass
+
+    def run(self, task, policy):
+        import os
+
+        if task.trial == 3:
+            os._exit(9)
+        if task.trial == 4:
+            raise ValueError("this trial cannot be driven")
+        return Answer(task, result=TrialResult(total_reward=0.0 if policy is None else float(policy(np.ones(1))[0])))
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_every_trial_has_one_answer_and_pinned_trials_the_pinned_policy(workers):
+    """A trial whose worker dies is given again, and in the end answered by an error; the others do not suffer."""
+    from training.workers.pool import make_pool
+    from training.workers.worker import PolicyWeights
+
+    todo = [trial(i, "policy") for i in range(12) if workers or i != 3]
+    queue = list(todo)
+    mine = WorkerSettings(trial=RunnerSpec("tests.test_workers:Driver", {}))
+    pool = make_pool(mine, lambda slot: queue.pop(0) if queue else None, workers)
+    pool.publish(9, weights(9))
+    pool.pin_for_evaluation(5, weights(5))
+    try:
+        answers = collect(pool, 60, lambda answers: len(answers) >= len(todo))
+        assert pool.poll(0.0) == []
+    finally:
+        pool.close()
+    by_trial = {answer.task: answer for answer in answers}
+    assert len(answers) == len(by_trial) == len(todo)
+    assert "cannot be driven" in by_trial.pop(trial(4, "policy")).error
+    if workers:
+        assert "ended its worker 3 times" in by_trial.pop(trial(3, "policy")).error
+        assert pool.replaced >= 3
+    expected = float(PolicyWeights(weights(5))(np.ones(1))[0])
+    assert {answer.result.total_reward for answer in by_trial.values()} <= {expected, 0.0}
+    assert expected in {answer.result.total_reward for answer in by_trial.values()}
+
+
+def test_a_search_has_idle_workers_and_no_errors():
+    """Two sets in one world for three workers: the third waits in silence, and each set has its score."""
+    pytest.importorskip("cma")
+    from training.baselines.set_search import SetTrials
+
+    trials = SetTrials([("w", "w")], "kinematic", workers=3, runner="tests.test_workers:Driver")
+    try:
+        found = trials.run(np.zeros((2, 8)), [0], seed=0)
+        assert [f["trials"] for f in found] == [1, 1]
+        assert trials.driven == 2
+        time.sleep(0.3)
+        assert trials.pool.poll(0.0) == []
+        assert trials.pool.replaced == 0
+    finally:
+        trials.close()
 
 
 def test_an_unreachable_ray_address_is_one_line_soon():
@@ -273,7 +365,7 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
     try:
         victim = cluster.add_node(num_cpus=1, include_dashboard=False)
         cluster.add_node(num_cpus=1, include_dashboard=False)
-        pool = RayPool(SLOW, tasks().next, 3, cluster.address)
+        pool = RayActors(SLOW, scheduler().next_task, 3, cluster.address)
         try:
             pool.publish(0, weights())
             assert len(trajectories(collect(pool, 40, lambda a: len(a) >= 9))) >= 9

@@ -1,4 +1,4 @@
-"""A driver of evaluation trials that drives nothing: an answer from the task alone, after a moment. Methods named
+"""A runner of evaluation trials that drives nothing: an answer from the task alone, after a moment. Methods named
 "bad..." fail, "mortal..." end their process the first time. tests/test_training_evaluate.py gives it to the workers.
 """
 
@@ -8,14 +8,16 @@ import zlib
 
 import numpy as np
 
+from training.workers.tasks import Answer, TrialResult
 
-class ToyDriver:
+
+class ToyRunner:
     def __init__(self, simulator, protocol):
         self.simulator = simulator
         if os.environ.get("TOY_BROKEN"):
             raise ValueError("the toy is broken; mend it")
 
-    def run(self, task):
+    def run(self, task, policy):
         rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])
         time.sleep(float(os.environ.get("TOY_SECONDS", "0.01")) * rng.uniform(0.2, 1.8))
         if task.method.startswith("bad"):
@@ -26,14 +28,18 @@ class ToyDriver:
             os._exit(9)
         success = rng.random() < 0.9
         seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
-        key = list(task.key)
-        row = [
-            success,
-            rng.random() < 0.1,
-            not success,
-            round(seconds, 4),
-            int(seconds // 2) + 1,
-            round(rng.uniform(6, 8), 4),
-        ]
-        measures = ["finished" if success else "time limit", 7.0, round(rng.uniform(0.1, 0.5), 4), 8.0, 1.5, 0.1]
-        return {"row": key + [str(v) for v in row], "measures": key + [str(v) for v in measures], "trace": None}
+        result = TrialResult(
+            success=bool(success),
+            collided=bool(rng.random() < 0.1),
+            timeout=not success,
+            time_s=float(seconds),
+            decisions=int(seconds // 2) + 1,
+            path_length_m=float(rng.uniform(6, 8)),
+            reason="finished" if success else "time limit",
+            route_m=7.0,
+            min_clearance_m=float(rng.uniform(0.1, 0.5)),
+            mean_jerk=8.0,
+            mean_turn=1.5,
+            switching=0.1,
+        )
+        return Answer(task, result=result)

@@ -1,0 +1,50 @@
+"""The one score: what trials are compared by, in periodic evaluation, in searches and between simulators [s]."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, Sequence
+
+import numpy as np
+
+from training.mdp.episode import TIME_LIMIT
+from training.workers.tasks import TrialResult
+
+FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
+
+
+def trial_seconds(success: bool, time_s: float, collided: bool = False, contact_seconds: float = 0.0) -> float:
+    """A trial's score [s]: its time, or FAILURE_SECONDS, and contact_seconds more where the robot touched something."""
+    return (time_s if success else FAILURE_SECONDS) + contact_seconds * collided
+
+
+def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str, Any]:
+    """Means over trials, as JSON values.
+
+    Args:
+        results: at least one.
+        contact_seconds: what a contact adds to a trial's time [s].
+
+    Returns:
+        {"trials", "return", "length", "score"}, and where the environment knows courses "success", "collided" and
+        "time_s", the mean time of the successes or None. Elsewhere the score is the negated mean return.
+    """
+    found: Dict[str, Any] = {
+        "trials": len(results),
+        "return": _mean([r.total_reward for r in results]),
+        "length": _mean([r.decisions for r in results]),
+    }
+    if math.isnan(results[0].time_s):
+        return dict(found, score=-found["return"])
+    times = [r.time_s for r in results if r.success]
+    return dict(
+        found,
+        success=_mean([r.success for r in results]),
+        collided=_mean([r.collided for r in results]),
+        time_s=_mean(times) if times else None,
+        score=_mean([trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in results]),
+    )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean([float(value) for value in values]))

@@ -1,0 +1,96 @@
+"""Learning curves: episodes.csv, a row per training episode, and the picture of a run. gorila/run.py keeps both."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any, Dict, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError, write_bytes
+from training.evaluation.periodic import THETA0, PeriodicEvaluation
+
+
+class EpisodeLog:
+    """episodes.csv: a row per training episode. `keep` rows of an earlier part of the run stay when it is resumed."""
+
+    COLUMNS = ("transitions", "return", "length", "success", "collided", "time_s", "world", "sigma", "version")
+
+    def __init__(self, folder: Path, keep: int):
+        self.path = Path(folder) / "episodes.csv"
+        lines = []
+        try:
+            if self.path.exists():
+                lines = self.path.read_text().splitlines()[1 : keep + 1]
+            text = "\n".join([",".join(self.COLUMNS)] + lines) + "\n"
+            write_bytes(self.path, text.encode())
+            self._file = open(self.path, "a", buffering=1)  # noqa: SIM115
+        except OSError as error:
+            raise StorageError("%s: cannot be written (%s)" % (self.path, reason(error))) from None
+        self.rows = [self._parse(line) for line in lines]
+
+    def add(self, transitions: int, info: Dict[str, Any]) -> None:
+        """The next episode, which ended after so many transitions of the run; info: its trajectory's."""
+        row = dict(info, transitions=transitions)
+        self.rows.append(tuple(float(row.get(name, "nan") or 0) for name in self.COLUMNS[:5]))
+        try:
+            self._file.write(",".join(_cell(row.get(name)) for name in self.COLUMNS) + "\n")
+        except OSError as error:
+            raise StorageError("%s: cannot be written (%s)" % (self.path, reason(error))) from None
+
+    def recent(self, name: str, n: int = 100) -> float:
+        """Mean of one of the first five columns over the last n episodes."""
+        rows = self.rows[-n:]
+        return float(np.mean([row[self.COLUMNS.index(name)] for row in rows])) if rows else float("nan")
+
+    def _parse(self, line: str) -> Tuple[float, ...]:
+        return tuple(float(cell) if cell else float("nan") for cell in line.split(",")[:5])
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(int(value))
+    return "%.6g" % value if isinstance(value, float) else str(value).replace(",", " ")
+
+
+def draw_curves(path: Path, episodes: EpisodeLog, evaluation: PeriodicEvaluation, window: int = 100) -> None:
+    """The paper's figure: episode length and return averaged over `window` episodes.
+
+    Default DWA is a dashed red line, the evaluations on held-out worlds are dots. Does nothing where matplotlib is
+    missing.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        return
+    figure = Figure(figsize=(10, 3.6), layout="constrained")
+    rows = np.array(episodes.rows, dtype=np.float64).reshape(-1, 5)
+    dots = [r for r in evaluation.here if r["round"] != THETA0]
+    for axes, (name, column, label) in zip(
+        figure.subplots(1, 2), (("length", 2, "episode length [two-second decisions]"), ("return", 1, "episode return"))
+    ):
+        if len(rows):
+            n = min(window, 1 + len(rows) // 5)
+            smooth = np.convolve(rows[:, column], np.ones(n) / n, "valid")
+            axes.plot(rows[n - 1 :, 0], smooth, lw=1.2, label="training, mean of %d episodes (with noise)" % n)
+        if dots:
+            axes.plot([r["step"] for r in dots], [r[name] for r in dots], "o-", ms=3.5, lw=0.8, label="held-out worlds")
+        if evaluation.default:
+            axes.axhline(evaluation.default[name], color="tab:red", ls="--", label="default DWA, held-out worlds")
+        axes.set(xlabel="transitions", ylabel=label)
+        axes.grid(alpha=0.3)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8)
+    buffer = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(buffer, format="png", dpi=110)
+    write_bytes(path, buffer.getvalue())

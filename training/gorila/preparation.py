@@ -1,0 +1,103 @@
+"""What a run needs before it begins: who does its workers' tasks, its worlds, and how observations are stored."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from typing import List, Optional, Sequence, Tuple
+
+import numpy as np
+import torch
+
+import sim_bridge
+from applr_ros1.policy import observation
+from applr_ros1.policy.parameter_space import SPACE
+from training.evaluation.trials import TRIAL_RUNNER, evenly_spaced, world_list
+from training.experience.dataset import Dataset
+from training.experience.trajectory import Layout
+from training.gorila.collector import layout_of
+from training.gorila.config import ConfigError, TrainConfig
+from training.gorila.learner import LearnerConfig
+from training.mdp.env import ApplrEnv, load_worlds
+from training.mdp.rollout import make_environment
+from training.workers.tasks import RunnerSpec, WorkerSettings
+from worlds import World
+
+OURS = TrainConfig.env
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What prepare() found."""
+
+    settings: WorkerSettings
+    train_worlds: Optional[Sequence[World]]  # None where the environment has none of ours
+    held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
+    layout: Layout
+
+
+def prepare(config: TrainConfig) -> Preparation:
+    """Checks worlds and environment before anything is begun. Raises errors of one line."""
+    evaluates = config.eval_worlds != "none"
+    if config.env != OURS:
+        environment = {"env": config.env, "options": {}}
+        settings = WorkerSettings(
+            RunnerSpec("training.gorila.collector:Collector", environment),
+            RunnerSpec("training.gorila.collector:EnvironmentTrials", environment),
+        )
+        try:
+            layout = layout_of(make_environment(config.env, {}))
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ConfigError("--env %s cannot be had: %s" % (config.env, error)) from None
+        return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
+    worlds = load_worlds(config.worlds)
+    held_out = [world[:2] for world in world_list(config.eval_worlds, "paper")] if evaluates else []
+    sim_bridge.Randomisation(**config.randomisation())
+    options = {
+        "worlds": config.worlds,
+        "simulator": config.simulator,
+        "weights": config.weights,
+        "planner": config.planner,
+        "planner_frequency": config.planner_frequency,
+        "randomisation": config.randomisation(),
+        "reward": config.reward(),
+        "period": config.period,
+    }
+    trials = {
+        "simulator": config.evaluation()["simulator"],
+        "reward": config.reward(),
+        "period": config.period,
+    }
+    if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
+        env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
+        env.reset(seed=0)
+        env.step(-np.ones(len(SPACE)))
+        env.close()
+    return Preparation(
+        WorkerSettings(
+            RunnerSpec("training.gorila.collector:Collector", {"env": config.env, "options": options}),
+            RunnerSpec(TRIAL_RUNNER, trials),
+        ),
+        worlds,
+        evenly_spaced(held_out, config.eval_count),
+        Layout(ApplrEnv.scan_beams, observation.SIZE - ApplrEnv.scan_beams, len(SPACE)),
+    )
+
+
+def set_threads(config: TrainConfig) -> None:
+    """The learner's threads on the CPU: as asked, else the cores that actors on this machine leave.
+
+    More threads than free cores wait for each other and learn many times slower.
+    """
+    if config.threads:
+        torch.set_num_threads(config.threads)
+    elif config.actors and not config.ray_address:
+        torch.set_num_threads(max(1, (os.cpu_count() or 1) - config.actors))
+
+
+def learner_config(config: TrainConfig, dataset: Optional[Dataset]) -> LearnerConfig:
+    """The learner's options, with room for the dataset in the replay."""
+    learner = config.learner()
+    if dataset is not None and dataset.rows + 1000 > learner.capacity - (0 if not config.mix else config.steps):
+        learner = replace(learner, capacity=learner.capacity + dataset.rows + 1000)
+    return learner

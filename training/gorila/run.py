@@ -1,0 +1,302 @@
+"""A training run from its options to its end: the learner, the workers that drive for it, and the evaluations between.
+
+Online: actors drive episodes, the one learner takes them in and learns (the paper's Gorila). Offline: from a dataset.
+The run's folder holds config.json, checkpoint.json with learner-*.safetensors, journal/ (all trajectories), actor and
+best .safetensors, episodes.csv, evaluations.jsonl, curves.png, tensorboard/. train.py is its command.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Dict, Optional
+
+import numpy as np
+import safetensors.numpy
+
+from applr_ros1.common.files import write_bytes, write_json
+from applr_ros1.policy import actor
+from training.evaluation.periodic import PeriodicEvaluation
+from training.experience.dataset import Dataset, DatasetError
+from training.experience.trajectory import Trajectory
+from training.gorila.config import ConfigError, TrainConfig
+from training.gorila.curves import EpisodeLog, draw_curves
+from training.gorila.learner import Learner
+from training.gorila.preparation import OURS, learner_config, prepare, set_threads
+from training.gorila.progress import ProgressLine, TensorBoardLog, clock, describe, status
+from training.gorila.scheduler import TaskScheduler, easiest_first
+from training.storage import Lock, make_folder
+from training.workers.pool import PoolError, make_pool
+from training.workers.tasks import Answer, Trial
+
+MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
+
+
+class TrainingRun:
+    """A run. run() returns the exit status: 0 done, 130 stopped by a signal and saved."""
+
+    def __init__(self, config: TrainConfig):
+        self.began = time.monotonic()
+        self.config = config = config.resolved()
+        made = prepare(config)
+        self.dataset = Dataset(config.dataset, made.layout) if config.dataset else None
+        self.folder = make_folder(config.out)
+        self.lock = Lock(self.folder)
+        if not config.resume and (self.folder / "config.json").exists():
+            raise ConfigError(
+                "%s holds a run already: --resume goes on with it, another --out begins a new one" % self.folder
+            )
+        set_threads(config)
+        self.learner = Learner(made.layout, learner_config(config, self.dataset), self.folder)
+        self.extra = self._resume()
+        kinds = config.evaluation()
+        self.evaluation = PeriodicEvaluation(
+            self.folder,
+            made.held_out,
+            config.eval_trials,
+            config.eval_every,
+            config.seed,
+            config.contact_seconds,
+            setting=", ".join([config.eval_worlds, *kinds.values()]),
+            weights=kinds["weights"],
+            planner=kinds["planner"],
+        )
+        worlds = made.train_worlds
+        order = easiest_first(worlds) if config.curriculum and worlds else None
+        self.scheduler = TaskScheduler(config, len(worlds) if worlds else None, order, self.learner.replay.episodes_of)
+        self.scheduler.transitions = self.learner.transitions
+        self.board = TensorBoardLog(self.folder, self.steps) if config.tensorboard else None
+        self.line = ProgressLine()
+        self.stopping: Optional[str] = None
+        self.errors = 0
+        self._published = -1
+        self._saved = time.monotonic()
+        self._weights: Dict[str, np.ndarray] = {}  # of the policy that the present evaluation drives
+        self._known_errors: Dict[str, int] = {}
+        self.pool = make_pool(
+            made.settings,
+            self.scheduler.next_task,
+            0 if self.offline else config.actors,
+            config.pool,
+            config.ray_address,
+        )
+        write_json(self.folder / "config.json", dict(asdict(config), resume=False))  # from now on it is a run
+
+    def _resume(self) -> Dict[str, Any]:
+        """Back to where the run was: the checkpoint, and every trajectory taken since."""
+        checkpoint = Learner.saved(self.folder) if self.config.resume else None
+        self.episodes = EpisodeLog(self.folder, checkpoint["episodes"] if checkpoint else 0)
+        if not self.config.resume:
+            return {}
+        return self.learner.resume(lambda learner, t: self.episodes.add(learner.transitions, t.info))
+
+    # -- the run -------------------------------------------------------------------------------------
+    @property
+    def offline(self) -> bool:
+        """Whether it learns from a dataset alone."""
+        return self.dataset is not None and not self.config.mix
+
+    @property
+    def steps(self) -> int:
+        """What evaluations, curves and TensorBoard are counted in: transitions; offline: gradient steps."""
+        return self.learner.td3.updates if self.offline else self.learner.transitions
+
+    @property
+    def goal(self) -> int:
+        """How many steps the run has in all."""
+        return self.config.updates if self.offline else self.config.steps
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done; the last evaluation may still be open."""
+        return self.steps >= self.goal
+
+    def run(self) -> int:
+        """Trains to the end, or until SIGINT or SIGTERM."""
+        handlers = {}
+        if threading.current_thread() is threading.main_thread():
+            handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            self._take_dataset()
+            while not self.offline and self.learner.updates_due and not self.stopping:  # dataset, or after a resume
+                self.learner.train(10)
+                self._show_status()
+            self._publish()
+            while not self.finished and not self.stopping:
+                self._one_turn()
+            while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
+                self._collect(0.2)
+            self.save()
+            draw_curves(self.folder / "curves.png", self.episodes, self.evaluation)
+        finally:
+            self.pool.close()
+            self.line.close()
+            if self.board:
+                self.board.close()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+        self._print_the_end()
+        return 130 if self.stopping else 0
+
+    def _one_turn(self) -> None:
+        """Take what came in, make the gradient steps that are due for it, and whatever else is due."""
+        self._evaluate()
+        if self.offline:
+            for _ in range(min(10, self.config.updates - self.learner.td3.updates)):
+                self.learner.update()
+            if self.evaluation.number is not None:
+                self._collect(0.0)
+        else:
+            self._collect(0.2)
+        self._publish()
+        if time.monotonic() - self._saved > self.config.checkpoint_every:
+            self.save()
+        self._show_status()
+
+    def _collect(self, timeout: float) -> None:
+        for answer in self.pool.poll(timeout):
+            if self.stopping:
+                return
+            if answer.error:
+                self._failed(answer.error)
+            if isinstance(answer.task, Trial):
+                self._trial_done(answer)
+            elif not answer.error and not self.offline and not self.finished:
+                trajectory = self.learner.take(answer.data)
+                if trajectory is not None:
+                    self._taken(trajectory)
+
+    def _taken(self, trajectory: Trajectory) -> None:
+        self.errors = 0
+        self.episodes.add(self.learner.transitions, trajectory.info)
+        self.scheduler.transitions = self.learner.transitions
+        while self.learner.updates_due and not self.stopping:
+            self.learner.train(10)
+            self._publish()
+
+    def _failed(self, text: str) -> None:
+        """An episode ended by an error: counted, printed once, and too many in a row end the run."""
+        if text not in self._known_errors:
+            self.line.say("an episode failed: %s" % text)
+        self._known_errors[text] = self._known_errors.get(text, 0) + 1
+        self.errors += 1
+        if self.errors >= MANY_ERRORS:
+            raise PoolError("%d episodes in a row failed, the last with %s" % (self.errors, text))
+
+    def _publish(self) -> None:
+        updates = self.learner.td3.updates
+        if (
+            self._published < 0
+            or updates >= self._published + self.config.publish_every
+            or self.config.actors == 0
+            and updates != self._published
+        ):
+            self.pool.publish(updates, safetensors.numpy.save(self.learner.td3.actor_weights()))
+            self._published = updates
+            self.scheduler.ready = True
+
+    def _take_dataset(self) -> None:
+        if self.dataset is None:
+            return
+        known = self.learner.replay.episodes_of("dataset")  # a resumed run has them already
+        for i, trajectory in enumerate(self.dataset):
+            if i < known:
+                continue
+            trajectory.info = dict(trajectory.info, actor="dataset", episode=i, version=self.learner.td3.updates)
+            self.learner.take(trajectory.pack())
+        if not self.learner.transitions:
+            raise DatasetError("%s: holds no transitions" % self.config.dataset)
+
+    # -- evaluation ------------------------------------------------------------------------------------
+    def _evaluate(self) -> bool:
+        """Begins a round of the evaluation if one is due."""
+        number = self.evaluation.due(self.steps)
+        if number is None:
+            return False
+        self._weights = self.learner.td3.actor_weights()
+        self.pool.pin_for_evaluation(self.learner.td3.updates, safetensors.numpy.save(self._weights))
+        self.scheduler.evaluate(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
+        return True
+
+    def _trial_done(self, answer: Answer) -> None:
+        summary = self.evaluation.add(answer)
+        if summary is None:
+            return
+        self.line.say(describe(summary))
+        if summary["best"]:
+            self.export(self.folder / "best.safetensors", self._weights, summary)
+        if self.board:
+            self.board.round(summary)
+        draw_curves(self.folder / "curves.png", self.episodes, self.evaluation)
+
+    # -- files -------------------------------------------------------------------------------------------
+    def save(self) -> None:
+        """A checkpoint, and the newest policy."""
+        self.learner.save({"elapsed": self.extra.get("elapsed", 0.0) + time.monotonic() - self.began})
+        self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
+        self._saved = time.monotonic()
+
+    def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
+        """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
+        options = {k: v for k, v in asdict(self.config).items() if k not in ("out", "resume", "ray_address")}
+        metadata = {
+            "training": {
+                "steps": self.steps,
+                "updates": self.learner.td3.updates,
+                "transitions": self.learner.transitions,
+                "options": options,
+            },
+            "result": result,
+            "default": self.evaluation.default if result else None,
+        }
+        if self.config.env == OURS:
+            actor.save(path, weights, metadata)
+        else:
+            write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
+
+    # -- progress ------------------------------------------------------------------------------------------
+    def _show_status(self) -> None:
+        if not self.line.due():
+            return
+        learner, done = self.learner, "updates" if self.offline else "transitions"
+        counts = {"transitions": learner.transitions, "updates": learner.td3.updates}
+        rates = self.line.rates(time.monotonic(), counts)
+        values = {
+            **{name: self.episodes.recent(name) for name in ("return", "length", "success", "collided")},
+            "sigma": self.config.noise(learner.transitions),
+            **{name + "_per_second": rate for name, rate in rates.items()},
+            "staleness_mean": learner.staleness.mean,
+            "staleness_max": learner.staleness.most,
+            "actors": self.pool.alive,
+            "replaced": self.pool.replaced,
+            "refused": sum(learner.refused.values()),
+            **learner.td3.report(),
+        }
+        self.line.show(status(done, counts[done], self.goal, values))
+        if self.board:
+            self.board.scalars("training", values, self.steps)
+
+    def _print_the_end(self) -> None:
+        print(
+            "%s after %s transitions and %s updates, %s; %s"
+            % (
+                "Stopped by %s and saved" % self.stopping if self.stopping else "Done",
+                format(self.learner.transitions, ","),
+                format(self.learner.td3.updates, ","),
+                clock(time.monotonic() - self.began),
+                self.folder,
+            )
+        )
+        if self.evaluation.best:
+            print("best actor: %s" % describe(self.evaluation.best))
+        for reason, count in sorted(self.learner.refused.items()):
+            print("refused %d trajectories: %s" % (count, reason))
+
+    def _signal(self, number: int, frame: Any) -> None:
+        if self.stopping:
+            raise KeyboardInterrupt
+        self.stopping = signal.Signals(number).name
