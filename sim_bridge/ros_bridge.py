@@ -2,14 +2,14 @@
 
 Started by applr_ros1/scripts/sim_bridge.py.
 
-Publishes: /clock (100 Hz), and at 50 Hz /front/scan, /odometry/filtered, /tf, /tf_static, /imu/data, /joint_states,
-/collision, ~collision, ~ground_truth (frame world); ~obstacles, ~current_world (latched), ~movers.
-Subscribes: /cmd_vel and /jackal_velocity_controller/cmd_vel (the newest command counts), /set_pose (sets the odometry's
-estimate, as on the Jackal; the robot stays where it is), ~world (changes the world).
-Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the world that the parameter
-~world names).
-Parameters: ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead
-of the course's), ~paused (begin with the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py).
+Publishes: /clock (100 Hz), and at 50 Hz front/scan, odometry/filtered, /tf, /tf_static, imu/data, joint_states,
+collision, ~collision, ~ground_truth (frame world); ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_vel
+and jackal_velocity_controller/cmd_vel (the newest command counts), set_pose (sets the odometry's estimate, as on the
+Jackal; the robot stays where it is), ~world (changes the world). Services: ~reset (robot and odometry back to the
+start, costmaps cleared), ~load_world (the world that the parameter ~world names). Parameters: ~world, ~simulator,
+~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin
+with the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py); ~odom_frame, ~base_frame,
+~tf_prefix (in front of the names of all frames of the robot).
 
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
@@ -76,7 +76,7 @@ class Bridge:
         self.running = threading.Event()  # simulated time goes on
         if not rospy.get_param("~paused", False):
             self.running.set()
-        self.topics = BridgeTopics()
+        self.topics = _topics()
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         self.front = _gazebos_front(self) if rospy.get_param("~gazebo", False) else None
@@ -103,9 +103,9 @@ class Bridge:
 
     def _connect(self):
         heard = (self.front.on_cmd_vel, self.front.on_controller_command) if self.front else (self.on_command,) * 2
-        for topic, callback in zip(("/cmd_vel", "/jackal_velocity_controller/cmd_vel"), heard):
+        for topic, callback in zip(("cmd_vel", "jackal_velocity_controller/cmd_vel"), heard):
             rospy.Subscriber(topic, Twist, callback, queue_size=1, buff_size=2**16, tcp_nodelay=True)
-        rospy.Subscriber("/set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
+        rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
         rospy.Subscriber("~world", String, self.on_world, queue_size=1)
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
@@ -306,11 +306,12 @@ class Pace:
 
 def _clear_costmaps(patience=2.0):
     """Ask move_base, if there is one, to clear its costmaps; wait no longer than `patience` wall seconds."""
+    name = rospy.resolve_name("move_base/clear_costmaps")
 
     def call():
         try:
-            rospy.wait_for_service("/move_base/clear_costmaps", 0.1)
-            rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
+            rospy.wait_for_service(name, 0.1)
+            rospy.ServiceProxy(name, Empty)()
         except rospy.ROSException:
             pass  # no move_base: nothing to clear
         except rospy.ServiceException as error:
@@ -320,7 +321,13 @@ def _clear_costmaps(patience=2.0):
     worker.start()
     worker.join(patience)
     if worker.is_alive():
-        rospy.logwarn("sim_bridge: costmaps not cleared: /move_base/clear_costmaps gave no answer for %g s", patience)
+        rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
+
+
+def _topics():
+    """The publishers, for the frames that ~odom_frame, ~base_frame and ~tf_prefix name."""
+    prefix, odom, base = (str(rospy.get_param("~" + name, "")) for name in ("tf_prefix", "odom_frame", "base_frame"))
+    return BridgeTopics(prefix, odom or prefix + "odom", base or prefix + "base_link")
 
 
 def _number(name, default):

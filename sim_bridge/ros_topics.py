@@ -22,7 +22,7 @@ from applr_ros1.common.angles import quaternion_of
 from . import jackal
 from .simulator import RobotState, Simulator
 
-WORLD, ODOM, BASE = "world", "odom", "base_link"
+WORLD = "world"
 OBSTACLE_HEIGHT = 0.5
 WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
 _COVARIANCE = [0.0] * 36
@@ -32,18 +32,25 @@ _ATTITUDE_COVARIANCE = [1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4]
 
 
 class BridgeTopics:
-    """The publishers. Queued, so that no frozen listener holds the simulation up."""
+    """The publishers. Queued, so that no frozen listener holds the simulation up.
 
-    def __init__(self):
+    Args:
+        prefix: What the names of the robot's other frames begin with, for several robots on one master.
+        odom: Frame of the odometry.
+        base: Frame of the robot.
+    """
+
+    def __init__(self, prefix: str = "", odom: str = "odom", base: str = "base_link"):
+        self.prefix, self.odom_frame, self.base_frame = prefix, odom, base
         self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=50, tcp_nodelay=True)
         self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        self.odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=10, tcp_nodelay=True)
-        self.scan = rospy.Publisher("/front/scan", LaserScan, queue_size=10, tcp_nodelay=True)
-        self.imu = rospy.Publisher("/imu/data", Imu, queue_size=10)
-        self.joints = rospy.Publisher("/joint_states", JointState, queue_size=10)
+        self.odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=10, tcp_nodelay=True)
+        self.scan = rospy.Publisher("front/scan", LaserScan, queue_size=10, tcp_nodelay=True)
+        self.imu = rospy.Publisher("imu/data", Imu, queue_size=10)
+        self.joints = rospy.Publisher("joint_states", JointState, queue_size=10)
         self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
-        self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "/collision")]
+        self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "collision")]
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.world = rospy.Publisher("~current_world", String, queue_size=1, latch=True)
@@ -56,14 +63,14 @@ class BridgeTopics:
 
     def publish_state(self, state: RobotState, ranges: np.ndarray, stamp: rospy.Time, touched: bool) -> None:
         """Everything of one instant. ranges (720,) float32; touched: since the last call."""
-        self.tf.publish([_transform(ODOM, BASE, state.odom_pose, stamp)])
-        self.odometry.publish(_odometry(ODOM, state.odom_pose, state.odom_twist, stamp))
-        self.scan.publish(_scan(ranges, stamp))
-        self.truth.publish(_odometry(WORLD, state.pose, state.twist, stamp))
+        self.tf.publish([_transform(self.odom_frame, self.base_frame, state.odom_pose, stamp)])
+        self.odometry.publish(_odometry(self.odom_frame, self.base_frame, state.odom_pose, state.odom_twist, stamp))
+        self.scan.publish(_scan(self.prefix + jackal.LASER_FRAME, ranges, stamp))
+        self.truth.publish(_odometry(WORLD, self.base_frame, state.pose, state.twist, stamp))
         for publisher in self.collisions:
             publisher.publish(touched)
         if self.imu.get_num_connections():
-            self.imu.publish(_imu(state, stamp))
+            self.imu.publish(_imu(self.prefix + "imu_link", state, stamp))
         self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
@@ -81,13 +88,15 @@ class BridgeTopics:
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """The static frames: the robot's parts, and where odom lies in the world."""
         x, y = simulator.odom_origin
-        laser = _transform(BASE, jackal.LASER_FRAME, jackal.LASER_OFFSET + (0.0,), stamp, jackal.LASER_HEIGHT)
+        base, prefix = self.base_frame, self.prefix
+        place = jackal.LASER_OFFSET + (0.0,)
+        laser = _transform(base, prefix + jackal.LASER_FRAME, place, stamp, jackal.LASER_HEIGHT)
         self.tf_static.publish(
             [
                 laser,
-                _transform(BASE, "chassis_link", (0.0, 0.0, 0.0), stamp),
-                _transform(BASE, "imu_link", (0.0, 0.0, 0.0), stamp),
-                _transform(WORLD, ODOM, (x, y, 0.0), stamp),
+                _transform(base, prefix + "chassis_link", (0.0, 0.0, 0.0), stamp),
+                _transform(base, prefix + "imu_link", (0.0, 0.0, 0.0), stamp),
+                _transform(WORLD, self.odom_frame, (x, y, 0.0), stamp),
             ]
         )
 
@@ -125,8 +134,8 @@ def _transform(parent, child, pose, stamp, z=0.0):
     return message
 
 
-def _odometry(frame, pose, twist, stamp):
-    message = Odometry(child_frame_id=BASE)
+def _odometry(frame, child, pose, twist, stamp):
+    message = Odometry(child_frame_id=child)
     message.header.frame_id, message.header.stamp = frame, stamp
     message.pose.pose.position.x, message.pose.pose.position.y = pose[0], pose[1]
     message.pose.pose.orientation = quaternion(pose[2])
@@ -135,7 +144,7 @@ def _odometry(frame, pose, twist, stamp):
     return message
 
 
-def _scan(ranges, stamp):
+def _scan(frame, ranges, stamp):
     message = LaserScan(
         angle_min=jackal.ANGLE_MIN,
         angle_max=jackal.ANGLE_MAX,
@@ -145,13 +154,13 @@ def _scan(ranges, stamp):
         scan_time=1.0 / jackal.SCAN_RATE,
         ranges=ranges.tolist(),
     )
-    message.header.frame_id, message.header.stamp = jackal.LASER_FRAME, stamp
+    message.header.frame_id, message.header.stamp = frame, stamp
     return message
 
 
-def _imu(state, stamp):
+def _imu(frame, state, stamp):
     message = Imu()
-    message.header.frame_id, message.header.stamp = "imu_link", stamp
+    message.header.frame_id, message.header.stamp = frame, stamp
     message.orientation = quaternion(state.odom_pose[2])
     message.linear_acceleration.x, message.angular_velocity.z = state.imu
     message.linear_acceleration.z = jackal.GRAVITY

@@ -61,6 +61,34 @@ def test_which_nodes_start(arguments, nodes):
     assert set(listed.stdout.split()) == nodes
 
 
+def test_arguments_for_another_robot(tmp_path):
+    """Names, frames, parameter files, the clock and the cap reach the nodes that need them."""
+    import shutil
+
+    shutil.copytree(os.path.join(ROOT, "applr_ros1", "params"), tmp_path / "params")
+    file = tmp_path / "params" / "base_local_planner_params.yaml"
+    file.write_text(file.read_text().replace("max_vel_x: 0.5", "max_vel_x: 0.4"))
+    arguments = (
+        "sim:=false use_sim_time:=true scan_topic:=/lidar/scan odom_frame:=robot1/odom base_frame:=robot1/base "
+        "max_speed:=0.3 params:=%s" % (tmp_path / "params")
+    )
+    dumped = inside("roslaunch", "--dump-params", *LAUNCH, *arguments.split())
+    assert dumped.returncode == 0, dumped.stderr
+    values = yaml.safe_load(dumped.stdout)
+    assert values["/use_sim_time"] is True
+    assert values["/applr/max_speed"] == 0.3
+    assert values["/applr/base_frame"] == "robot1/base"
+    assert values["/move_base/TrajectoryPlannerROS/max_vel_x"] == 0.4
+    for costmap in ("global_costmap", "local_costmap"):
+        assert values["/move_base/%s/global_frame" % costmap] == "robot1/odom"
+        assert values["/move_base/%s/robot_base_frame" % costmap] == "robot1/base"
+    shown = inside("roslaunch", "--args", "/applr", *LAUNCH, *arguments.split())
+    assert "front/scan:=/lidar/scan" in shown.stdout, shown.stdout
+    plain = yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH, "sim:=false").stdout)
+    assert plain["/use_sim_time"] is False
+    assert "/applr/max_speed" not in plain
+
+
 @pytest.mark.parametrize(
     "argument",
     [
@@ -77,11 +105,17 @@ def test_which_nodes_start(arguments, nodes):
         "policy:=/no/such.safetensors mode:=applr",
         "sim:=perhaps",
         "speed:=3",
+        "max_speed:=5",
+        "max_speed:=0.05",
+        "use_sim_time:=later",
+        "scan_topic:=/scan me",
+        "base_frame:=",
+        "params:=/no/such/folder",
         "world",
     ],
 )
 def test_a_wrong_argument_is_one_line(argument):
-    words = argument.split(" ") if "mode" in argument else [argument]
+    words = argument.split(" ") if "mode:=" in argument else [argument]
     refused = inside("rosrun", "applr_ros1", "check_arguments.py", *words)
     lines = refused.stderr.strip().splitlines()
     assert refused.returncode == 1, refused.stderr

@@ -6,6 +6,7 @@ stand in launch/jackal_applr.launch; what a value may be stands here.
 
 import math
 import os
+import re
 import xml.etree.ElementTree as xml
 
 import sim_bridge
@@ -13,8 +14,17 @@ import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE
 
 MOVE_BASES = ("python", "cpp")
+ROS_NAME = re.compile(r"^/?[A-Za-z]\w*(/\w+)*$", re.ASCII)
+PARAMETER_FILES = (
+    "move_base_params.yaml",
+    "base_local_planner_params.yaml",
+    "costmap_common_params.yaml",
+    "odom_nav_params/global_costmap_params.yaml",
+    "odom_nav_params/local_costmap_params.yaml",
+)
 
 
 class ArgumentError(ApplrError):
@@ -77,9 +87,29 @@ def check(values):
         raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
     methods.make_mode(values["mode"], path(values["policy"]), path(values["parameters"]))
     goal(values["goal"])
+    _interface(values)
     if sim:
         worlds.load(values["world"])
     recording(values["record"])
+
+
+def _interface(values):
+    """The arguments that fit the stack to a robot: parameter files, names, the cap on its speed."""
+    folder = path(values["params"])
+    for file in PARAMETER_FILES if folder else ():
+        if not os.path.isfile(os.path.join(folder, file)):
+            raise ArgumentError(
+                "params is %s: it has no file %s; copy the package's folder and edit it" % (folder, file)
+            )
+    if values["max_speed"] != "none":
+        low, high = (bound[SPACE.names.index("max_vel_x")] for bound in (SPACE.low, SPACE.high))
+        if not low <= number("max_speed", values["max_speed"]) <= high:
+            raise ArgumentError("max_speed is %s: give %g to %g m/s, or none" % (values["max_speed"], low, high))
+    if values["use_sim_time"] != "auto":
+        boolean("use_sim_time", values["use_sim_time"])
+    for name in ("scan_topic", "odom_topic", "cmd_vel_topic", "odom_frame", "base_frame"):
+        if not ROS_NAME.match(values[name]):
+            raise ArgumentError("%s is %s: give a name such as front/scan" % (name, values[name] or "empty"))
 
 
 def boolean(name, text):

@@ -108,7 +108,7 @@ def _prepare(words):
         raise arguments.ArgumentError("limit is %s: give 1 to 3600 simulated seconds" % values["limit"])
     _check_picture(values["picture"])
     _choose_port(values)
-    for name in ("world", "policy", "parameters", "record"):  # the nodes run in another folder
+    for name in ("world", "policy", "parameters", "params", "record"):  # the nodes run in another folder
         if os.path.exists(values[name]) or name == "record" and arguments.path(values[name]):
             values[name] = os.path.abspath(values[name])
     world = worlds.load(values["world"])

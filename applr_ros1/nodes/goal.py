@@ -59,7 +59,7 @@ def _send():
     if rospy.is_shutdown():
         return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in odom", *pose)
-    client.send_goal(message(pose))
+    client.send_goal(message(pose, str(rospy.get_param("~frame", "odom"))))
     client.wait_for_result()
     if not rospy.is_shutdown():
         rospy.loginfo("goal %s: %s", WORDS.get(client.get_state(), "not reached"), client.get_goal_status_text())
