@@ -230,6 +230,7 @@ def test_report_is_whole(folder):
     assert "kinematic" in text
     assert "nan" not in text
     assert (out / "report.md").read_text().count("###") == 8
+    assert text.count("(weights per_metre, planner ours)") == 8  # an evaluation of before the choice
 
 
 def test_report_of_one_method_and_one_world(tmp_path):
@@ -239,6 +240,28 @@ def test_report_of_one_method_and_one_world(tmp_path):
     store.append(plan[0], result, trials.pack_trace(Trace))
     store.close()
     assert write(tmp_path).endswith("index.html")
+
+
+def test_each_kind_of_weights_has_its_rows_in_one_table(tmp_path):
+    """The same seeds with two kinds of weights: twice the seconds where the biases count per metre."""
+    worlds, kinds = ["generated:1", "generated:2"], ("per_cell", "per_metre")
+    plan = trials.plan([(w, w) for w in worlds], [("dwa", "dwa"), ("mine", "dwa")], 2, 0, 0, kinds, "cpp-like")
+    settings = {"worlds": worlds, "world_specs": worlds, "weights": list(kinds), "planner": "cpp-like", "methods": {}}
+    store = trial_store.Store(tmp_path, settings, plan)
+    for trial in plan:
+        seconds = 20.0 if trial.weights == "per_cell" else 40.0
+        store.append(trial, TrialResult(True, False, False, seconds, 6.0, "finished", 7.0, 0.3, 5.0, 1.0, 0.1), None)
+    store.close()
+    page = Path(write(tmp_path)).read_text()
+    with open(tmp_path / "report" / "table_1.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["weights"], r["method"], r["time [s]"], r["successes"]) for r in rows] == [
+        (kind, method, "%.2f" % seconds, "4 of 4")
+        for kind, seconds in (("per_cell", 20), ("per_metre", 40))
+        for method in ("dwa", "mine")
+    ]
+    assert page.count("(weights per_cell and per_metre, planner cpp-like)") == page.count("<table>")
+    assert "8 trials of each kind of weights" in page
 
 
 def test_nothing_to_report_is_one_line(tmp_path, folder):
@@ -266,6 +289,12 @@ def test_compare_with_gazebo(tmp_path, capsys, monkeypatch):
         for n in range(30):
             for trial in range(4):
                 rows.writerow(["world_%d" % n, "dwa", trial, 1, trial > 0, False, trial == 0, 20.0 + n, 11, 6.0])
+    lines = (tmp_path / "trials.csv").read_text().splitlines()
+    kinds = [[line.replace("20.0", "30.0") + "," + kind for line in lines[1:]] for kind in ("per_cell", "per_metre")]
+    (tmp_path / "kinds.csv").write_text("\n".join([lines[0] + ",weights", *kinds[0], *kinds[1]]) + "\n")
+    sides = compare_gazebo.ours(tmp_path / "kinds.csv", "dwa")
+    assert list(sides) == ["per_cell", "per_metre", "mixture"]
+    assert [side[3].n for side in sides.values()] == [4, 4, 8]
     with open(tmp_path / "gazebo.csv", "w", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["world", "n", "n_success", "time_mean_succ", "tortuosity"])
@@ -274,14 +303,19 @@ def test_compare_with_gazebo(tmp_path, capsys, monkeypatch):
     found = compare_gazebo.compare(
         compare_gazebo.ours(tmp_path / "trials.csv", "dwa"), compare_gazebo.gazebo(tmp_path / "gazebo.csv")
     )
-    assert found["worlds"] == 30
-    assert found["ours_all"]["success"] == 0.75
-    assert found["gazebo_all"]["success"] == 0.9
-    assert found["ours_all"]["time_s"] == pytest.approx(34.5)
-    assert found["gazebo_all"]["time_s"] == pytest.approx(36.5, abs=1.0)  # two seconds taken off
-    assert found["spearman"] > 0.95
+    assert list(found) == ["Gazebo", "ours"]
+    gazebo, mine = found.values()
+    assert (mine["worlds"], mine["trials"], mine["success"]) == (30, 120, 0.75)
+    assert gazebo["success"] == 0.9
+    assert mine["mean_s"] == pytest.approx(34.5)
+    assert gazebo["mean_s"] == pytest.approx(36.5, abs=1.0)  # two seconds taken off
+    assert (mine["q10_s"], mine["q50_s"]) == pytest.approx((22.9, 34.5))
+    assert mine["slowest_s"] - mine["fastest_s"] == pytest.approx(20.0, abs=1.0)
+    assert 0.95 < mine["spearman"] < gazebo["spearman"] == pytest.approx(1.0)
+    assert gazebo["apart_s"] == 0.0 < mine["apart_s"] < 4.0
     for arguments, status in (
         (["trials.csv", "gazebo.csv"], 0),
+        (["kinds.csv", "gazebo.csv"], 0),
         (["gazebo.csv", "gazebo.csv"], 1),
         (["trials.csv", "nowhere.csv"], 1),
         (["trials.csv", "trials.csv"], 1),
@@ -291,3 +325,4 @@ def test_compare_with_gazebo(tmp_path, capsys, monkeypatch):
         caught = capsys.readouterr()
         assert caught.err.count("\n") == status
         assert ("Spearman" in caught.out) == (status == 0)
+        assert ("| mixture |" in caught.out) == (arguments[0] == "kinds.csv")

@@ -11,7 +11,7 @@ import csv
 import json
 import re
 import sys
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 from scipy import stats
@@ -20,8 +20,26 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes
 from training.evaluation.store import flag, read_rows
 from training.evaluation.trials import COLUMNS as OURS
+from training.evaluation.trials import WEIGHTS_COLUMN
 
 COLUMNS = ("world", "n", "n_success", "time_mean_succ")
+GAZEBO, MIXTURE = "Gazebo", "mixture"
+ROWS = {
+    "worlds": ("worlds", "%d"),
+    "trials": ("trials", "%d"),
+    "success": ("success rate", "%.3f"),
+    "mean_s": ("mean of the worlds' mean times [s]", "%.1f"),
+    "q10_s": ("10 % of the worlds take at most [s]", "%.1f"),
+    "q25_s": ("25 %", "%.1f"),
+    "q50_s": ("50 %", "%.1f"),
+    "q75_s": ("75 %", "%.1f"),
+    "q90_s": ("90 %", "%.1f"),
+    "fastest_s": ("mean of Gazebo's fastest third [s]", "%.1f"),
+    "middle_s": ("middle third", "%.1f"),
+    "slowest_s": ("slowest third", "%.1f"),
+    "spearman": ("rank correlation with Gazebo (Spearman)", "%.2f"),
+    "apart_s": ("mean distance from Gazebo's time in the same world [s]", "%.1f"),
+}  # of the table: figure -> label, format
 LONGER = 2.0  # [s] that Gazebo's course, to y = 11 m, takes longer than ours, to y = 10 m
 
 
@@ -37,18 +55,24 @@ class World(NamedTuple):
     time: float
 
 
-def ours(path: str, method: str) -> Dict[int, World]:
-    """BARN's worlds ("world_N") among the trials of `method` in a trials.csv."""
-    found: Dict[int, List[Dict[str, str]]] = {}
+def ours(path: str, method: str) -> Dict[str, Dict[int, World]]:
+    """BARN's worlds ("world_N") among the trials of `method` in a trials.csv, by kind of distance weights.
+
+    "ours" stands for the one kind of a file that does not name any; several kinds are followed by MIXTURE, the trials
+    of all of them.
+    """
+    kinds: Dict[str, Dict[int, List[Dict[str, str]]]] = {}
     for row in read_rows(path, OURS):
         number = re.match(r"^world_(\d+)$", row["world"])
         if number and row["method"] == method:
-            found.setdefault(int(number.group(1)), []).append(row)
-    if not found:
+            for kind in (row[WEIGHTS_COLUMN], MIXTURE) if WEIGHTS_COLUMN in row else ("ours",):
+                kinds.setdefault(kind, {}).setdefault(int(number.group(1)), []).append(row)
+    if not kinds:
         raise CompareError(
             "%s holds no trial of %s in a world_N; give a trials.csv of BARN's own worlds, or --method" % (path, method)
         )
-    return {n: _world(rows) for n, rows in found.items()}
+    ordered = sorted(kinds, key=lambda kind: kind == MIXTURE)
+    return {kind: {n: _world(rows) for n, rows in kinds[kind].items()} for kind in ordered}
 
 
 def _world(rows: List[Dict[str, str]]) -> World:
@@ -70,57 +94,36 @@ def gazebo(path: str, longer: float = LONGER) -> Dict[int, World]:
         ) from None
 
 
-def compare(a: Dict[int, World], b: Dict[int, World]) -> Dict[str, Any]:
-    """Figures of the worlds in both: rates, means over successes, rank correlation of the worlds' means, thirds."""
-    common = sorted(set(a) & set(b))
-    timed = [n for n in common if np.isfinite(a[n].time) and np.isfinite(b[n].time)]
+def compare(sides: Dict[str, Dict[int, World]], table: Dict[int, World]) -> Dict[str, Dict[str, float]]:
+    """Figures (ROWS) of Gazebo's table and of each side, over the worlds that all of them hold.
+
+    Times are means of each world's successes, over the worlds with a success everywhere; the thirds are Gazebo's.
+    """
+    everything = {GAZEBO: table, **sides}
+    common = sorted(set.intersection(*(set(worlds) for worlds in everything.values())))
+    timed = [n for n in common if all(np.isfinite(worlds[n].time) for worlds in everything.values())]
     if len(timed) < 3:
-        raise CompareError("only %d worlds have successes on both sides; at least 3 are needed" % len(timed))
-    rank = stats.spearmanr([a[n].time for n in timed], [b[n].time for n in timed])
-    found: Dict[str, Any] = {"worlds": len(common), "spearman": float(rank.statistic), "spearman_worlds": len(timed)}
-    by_time = sorted(timed, key=lambda n: b[n].time)
-    for name, worlds in [("all", common)] + [
-        ("third_%d" % (i + 1), list(part)) for i, part in enumerate(np.array_split(by_time, 3))
-    ]:
-        for side, table in (("ours", a), ("gazebo", b)):
-            trials, good = sum(table[n].n for n in worlds), sum(table[n].successes for n in worlds)
-            seconds = sum(table[n].successes * table[n].time for n in worlds if table[n].successes)
-            found["%s_%s" % (side, name)] = {
-                "trials": trials,
-                "success": good / trials,
-                "time_s": seconds / good if good else float("nan"),
-            }
+        raise CompareError("only %d worlds have successes on all sides; at least 3 are needed" % len(timed))
+    thirds = np.array_split(sorted(timed, key=lambda n: table[n].time), 3)
+    theirs = np.array([table[n].time for n in timed])
+    found = {}
+    for name, worlds in everything.items():
+        times = np.array([worlds[n].time for n in timed])
+        trials = sum(worlds[n].n for n in common)
+        quantiles = np.quantile(times, [0.1, 0.25, 0.5, 0.75, 0.9])
+        values = [len(common), trials, sum(worlds[n].successes for n in common) / trials, times.mean(), *quantiles]
+        values += [np.mean([worlds[n].time for n in third]) for third in thirds]
+        values += [stats.spearmanr(times, theirs).statistic, np.abs(times - theirs).mean()]
+        found[name] = {row: float(value) for row, value in zip(ROWS, values)}
     return found
 
 
-def lines(found: Dict[str, Any]) -> List[str]:
-    """The figures in words."""
-    out = ["%d worlds. %-28s %10s %10s %10s" % (found["worlds"], "", "ours", "Gazebo", "")]
-    for name, label in (
-        ("all", "all"),
-        ("third_1", "Gazebo's fastest third"),
-        ("third_2", "middle third"),
-        ("third_3", "slowest third"),
-    ):
-        us, them = found["ours_" + name], found["gazebo_" + name]
-        out.append(
-            "%-38s %9.1f%% %9.1f%% %+7.1f points"
-            % (
-                "success rate, " + label,
-                100 * us["success"],
-                100 * them["success"],
-                100 * (us["success"] - them["success"]),
-            )
-        )
-        out.append(
-            "%-38s %8.2f s %8.2f s %+7.1f %%"
-            % ("mean of successes, " + label, us["time_s"], them["time_s"], 100 * (us["time_s"] / them["time_s"] - 1))
-        )
-    out.append(
-        "Spearman correlation of the worlds' mean times over successes (%d worlds): %.3f"
-        % (found["spearman_worlds"], found["spearman"])
-    )
-    return out
+def markdown(found: Dict[str, Dict[str, float]]) -> str:
+    """The figures as a table, a column per side."""
+    lines = ["| | %s |" % " | ".join(found), "|---|%s" % ("---:|" * len(found))]
+    for row, (label, form) in ROWS.items():
+        lines.append("| %s | %s |" % (label, " | ".join(form % side[row] for side in found.values())))
+    return "\n".join(lines)
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -143,7 +146,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--json", action="store_true", help="Print the result as one JSON object.")
     options = parser.parse_args(arguments)
     found = compare(ours(options.trials, options.method), gazebo(options.gazebo, options.longer))
-    print(json.dumps(found) if options.json else "\n".join(lines(found)))
+    print(json.dumps(found) if options.json else markdown(found))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
-from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, flag, read_rows
+from training.evaluation.store import MEASURES_FILE, OLDER, SETTINGS, TRIALS, flag, read_rows
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN
 from worlds import builtin
 
@@ -52,16 +52,26 @@ class Cell:
 
 
 class Results:
-    """cells[method][world], the evaluation's settings, and how worlds are grouped."""
+    """cells[method][world] of one kind of weights, the evaluation's settings, and how worlds are grouped.
 
-    def __init__(self, folder: os.PathLike | str):
+    Args:
+        folder: the folder of an evaluation.
+        weights: the kind, where several were driven; the first one if left out.
+    """
+
+    def __init__(self, folder: os.PathLike | str, weights: str = ""):
         self.folder = Path(folder)
         rows = read_rows(self.folder / TRIALS, COLUMNS)
+        several = list(dict.fromkeys(row[WEIGHTS_COLUMN] for row in rows if WEIGHTS_COLUMN in row))
+        self.kind = (weights or several[0]) if several else ""
+        rows = [row for row in rows if row.get(WEIGHTS_COLUMN, "") == self.kind]
         measures = read_rows(self.folder / MEASURES_FILE, MEASURES)
         if not rows:
             raise ReportError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
         path = self.folder / SETTINGS
         self.settings: Dict[str, Any] = read_json(path) if path.exists() else {}
+        self.weights: List[str] = several or self.settings.get("weights", OLDER["weights"])
+        self.planner: str = self.settings.get("planner", OLDER["planner"])
         self.count = len(rows)
         self.methods = list(dict.fromkeys(row["method"] for row in rows))
         self.worlds = list(dict.fromkeys(row["world"] for row in rows))

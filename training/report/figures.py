@@ -100,7 +100,7 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
 
 def profile(results: Results, folder: Path, name: str, method: str) -> Optional[str]:
     """A method's parameters along one course, regions coloured (paper, Fig. 5)."""
-    world, trace = load(results, name), read_trace(results.folder, name, method, 0)
+    world, trace = load(results, name), read_trace(results.folder, name, method, 0, results.kind)
     if world is None or trace is None or not len(trace["theta"]):
         return None
     from worlds.draw import draw
@@ -167,7 +167,9 @@ def load(results: Results, name: str) -> Optional[World]:
 
 
 def _traces(results: Results, name: str) -> Dict[str, dict]:
-    found = {m: read_trace(results.folder, name, m, 0) for m in results.methods if name in results.cells[m]}
+    found = {
+        m: read_trace(results.folder, name, m, 0, results.kind) for m in results.methods if name in results.cells[m]
+    }
     return {m: trace for m, trace in found.items() if trace is not None and len(trace["pose"])}
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import importlib.util
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import List, Tuple
 
@@ -52,7 +53,9 @@ def write(folder, training: str = "") -> str:
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
-    tables = [table for table in (make(results) for make in PAPER + MORE) if table.rows]
+    kinds = [results] + [Results(folder, kind) for kind in results.weights[1:]]
+    made = (_joined([make(each) for each in kinds], results) for make in PAPER + MORE)
+    tables = [table for table in made if table.rows]
     pictures = _pictures(results, out, training)
     for table in tables:
         for ending, text in (("csv", table.csv()), ("tex", table.latex()), ("md", table.markdown())):
@@ -61,6 +64,17 @@ def write(folder, training: str = "") -> str:
     write_bytes(out / "report.md", _markdown(title, facts, tables, pictures).encode())
     write_bytes(out / "index.html", _html(title, facts, tables, pictures).encode())
     return str(out / "index.html")
+
+
+def _joined(tables: List[Table], results: Results) -> Table:
+    """One table of those of each kind of weights; its title or a column says which kind it is."""
+    first = tables[0]
+    title = "%s (weights %s, planner %s)" % (first.title, " and ".join(results.weights), results.planner)
+    if all(table.rows == first.rows for table in tables):
+        return replace(first, title=title)
+    rows = [[row[0], kind, *row[1:]] for kind, table in zip(results.weights, tables) for row in table.rows]
+    notes = list(dict.fromkeys(note for table in tables for note in table.notes))
+    return Table(first.name, title, [first.columns[0], "weights", *first.columns[1:]], rows, notes)
 
 
 def _pictures(results: Results, out: Path, training: str) -> List[Tuple[str, str]]:
@@ -94,8 +108,21 @@ def _facts(results: Results) -> Tuple[str, List[str]]:
     per = sorted({len(c.success) for cells in results.cells.values() for c in cells.values()})
     trials = str(per[0]) if len(per) == 1 else "%d to %d" % (per[0], per[-1])
     facts = [
-        "%d trials: %d worlds × %d methods × %s trials. Simulator: %s."
-        % (results.count, len(results.worlds), len(results.methods), trials, s.get("simulator", "not recorded"))
+        "%d trials%s: %d worlds × %d methods × %s trials. Simulator: %s. Planner: %s."
+        % (
+            results.count,
+            " of each kind of weights" if len(results.weights) > 1 else "",
+            len(results.worlds),
+            len(results.methods),
+            trials,
+            s.get("simulator", "not recorded"),
+            results.planner,
+        ),
+        "The planner's two distance biases count: %s.%s"
+        % (
+            " and ".join(results.weights),
+            " The pictures show %s." % results.kind if results.kind else "",
+        ),
     ]
     if s.get("protocol") in PROTOCOLS:
         facts.append("Protocol %s. %s" % (s["protocol"], PROTOCOLS[s["protocol"]].sentence))
