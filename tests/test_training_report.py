@@ -290,7 +290,7 @@ def test_compare_with_gazebo(tmp_path, capsys, monkeypatch):
             for trial in range(4):
                 rows.writerow(["world_%d" % n, "dwa", trial, 1, trial > 0, False, trial == 0, 20.0 + n, 11, 6.0])
     lines = (tmp_path / "trials.csv").read_text().splitlines()
-    kinds = [[line.replace("20.0", "30.0") + "," + kind for line in lines[1:]] for kind in ("per_cell", "per_metre")]
+    kinds = [[line + "," + kind for line in lines[1:]] for kind in ("per_cell", "per_metre")]
     (tmp_path / "kinds.csv").write_text("\n".join([lines[0] + ",weights", *kinds[0], *kinds[1]]) + "\n")
     sides = compare_gazebo.ours(tmp_path / "kinds.csv", "dwa")
     assert list(sides) == ["per_cell", "per_metre", "mixture"]
@@ -312,7 +312,20 @@ def test_compare_with_gazebo(tmp_path, capsys, monkeypatch):
     assert (mine["q10_s"], mine["q50_s"]) == pytest.approx((22.9, 34.5))
     assert mine["slowest_s"] - mine["fastest_s"] == pytest.approx(20.0, abs=1.0)
     assert 0.95 < mine["spearman"] < gazebo["spearman"] == pytest.approx(1.0)
-    assert gazebo["apart_s"] == 0.0 < mine["apart_s"] < 4.0
+    assert gazebo["distance_s"] == 0.0 < mine["distance_s"] < 4.0
+    far = [
+        line.replace(",%s," % (20.0 + n), ",%s," % (60.0 + n))
+        for n in (3, 7)
+        for line in kinds[1]
+        if "d_%d," % n in line
+    ]
+    near = [line for line in kinds[1] if not line.startswith(("world_3,", "world_7,"))]
+    (tmp_path / "kinds.csv").write_text("\n".join([lines[0] + ",weights", *kinds[0], *near, *far]) + "\n")
+    found = compare_gazebo.compare(
+        compare_gazebo.ours(tmp_path / "kinds.csv", "dwa"), compare_gazebo.gazebo(tmp_path / "gazebo.csv")
+    )
+    assert {side["differing"] for side in found.values()} == {2}
+    assert [found[kind]["differing_s"] for kind in ("per_cell", "per_metre", "mixture")] == [25.0, 65.0, 45.0]
     for arguments, status in (
         (["trials.csv", "gazebo.csv"], 0),
         (["kinds.csv", "gazebo.csv"], 0),

@@ -38,8 +38,11 @@ ROWS = {
     "middle_s": ("middle third", "%.1f"),
     "slowest_s": ("slowest third", "%.1f"),
     "spearman": ("rank correlation with Gazebo (Spearman)", "%.2f"),
-    "apart_s": ("mean distance from Gazebo's time in the same world [s]", "%.1f"),
+    "distance_s": ("mean distance from Gazebo's time in the same world [s]", "%.1f"),
+    "differing": ("worlds in which the kinds of weights differ by more than 15 s", "%d"),
+    "differing_s": ("mean there [s]", "%.1f"),
 }  # of the table: figure -> label, format
+DIFFERING = 15.0  # [s]
 LONGER = 2.0  # [s] that Gazebo's course, to y = 11 m, takes longer than ours, to y = 10 m
 
 
@@ -105,6 +108,8 @@ def compare(sides: Dict[str, Dict[int, World]], table: Dict[int, World]) -> Dict
     if len(timed) < 3:
         raise CompareError("only %d worlds have successes on all sides; at least 3 are needed" % len(timed))
     thirds = np.array_split(sorted(timed, key=lambda n: table[n].time), 3)
+    kinds = [worlds for kind, worlds in sides.items() if kind != MIXTURE]
+    differing = [n for n in timed if max(k[n].time for k in kinds) - min(k[n].time for k in kinds) > DIFFERING]
     theirs = np.array([table[n].time for n in timed])
     found = {}
     for name, worlds in everything.items():
@@ -113,7 +118,8 @@ def compare(sides: Dict[str, Dict[int, World]], table: Dict[int, World]) -> Dict
         quantiles = np.quantile(times, [0.1, 0.25, 0.5, 0.75, 0.9])
         values = [len(common), trials, sum(worlds[n].successes for n in common) / trials, times.mean(), *quantiles]
         values += [np.mean([worlds[n].time for n in third]) for third in thirds]
-        values += [stats.spearmanr(times, theirs).statistic, np.abs(times - theirs).mean()]
+        values += [stats.spearmanr(times, theirs).statistic, np.abs(times - theirs).mean(), len(differing)]
+        values += [np.mean([worlds[n].time for n in differing]) if differing else np.nan]
         found[name] = {row: float(value) for row, value in zip(ROWS, values)}
     return found
 
@@ -122,6 +128,8 @@ def markdown(found: Dict[str, Dict[str, float]]) -> str:
     """The figures as a table, a column per side."""
     lines = ["| | %s |" % " | ".join(found), "|---|%s" % ("---:|" * len(found))]
     for row, (label, form) in ROWS.items():
+        if any(np.isnan(side[row]) for side in found.values()):
+            continue
         lines.append("| %s | %s |" % (label, " | ".join(form % side[row] for side in found.values())))
     return "\n".join(lines)
 
