@@ -89,6 +89,7 @@ def test_command(tmp_path):
     assert {r["set"] for r in rows} == {"dwa", "fast_dwa", "random_1"}
     assert all(r["time_s_pybullet"] == r["time_s_kinematic"] for r in rows)
     text = (tmp_path / "comparison.md").read_text()
+    assert text.startswith("Distance weights: per_cell.\n\n|")
     assert "pybullet against itself" in text
     assert "| same outcome, trial by trial | 1.000 |" in text
     torn = tmp_path / "kinematic" / "trials.csv"

@@ -22,6 +22,7 @@ from scipy import stats
 import worlds as worlds_package
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy.parameter_space import SPACE
 from training.command_line import Parser, simulator, whole
 from training.evaluation.run import EvaluationOptions, evaluate
@@ -262,6 +263,13 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
         default="pybullet,kinematic",
         help="The two simulators to compare, separated by a comma. Default: %(default)s.",
     )
+    p.add_argument(
+        "--weights",
+        choices=WEIGHTS + (DRAWN,),
+        default=DEFAULT_WEIGHTS,
+        help="What the distance weights of the planner count, metres or cells; drawn takes one of the two in each "
+        "world and trial. Default: %(default)s.",
+    )
     p.add_argument("--runner", default=EvaluationOptions.runner, help=argparse.SUPPRESS)  # tests give a toy
     return p.parse_args(arguments)
 
@@ -297,11 +305,12 @@ def run(options: argparse.Namespace) -> None:
                 out=folder,
                 seed=options.seed,
                 traces=0,
+                weights=(options.weights,),
                 runner=options.runner,
             )
         )
     a, b = (os.path.basename(folder) for folder in folders)
-    text = markdown(a, b, *(read(folder) for folder in folders))
+    text = "Distance weights: %s.\n\n" % options.weights + markdown(a, b, *(read(folder) for folder in folders))
     write_bytes(os.path.join(options.out, "comparison.csv"), side_by_side(a, b, folders).encode())
     write_bytes(os.path.join(options.out, "comparison.md"), text.encode())
     print(text)
