@@ -96,6 +96,8 @@ def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
     [
         ({"vx_samples": 2147483647}, "at most 1000000 together"),
         ({"max_vel_y": 0.1}, "no sideways velocity"),
+        ({"sim_granularity": 1e-9}, "more than 100000 points"),
+        ({"sim_time": 1e9}, "more than 100000 points"),
         ({"sim_granularity": 0.0}, "cannot work"),
         ({"max_vel_trans": -1.0}, "give a value from 0.0"),
     ],
