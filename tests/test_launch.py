@@ -84,6 +84,9 @@ def test_arguments_for_another_robot(tmp_path):
         assert values["/move_base/%s/robot_base_frame" % costmap] == "robot1/base"
     shown = inside("roslaunch", "--args", "/applr", *LAUNCH, *arguments.split())
     assert "front/scan:=/lidar/scan" in shown.stdout, shown.stdout
+    recorded = inside("roslaunch", "--args", "/record", *LAUNCH, "record:=/tmp/a.bag", "scan_topic:=lidar/scan").stdout
+    for topic in ("/lidar/scan", "/odometry/filtered", "/cmd_vel", "/applr/typed/decision", "/move_base/status"):
+        assert " %s " % topic in recorded, recorded  # a bag keeps the names that record is given
     plain = yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH, "sim:=false").stdout)
     assert plain["/use_sim_time"] is False
     assert "/applr/max_speed" not in plain
