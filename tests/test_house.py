@@ -312,9 +312,16 @@ def test_every_folder_and_file_of_the_guide_is_there():
     folders |= {os.path.dirname(folder) for folder in folders} - {""}
     folders = {folder for folder in folders if not folder.startswith(".")}
     assert sorted(listed) == sorted(os.path.basename(folder) for folder in folders)
-    for file in re.findall(r"`([\w./]+/[\w./]*)`", guide[: guide.index("## The folders")]):
-        places = (file, "applr_ros1/" + file)
-        assert any(os.path.exists(os.path.join(ROOT, place)) for place in places), "the guide names " + file
+    questions = re.findall(r"^\| (.+\?) \| (.+) \| (.*) \|$", guide[: guide.index("## The folders")], re.MULTILINE)
+    assert len(questions) == 15
+    for question, files_to_open, there in questions:
+        paths = re.findall(r"`([\w./]+)`", files_to_open)
+        places = [path if os.path.exists(os.path.join(ROOT, path)) else "applr_ros1/" + path for path in paths]
+        assert 1 <= len(places) <= 2, question
+        assert all(os.path.exists(os.path.join(ROOT, place)) for place in places), "the guide names %s" % places
+        texts = " ".join(text_of(place) for place in places if os.path.isfile(os.path.join(ROOT, place)))
+        for name in re.findall(r"`(?:\w+\.)?(\w+)`", there):
+            assert re.search(r"\b%s\b" % name, texts), "%s: %s is not in %s" % (question, name, places)
 
 
 def help_texts(name):
