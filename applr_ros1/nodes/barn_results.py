@@ -1,0 +1,115 @@
+"""Runs of the BARN Challenge: rows in runs.csv, and what they amount to. barn.py adds rows and prints the summary."""
+
+from __future__ import annotations
+
+import csv
+import io
+import os
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+from typing import Dict, List, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+
+LIMIT = 100.0  # [s] a run
+SPEED = 2.0  # [m/s] at which the optimal time is driven
+
+
+class ResultsError(ApplrError):
+    """runs.csv cannot be continued. One line."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One row: what the runner wrote (time_s and metric), and the score computed from it."""
+
+    world: int
+    trial: int
+    success: int
+    collided: int
+    timeout: int
+    time_s: float
+    metric: float  # as run.py computes it
+    score: float  # with the time clipped at 8 optimal times, as run.py does since 2025
+    score_2024: float  # at 4 optimal times, as until then
+    optimal_s: float
+
+    @property
+    def outcome(self) -> str:
+        """In a word."""
+        return "succeeded" if self.success else "collided" if self.collided else "timeout"
+
+
+def score(success: bool, seconds: float, optimal: float, most: float) -> float:
+    """The Challenge's score of a run: success x OT / clip(AT, 2 OT, `most` OT), 0 to .5; times in seconds."""
+    return float(success) * optimal / float(np.clip(seconds, 2.0 * optimal, most * optimal))
+
+
+def run_of(line: str, trial: int, route: float) -> Run:
+    """From the line that run.py appends to its file: world, success, collided, timeout, seconds, metric."""
+    words = line.split()
+    try:
+        world, success, collided, timeout = (int(word) for word in words[:4])
+        seconds, metric = (float(word) for word in words[4:6])
+    except ValueError:
+        raise ResultsError("the runner wrote %r: no line of six numbers" % line[:80]) from None
+    optimal = route / SPEED
+    scores = [round(score(bool(success), seconds, optimal, most), 4) for most in (8.0, 4.0)]
+    return Run(world, trial, success, collided, timeout, seconds, metric, scores[0], scores[1], round(optimal, 4))
+
+
+class Results:
+    """runs.csv in a folder. A row that was cut off while it was written is left out and driven again."""
+
+    def __init__(self, folder: Path):
+        self.path = folder / "runs.csv"
+        self.runs: Dict[Tuple[int, int], Run] = {}
+        names = [one.name for one in fields(Run)]
+        if self.path.exists():
+            whole = self.path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
+            rows = list(csv.reader(whole))
+            if rows and rows[0] != names:
+                raise ResultsError("%s has other columns: give another --out" % self.path)
+            for row in rows[1:]:
+                try:
+                    run = Run(*(int(word) for word in row[:5]), *(float(word) for word in row[5:]))
+                except (TypeError, ValueError):
+                    raise ResultsError("%s: row %s is damaged: remove it" % (self.path, ",".join(row)[:60])) from None
+                self.runs[run.world, run.trial] = run
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(names)
+        table.writerows(astuple(run) for run in self.runs.values())
+        partial = self.path.with_suffix(".part")
+        partial.write_text(text.getvalue(), encoding="utf-8")
+        os.replace(partial, self.path)
+
+    def add(self, run: Run) -> None:
+        """Append a row, whole."""
+        self.runs[run.world, run.trial] = run
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerow(astuple(run))
+        with open(self.path, "a", encoding="utf-8") as file:
+            file.write(text.getvalue())
+
+
+def summary(runs: List[Run]) -> Dict[str, object]:
+    """Counts, rates and means over all runs; times over the successful ones."""
+    times = [run.time_s for run in runs if run.success]
+
+    def mean(values) -> float:
+        return round(float(np.mean(values)), 4)
+
+    return {
+        "runs": len(runs),
+        "worlds": len({run.world for run in runs}),
+        "success_rate": mean([run.success for run in runs]),
+        "collision_rate": mean([run.collided for run in runs]),
+        "timeout_rate": mean([run.timeout for run in runs]),
+        "time_s": mean(times) if times else None,
+        "score": mean([run.score for run in runs]),
+        "score_2024": mean([run.score_2024 for run in runs]),
+        "metric_of_runner": mean([run.metric for run in runs]),
+    }

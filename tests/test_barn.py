@@ -1,0 +1,158 @@
+"""./applr barn: a runner that makes the calls of the BARN Challenge's, in a made-up checkout; results and scores."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rospkg  # noqa: F401 - the runner needs it: without ROS this file is left out
+import rospy  # noqa: F401
+from worlds_sdf import as_barn, cylinder, sdf
+
+import worlds
+from applr_ros1.nodes import barn, barn_results
+from applr_ros1.nodes.barn_checkout import CheckoutError, Overlay
+from worlds import builtin, movers_table
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).resolve().parents[1]
+SCRIPT = ROOT / "applr_ros1" / "scripts" / "barn.py"
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """run.py and jackal_helper as in the Challenge's repository: world 2 of BARN's kind, world 300 of DynaBARN's."""
+    root = tmp_path / "checkout"
+    helper = root / "jackal_helper"
+    static, dynamic = helper / "worlds" / "BARN", helper / "worlds" / "DynaBARN"
+    for folder in (static / "path_files", dynamic, helper / "launch", helper / "plugins"):
+        folder.mkdir(parents=True)
+    shutil.copy(ROOT / "tests" / "barn_runner.py", root / "run.py")
+    shutil.copy(ROOT / "tests" / "gazebo_client.py", root)
+    shutil.copy(ROOT / "compat" / "jackal_helper" / "package.xml", helper)
+    shutil.copy(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch", helper / "launch")
+    (helper / "launch" / "gazebo_launch.launch").write_text("<launch><!-- starts Gazebo --></launch>")
+    (static / "world_2.world").write_text(as_barn(worlds.load("generated:2")))
+    np.save(static / "path_files" / "path_2.npy", builtin.fields()[2][1])
+    mover = cylinder(0, 0, radius=0.5, name="easylibobs_1").replace(
+        "</model>", "<plugin name='o' filename='easylibobs_1.so'/></model>"
+    )
+    (dynamic / "world_0.world").write_text(sdf(mover))
+    frames = ((0.0, -5.0, 7.0), (10.0, 5.0, 7.0))
+    movers_table.write(str(dynamic / movers_table.NAME), {"easylibobs_1": movers_table.Animation(10.0, True, frames)})
+    return root
+
+
+def command(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, str(SCRIPT), *map(str, arguments)],
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment),
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def left_over(word):
+    """Command lines of living processes that hold a word."""
+    found = []
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                line = Path("/proc", entry, "cmdline").read_text().replace("\0", " ")
+            except OSError:
+                continue
+            if word in line:
+                found.append(line)
+    return found
+
+
+def test_runs_the_runner_and_goes_on_where_it_stopped(checkout, tmp_path):
+    out = tmp_path / "results"
+    options = ["--out", out, "--simulator", "kinematic", "--real-time-factor", "2", "--jobs", "2"]
+    options += ["--controller", ROOT / "applr_ros1" / "launch" / "barn_controller.launch"]
+    done = command(checkout, "--worlds", "2,300", *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    lines = sorted((out / "out.txt").read_text().splitlines())
+    assert [line.split()[0] for line in lines] == ["2", "300"]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found == json.loads((out / "summary.json").read_text())
+    assert (found["runs"], found["worlds"]) == (2, 2)
+    assert found["success_rate"] == 1.0, (out / "runs.csv").read_text()
+    assert found["score"] == pytest.approx(found["metric_of_runner"], abs=2e-3)  # computed here and by the runner
+    assert 0.1 < found["score"] <= 0.5
+    assert not left_over(str(checkout))
+    again = command(checkout, "--worlds", "2,300", *options)
+    assert again.returncode == 0
+    assert "0 runs to do, 2 done before" in again.stdout
+    other = command(checkout, "--worlds", "2", "--out", out, "--simulator", "pybullet")
+    assert other.returncode == 1
+    assert "give another --out" in other.stderr
+
+
+def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
+    launch = tmp_path / "mine.launch"
+    launch.write_text("<launch/>")
+    Overlay(checkout, tmp_path / "overlay", launch)
+    linked = tmp_path / "overlay" / "jackal_helper" / "launch" / "move_base_DWA.launch"
+    assert linked.resolve() == launch
+    assert (tmp_path / "overlay" / "jackal_helper" / "plugins").resolve() == checkout / "jackal_helper" / "plugins"
+    (checkout / "run.py").write_text("raise SystemExit('no gazebo here')")
+    done = command(checkout, "--worlds", "2", "--out", tmp_path / "results")
+    assert done.returncode == 1
+    assert "once more" in done.stdout
+    assert "not driven: the runner ended with status 1: no gazebo here" in done.stdout
+    assert "1 of 1 runs could not be driven" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--worlds", "360"], "give numbers from 0 to 359"),
+        (["--worlds", "9-3"], "give numbers from 0 to 359"),
+        (["--worlds", "7"], "no world 7"),
+        (["--trials", "0"], "--trials 0"),
+        (["--controller", "none.launch"], "none.launch is not there"),
+        (["--real-time-factor", "nan"], "--real-time-factor nan"),
+    ],
+)
+def test_mistakes_are_one_line(checkout, tmp_path, arguments, words, capsys):
+    assert barn.main([str(checkout), "--out", str(tmp_path / "results"), *arguments]) == 1
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("barn: ")
+    assert words in line
+
+
+def test_a_folder_that_is_no_checkout(tmp_path):
+    with pytest.raises(CheckoutError, match=r"no checkout of the BARN Challenge: it has no run\.py"):
+        Overlay(tmp_path, tmp_path / "overlay", None)
+
+
+def test_scores_of_the_challenge():
+    """By hand: optimal time 5 s; half marks at twice that and below, least at the clip, nothing without success."""
+    score = barn_results.score
+    assert score(True, 3.0, 5.0, 8.0) == 0.5
+    assert score(True, 20.0, 5.0, 8.0) == 0.25
+    assert score(True, 90.0, 5.0, 8.0) == 0.125
+    assert score(True, 90.0, 5.0, 4.0) == 0.25
+    assert score(False, 3.0, 5.0, 8.0) == 0.0
+
+
+def test_a_row_that_was_cut_off_is_driven_again(tmp_path):
+    results = barn_results.Results(tmp_path)
+    results.add(barn_results.run_of("7 1 0 0 12.5000 0.4000", 0, 10.0))
+    results.add(barn_results.run_of("8 0 1 0 3.5000 0.0000", 0, 10.0))
+    text = results.path.read_text()
+    results.path.write_text(text[:-5])
+    again = barn_results.Results(tmp_path)
+    assert list(again.runs) == [(7, 0)]
+    assert again.runs[7, 0] == results.runs[7, 0]
+    assert again.runs[7, 0].score == 0.4
+    assert barn_results.summary(list(results.runs.values()))["success_rate"] == 0.5
+    with pytest.raises(barn_results.ResultsError, match="no line of six numbers"):
+        barn_results.run_of("Traceback", 0, 10.0)
