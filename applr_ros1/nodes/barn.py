@@ -41,20 +41,28 @@ def parser() -> argparse.ArgumentParser:
         description="Runs the BARN Challenge's own run.py, unmodified, from a checkout of the Challenge's repository, "
         "with the simulator of this repository in place of Gazebo. The same command continues a stopped evaluation.",
     )
-    made.add_argument("checkout", type=Path, metavar="CHECKOUT", help="folder with run.py and jackal_helper/")
-    made.add_argument("--worlds", default="0-299", help="numbers, such as 0-49,300,310-319: 0-299 are BARN's, "
-                      "300-359 DynaBARN's (default: %(default)s)")  # fmt: skip
-    made.add_argument("--trials", type=int, default=1, help="runs of each world (default: %(default)s)")
-    made.add_argument("--controller", type=Path, metavar="LAUNCH", help="launch file that starts the controller, in "
-                      "place of the checkout's launch/move_base_DWA.launch")  # fmt: skip
+    made.add_argument("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/ in it.")
+    for name, default, kind, text in (
+        ("--worlds", "0-299", str, "Numbers such as 0-49,300: BARN's worlds are 0-299, DynaBARN's 300-359"),
+        ("--trials", 1, int, "Runs of each world"),
+        ("--out", Path("barn_results"), Path, "Folder of the results"),
+        ("--jobs", max(1, (os.cpu_count() or 2) // 2), int, "Runs at a time; by default half the processor cores"),
+        ("--real-time-factor", 1.0, float, "Simulated seconds per second of real time"),
+        ("--seed", 0, int, "Seed of the simulator's noise"),
+    ):
+        made.add_argument(name, default=default, type=kind, help=text + " (default: %(default)s).")
     made.add_argument(
-        "--out", type=Path, default=Path("barn_results"), help="folder of the results (default: %(default)s)"
+        "--controller",
+        type=Path,
+        metavar="LAUNCH",
+        help="Launch file that starts the controller, in place of the checkout's launch/move_base_DWA.launch.",
     )
-    made.add_argument("--jobs", type=int, default=max(1, (os.cpu_count() or 2) // 2), help="runs at a time (default: "
-                      "half the processor cores, %(default)s here)")  # fmt: skip
-    made.add_argument("--simulator", choices=sim_bridge.NAMES, default="pybullet", help="default: %(default)s")
-    made.add_argument("--real-time-factor", type=float, default=1.0, help="simulated seconds per second (default: 1)")
-    made.add_argument("--seed", type=int, default=0, help="seed of the simulator's noise (default: %(default)s)")
+    made.add_argument(
+        "--simulator",
+        choices=sim_bridge.NAMES,
+        default="pybullet",
+        help="Simulator in place of Gazebo (default: %(default)s).",
+    )
     return made
 
 
