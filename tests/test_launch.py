@@ -149,7 +149,8 @@ def test_install_space(tmp_path):
         rosrun applr_ros1 check_arguments.py world:=generated:5
         roslaunch --files applr_ros1 jackal_applr.launch
         roslaunch --nodes applr_ros1 jackal_applr.launch
-        python -c "from applr_ros1.cfg import TrajectoryPlannerConfig; import worlds, training; print(worlds.__file__)"
+        python -c "from applr_ros1.cfg import TrajectoryPlannerConfig; import applr_ros1.msg, applr_ros1.srv"
+        python -c "import worlds, training; print(worlds.__file__)"
     """.format(ws=tmp_path, root=ROOT)
     done = inside("bash", "-c", build, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]

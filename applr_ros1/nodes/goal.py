@@ -11,6 +11,7 @@ from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 import worlds
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
 
 from . import arguments
@@ -53,9 +54,11 @@ def _send():
     if pose is None:
         pose = course_goal(worlds.load(rospy.get_param("~world", "generated:0")).course)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-    client.wait_for_server()
-    while rospy.get_time() == 0.0 and not rospy.is_shutdown():
-        time.sleep(0.1)  # simulated time has not begun
+    with announced("waiting for the action server of move_base", rospy.loginfo, first=10.0):
+        client.wait_for_server()
+    with announced("waiting for the clock to start (use_sim_time is true)", rospy.loginfo):
+        while rospy.get_time() == 0.0 and not rospy.is_shutdown():
+            time.sleep(0.1)  # simulated time has not begun
     if rospy.is_shutdown():
         return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in odom", *pose)
