@@ -60,6 +60,10 @@ def test_dynabarn_is_driven(tmp_path, simulator):
     mover = worlds.load(path).movers[0]
     gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(trace["time"], trace["pose"])]
     assert 0.1 < min(gap) < 3.0
+    evaluate.main(["--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--trials", "1", "--out",
+                   str(tmp_path / "out")])  # fmt: skip
+    with open(tmp_path / "out" / "report" / "rates.csv") as file:
+        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's world of that number
 
 
 @pytest.mark.parametrize("simulator", SIMULATORS)

@@ -85,6 +85,7 @@ def settings(
         digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
     return {
         "worlds": [name for name, _, _ in worlds],
+        "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": digest.hexdigest(),
         "world_specs": [spec for _, spec, _ in worlds],
         "methods": {name: methods.make(spec).describe() for name, spec in chosen},

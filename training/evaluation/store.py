@@ -20,7 +20,11 @@ from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, k
 from training.storage import Lock, make_folder
 from training.workers.tasks import Trial, TrialResult
 
-OLDER = {"weights": ["per_metre"], "planner": "ours"}  # what evaluations drove that do not name them
+OLDER = {
+    "weights": ["per_metre"],
+    "planner": "ours",
+    "worlds_with_movers": [],
+}  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"
 
 

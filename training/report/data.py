@@ -75,6 +75,7 @@ class Results:
         self.count = len(rows)
         self.methods = list(dict.fromkeys(row["method"] for row in rows))
         self.worlds = list(dict.fromkeys(row["world"] for row in rows))
+        self._moving = set(self.settings.get("worlds_with_movers", OLDER["worlds_with_movers"]))
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
         self.rivals = [m for m in self.methods if m != self.baseline]
         try:
@@ -97,7 +98,10 @@ class Results:
 
     def of_set(self, name: str) -> List[str]:
         """Worlds of one of SETS, in their order."""
-        return [w for w in self.worlds if set_of(w) == name]
+        return [w for w in self.worlds if self._set_of(w) == name]
+
+    def _set_of(self, world: str) -> str:
+        return "Other" if world in self._moving else set_of(world)  # DynaBARN's numbers are BARN's too
 
     def both(self, method: str, worlds: List[str]) -> List[str]:
         """Those of `worlds` that both the baseline and `method` have driven."""
@@ -110,7 +114,7 @@ class Results:
 
     def thirds(self) -> Dict[str, List[str]]:
         """All training and test worlds in thirds of difficulty, as the paper has them: 100 each of 300."""
-        ordered = self.by_difficulty([w for w in self.worlds if set_of(w) in SETS[:2]])
+        ordered = self.by_difficulty([w for w in self.worlds if self._set_of(w) in SETS[:2]])
         return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
 
     def pooled(self, method: str, worlds: List[str], field: str) -> np.ndarray:
@@ -143,7 +147,7 @@ def _cell(trials: List[Dict[str, str]]) -> Cell:
 
 
 def set_of(world: str) -> str:
-    """Training or Test by BARN's split, for the built-in worlds and for BARN's own files."""
+    """Training or Test by BARN's split, for the built-in worlds and for BARN's own files, going by the name."""
     match = re.match(r"^(?:generated:|world_)(\d+)$", world)
     if match and int(match.group(1)) < 300:
         return "Test" if int(match.group(1)) in builtin.TEST else "Training"
