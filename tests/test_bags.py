@@ -17,6 +17,7 @@ from training.bags.reader import BagError, find, read
 from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
 from training.experience.dataset import Dataset
 from training.experience.trajectory import Layout
+from training.mdp.reward import Reward
 
 SERVERS = {
     "planner": "TrajectoryPlannerROS",
@@ -28,8 +29,10 @@ SERVERS = {
 class Drive:
     """A synthetic drive of 50 Hz along x: what was written, and what a node would have seen."""
 
-    def __init__(self, writer, begin=10.0, seconds=9.0, node=True, status=SUCCEEDED, seed=0, without=(), goal="g"):
-        self.writer, self.node, self.goal, self.without = writer, node, goal, without
+    def __init__(
+        self, writer, begin=10.0, seconds=9.0, node=True, status=SUCCEEDED, seed=0, without=(), goal="g", every=100
+    ):
+        self.writer, self.node, self.goal, self.without, self.every = writer, node, goal, without, every
         self.rng = np.random.default_rng(seed)
         self.observations, self.thetas, self.number = [], [], 0
         self.theta = THETA_0
@@ -59,7 +62,7 @@ class Drive:
         self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
         if "scan" not in self.without:
             w.scan(t, self.ranges)
-        if k % 100 == 0:
+        if k % self.every == 0:
             self.decide(t)
 
     def see(self, t):
@@ -131,6 +134,21 @@ def test_transitions_are_what_the_node_saw(tmp_path, node):
     nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * Layout().step - 1.0)
     expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / nearest
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
+
+
+@pytest.mark.parametrize("seconds", [0.8, 5.0])
+def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
+    """Rewards count time in it, as in training; a course of two decisions takes it from the bag's other course."""
+    with BagWriter(tmp_path / "a.bag") as writer:
+        drives = [
+            Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
+            for begin, count in ((10.0, 4), (60.0, 2))
+        ]
+    rebuilt, report = rebuild(tmp_path / "a.bag", reward=Reward(c_p=0.0, c_c=0.0))
+    assert report.skipped == {}
+    for drive, trajectory, count in zip(drives, rebuilt, (4, 2)):
+        assert_equal(trajectory, drive, count)
+        np.testing.assert_allclose(trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The one score of trials, and the periodic evaluation, which drives the trials that evaluate.py drives."""
 
+import math
+
 from training.evaluation import score, trials
 from training.evaluation.periodic import CHOOSING, PeriodicEvaluation
 from training.workers.tasks import TrialResult
@@ -25,4 +27,6 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
     assert trial == other
     assert trial.seed not in {t.seed for seed in range(200) for t in trials.plan(worlds, [("dwa", "dwa")], 20, seed)}
     answer = trials.TrialRunner("kinematic").run(trial)
+    faster = trials.TrialRunner("kinematic", period=1.0).run(trial).result  # a training's own decision period
+    assert faster.decisions == math.ceil(faster.time_s)
     assert periodic.add(answer)["score"] == answer.result.time_s < 100.0

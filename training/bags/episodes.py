@@ -1,8 +1,8 @@
 """Rebuilds the transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from a Recording, goal by goal.
 
 bags_to_dataset.py calls it. Where the bag holds the applr node's decisions, each observation is rebuilt from the very
-messages that the node saw, and compared; otherwise decisions are taken to fall every two seconds from a goal's first
-plan on.
+messages that the node saw, and compared, and the decision period is that of the decisions; otherwise decisions are
+taken to fall every two seconds from a goal's first plan on.
 """
 
 from __future__ import annotations
@@ -15,40 +15,22 @@ import numpy as np
 
 from applr_ros1.common.angles import place
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
+from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
-from training.mdp.episode import DECISION_LIMIT, NEAREST, Outcome
+from training.mdp.episode import NEAREST, TIME_LIMIT, Outcome
 from training.mdp.reward import Reward, failed
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
-SUCCEEDED, ABORTED = 3, (4, 5)
 EARLIER = SECOND // 4  # a recorder's clock may lag so far behind the node's
 CLOSE = 1e-5  # difference at which a rebuilt observation still equals the node's (float32, pose rounding)
 
 
 class Skipped(ApplrError):
     """An episode, or a part of one, that cannot be used; the text is the reason, without numbers, to be counted."""
-
-
-@dataclass
-class Goal:
-    """One course as driven: when it began and ended, and how (actionlib status; None: the bag ended first)."""
-
-    id: str
-    start: int
-    end: int
-    status: Optional[int]
-    frame: str
-    xy: Tuple[float, float]
-
-    @property
-    def ended(self) -> bool:
-        """Reached or given up: a terminal state. A goal that was cancelled or replaced is merely cut off."""
-        return self.status == SUCCEEDED or self.status in ABORTED
 
 
 @dataclass
@@ -102,7 +84,7 @@ def trajectories(
     """
     report = report if report is not None else BagReport()
     courses = []
-    for goal in goals(recording, report):
+    for goal in goals(recording, report.skip):
         try:
             _check_motion(recording, goal)
             _finish(recording, goal, finish)
@@ -116,39 +98,6 @@ def trajectories(
         for i in range(len(moments)):
             _see(recording, goal, moments, i, scans, plans, nearest, report)
         yield from _cut(recording, goal, number, moments, reward, layout, report)
-
-
-def goals(recording: Recording, report: BagReport) -> List[Goal]:
-    """The goals that were pursued, from the action's status (or, where that was not recorded, goal and result)."""
-    spans: List[List] = []
-    if recording.status:
-        for at, running in recording.status:
-            if spans and spans[-1][3] and spans[-1][0] == running:
-                spans[-1][2] = at
-            else:
-                if spans and spans[-1][3]:
-                    spans[-1][2:] = [at, False]
-                if running:
-                    spans.append([running, at, at, True])
-    else:
-        for at, goal in recording.sent:
-            if spans and spans[-1][3]:
-                spans[-1][2:] = [at, False]
-            spans.append([goal, at, recording.results.get(goal, (recording.end, 0))[0], False])
-    found = []
-    for goal, start, end, _ in spans:
-        targets = [g for g in recording.goals if g[0] <= start + SECOND and g[0] >= start - 2 * SECOND] or [
-            g for g in recording.goals if g[0] <= end
-        ]
-        at, status = recording.results.get(goal, (end, None))
-        if not targets:
-            report.skip("the goal's position was not recorded")
-            continue
-        end = end if status is None else min(end, at)
-        found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:]))
-    if not found and not report.skipped:
-        report.skip("no goal was pursued")
-    return found
 
 
 def _finish(recording, goal, finish: Optional[float]) -> None:
@@ -176,8 +125,10 @@ def _moments(recording, goal) -> List[Moment]:
         plans = recording.plan_at[(recording.plan_at >= goal.start) & (recording.plan_at <= goal.end)]
         if not len(plans):
             raise Skipped("no global plan was recorded for the goal")
-        moments = [_moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, int(PERIOD * SECOND))]
-    if goal.end - moments[-1].at > (0 if goal.ended else 0.9 * PERIOD * SECOND):
+        moments = [
+            _moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, round(goal.period * SECOND))
+        ]
+    if goal.end - moments[-1].at > (0 if goal.ended else 0.9 * goal.period * SECOND):
         moments.append(_moment(recording, goal, goal.end))
         moments[-1].end = True
     if len(moments) < 2:
@@ -218,7 +169,7 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         scan, (frame, points) = scans[moment.scan], plans[moment.plan]
         check_scan(len(scan.ranges), scan.angle_min, scan.angle_increment)
         phi = goal_angle(local_goal(points, _pose(recording, moment.pose, frame, moment.at)))
-        theta = _chosen(recording, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
+        theta = _chosen(recording, goal, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
         moment.observation = observe(scan.ranges, phi, theta)
         near = max(NEAREST, float(nearest[moment.scan]))
         moment.outcome = Outcome(
@@ -233,7 +184,7 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         _compare(moment, report)
         if i and moments[i - 1].outcome is not None:
             _happened(recording, goal, moments[i - 1], moment, nearest)
-            moment.trouble = _unusable(recording, moments, i)
+            moment.trouble = _unusable(recording, goal, moments, i)
     except ObservationError as error:
         moment.outcome, moment.trouble = None, "a scan or plan is unusable (%s)" % str(error).split(":")[0]
     except Skipped as reason:
@@ -276,9 +227,10 @@ def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[T
 def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
     actions, rewards = [], []
     for before, after in zip(run, run[1:]):
-        action = SPACE.to_action(_chosen(recording, before, after))
+        action = SPACE.to_action(_chosen(recording, goal, before, after))
         change = float(np.abs(action - SPACE.to_action(before.outcome.theta)).mean())
-        rewards.append(reward(after.outcome, change, max(DECISION_LIMIT, after.outcome.decisions))[0])
+        limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
+        rewards.append(reward(after.outcome, change, limit, goal.period)[0])
         actions.append(action)
     last = run[-1].outcome
     report.episodes += 1
@@ -299,18 +251,18 @@ def _trajectory(recording, goal, number, run, reward, layout, report) -> Traject
     )
 
 
-def _unusable(recording, moments, i) -> str:
+def _unusable(recording, goal, moments, i) -> str:
     """Why the transition that ends at moment i cannot be used; "" when it can."""
     before, after = moments[i - 1], moments[i]
     seconds, last = (after.at - before.at) / SECOND, i == len(moments) - 1
-    if seconds > 1.5 * PERIOD or (seconds < 0.5 * PERIOD and not last):
-        return "a decision's period is not 2 s"
+    if seconds > 1.5 * goal.period or (seconds < 0.5 * goal.period and not last):
+        return "a decision's period is not that of the others"
     stamps = recording.scan_stamp[
         (recording.scan_stamp >= before.at - MAX_AGE * SECOND) & (recording.scan_stamp <= after.at)
     ]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE * SECOND:
         return "scans are missing"
-    if not np.array_equal(_chosen(recording, before, after), after.outcome.theta):
+    if not np.array_equal(_chosen(recording, goal, before, after), after.outcome.theta):
         return "parameters were changed between decisions"
     return ""
 
@@ -335,9 +287,9 @@ def _had(recording, moment) -> np.ndarray:
     return found[0]
 
 
-def _chosen(recording, before, after) -> np.ndarray:
+def _chosen(recording, goal, before, after) -> np.ndarray:
     """theta_t (8,): what the planner had between two moments. It arrives within half a period or not at all."""
-    half = int(0.5 * PERIOD * SECOND)
+    half = round(0.5 * goal.period * SECOND)
     if before.said is not None and after.at - before.at < half:
         return before.said
     return _theta(recording, min(before.at + half, after.at))

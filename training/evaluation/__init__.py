@@ -1,1 +1,1 @@
-"""Evaluation trials: methods, protocols, the workers that drive them, their store, and periodic evaluation during training."""  # noqa: E501
+"""Trials of methods in worlds: protocols, the runner that drives them, their store, the score, periodic evaluation."""

@@ -143,7 +143,6 @@ class TrialRunner:
         method.reset(task.seed)
         episode = self.episode(task.weights, task.planner)
         episode.set_period(self.period or method.period)
-        episode.set_period(method.period)
         outcome = episode.reset(world, task.seed)
         changes: List[float] = []
         total = 0.0
