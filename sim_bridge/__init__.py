@@ -11,7 +11,7 @@ from typing import Any
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 
-__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "make"]
+__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "is_name", "make"]
 
 # name -> where the class is. They are imported on first use, so that the kinematic one needs no pybullet.
 _CLASSES = {
@@ -19,6 +19,11 @@ _CLASSES = {
     "kinematic": "sim_bridge.kinematic_simulator:KinematicSimulator",
 }
 NAMES = tuple(_CLASSES)
+
+
+def is_name(text: str) -> bool:
+    """Whether a simulator can be named so: one of NAMES, or the "module:Class" of your own, which is not imported."""
+    return text in NAMES or ":" in text
 
 
 def make(name: str, gui: bool = False, **randomisation: Any) -> Simulator:

@@ -30,6 +30,7 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
 from applr_ros1.common.angles import yaw_of
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
 
@@ -47,12 +48,8 @@ class Bridge:
     """The node's state: the simulator, the newest velocity command and ROS time."""
 
     def __init__(self):
-        self.factor = _number("real_time_factor", 1.0)
-        if self.factor < 0.0:
-            raise SimulatorError("real_time_factor is %g: give 0 (as fast as it goes) or more" % self.factor)
-        self.seed = int(_number("seed", 0))
-        if not 0 <= self.seed < 2**31:
-            raise SimulatorError("seed is %d: give 0 to 2147483647" % self.seed)
+        self.factor = _parameter("real_time_factor", 1.0, 1e6)  # 0: as fast as it goes
+        self.seed = int(_parameter("seed", 0, 2**31 - 1))
         name = rospy.get_param("~simulator", "pybullet")
         options = rospy.get_param("~randomisation", {})
         if not isinstance(options, dict):
@@ -330,11 +327,9 @@ def _topics():
     return BridgeTopics(prefix, odom or prefix + "odom", base or prefix + "base_link")
 
 
-def _number(name, default):
-    value = rospy.get_param("~" + name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-        raise SimulatorError("%s is %r: give a number" % (name, value))
-    return value
+def _parameter(name, default, most):
+    """A private parameter of this node, a number from 0 to `most`."""
+    return number_within(name, rospy.get_param("~" + name, default), 0, most, SimulatorError)
 
 
 def _start(text):

@@ -385,7 +385,8 @@ def test_shipped_policy_says_what_made_it_and_drives():
 
 
 def test_the_robot_is_described_alike_on_both_sides():
-    """The simulated Jackal's scan and outline are those of the policy's observation and the planner's parameters."""
+    """The simulated Jackal's scan and outlines are those of observation, planner's parameters and collision monitor."""
+    from applr_ros1.monitor.settings import JACKAL_BODY
     from applr_ros1.planner.costmap import footprint
     from applr_ros1.planner.parameters.declarations import JACKAL
     from sim_bridge import jackal
@@ -396,3 +397,5 @@ def test_the_robot_is_described_alike_on_both_sides():
         -observation.ANGLE_MIN,
     )
     np.testing.assert_allclose(footprint.parse(JACKAL["local_costmap"]["footprint"]), jackal.FOOTPRINT, atol=1e-6)
+    half = jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH
+    np.testing.assert_allclose(np.abs(JACKAL_BODY), [half] * 4, atol=5e-4)

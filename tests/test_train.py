@@ -5,6 +5,7 @@
 import json
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -207,8 +208,6 @@ def one_line(capsys, arguments, status, pattern):
     error = capsys.readouterr().err.strip()
     assert error.count("\n") == 0, error
     assert error.startswith("train.py: "), error
-    import re
-
     assert re.search(pattern, error), error
 
 
@@ -228,6 +227,7 @@ def one_line(capsys, arguments, status, pattern):
         (["--pool", "threads"], "invalid choice"),
         (["--planner-frequency", "40"], "--planner-frequency is 40: give 1 to 20"),
         (["--mix"], "--mix needs"),
+        (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
         (["--worlds", "generated:900"], "generated:900"),
         (["--env", "nowhere:Nothing"], "nowhere"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
@@ -399,6 +399,7 @@ def test_help_names_every_option_and_noise_is_the_papers():
     assert TrainConfig(steps=50_000).resolved().noise(38_400) == pytest.approx(0.02)
     with pytest.raises(ConfigError):
         TrainConfig(actors=-1)
+    assert parse(["--simulator", "my_module:Mine"]).evaluation()["simulator"] == "my_module:Mine"
 
 
 if __name__ == "__main__":

@@ -43,6 +43,6 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 def simulator(text: str) -> str:
     """A type for add_argument: a simulator's name, or the module:Class of a person's own."""
-    if text not in sim_bridge.NAMES and ":" not in text:
+    if not sim_bridge.is_name(text):
         raise argparse.ArgumentTypeError("%r is no simulator: give %s" % (text, ", ".join(sim_bridge.NAMES)))
     return text

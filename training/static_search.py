@@ -13,14 +13,15 @@ from dataclasses import fields
 from pathlib import Path
 from typing import List, Optional
 
-import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.common.files import write_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from training.baselines.set_search import SearchOptions, SetTrials, search
+from training.command_line import simulator
 from training.evaluation.trials import world_list
 from training.storage import make_folder
+from training.workers.pool import KINDS
 
 
 def parser() -> argparse.ArgumentParser:
@@ -38,7 +39,12 @@ def parser() -> argparse.ArgumentParser:
             ".world file or a folder of them; several are separated by commas."
         ),
     )
-    p.add_argument("--simulator", default="kinematic", choices=sim_bridge.NAMES, help="Simulator to drive in.")
+    p.add_argument(
+        "--simulator",
+        type=simulator,
+        default="kinematic",
+        help="Simulator to drive in: pybullet, kinematic, or the module:Class of your own.",
+    )
     p.add_argument(
         "--weights",
         default=DEFAULT_WEIGHTS,
@@ -73,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--pool",
         default="processes",
-        choices=("ray", "processes"),
+        choices=KINDS,
         help="How trials are driven at the same time: in child processes, or by Ray actors.",
     )
     p.add_argument("--ray-address", default="", help="Address HOST:PORT of a Ray cluster to drive on.")

@@ -13,6 +13,8 @@ import re
 import sys
 from typing import Dict, List, Tuple
 
+from applr_ros1.common.errors import run_main
+
 from . import movers_table
 from .loading import folder_files
 from .movers_table import Animation
@@ -32,7 +34,10 @@ def plugins_of(world_path: str) -> List[str]:
 
 def collect(worlds_folder: str, plugins_folder: str) -> Tuple[Dict[str, Animation], List[str]]:
     """The animations of all plugins that the worlds in a folder name, and one line for each that is not understood."""
-    from . import plugin_frames  # needs the disassembler, which loading worlds does not
+    try:
+        from . import plugin_frames  # needs the disassembler, which loading worlds does not
+    except ImportError as error:
+        raise WorldError("plugins cannot be read (%s): run ./applr setup" % error) from None
 
     animations: Dict[str, Animation] = {}
     problems: List[str] = []
@@ -70,13 +75,9 @@ def main() -> int:
     )
     arguments = parser.parse_args()
     out = arguments.out or os.path.join(arguments.worlds, movers_table.NAME)
-    try:
-        animations, problems = collect(arguments.worlds, arguments.plugins)
-        if animations:
-            movers_table.write(out, animations)
-    except (WorldError, ImportError) as error:
-        print("error: %s" % error, file=sys.stderr)
-        return 1
+    animations, problems = collect(arguments.worlds, arguments.plugins)
+    if animations:
+        movers_table.write(out, animations)
     for problem in problems:
         print("not understood: %s" % problem, file=sys.stderr)
     found = "%d plugins with %d key frames" % (len(animations), sum(len(a.frames) for a in animations.values()))
@@ -88,4 +89,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_main(main, "dynabarn_table"))

@@ -6,7 +6,12 @@ from typing import Tuple
 
 from applr_ros1.common.errors import ApplrError
 
-JACKAL_BODY = ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))  # wheels included
+JACKAL_BODY = (
+    (0.229, 0.208),
+    (0.229, -0.208),
+    (-0.229, -0.208),
+    (-0.229, 0.208),
+)  # with wheels, as sim_bridge/jackal.py
 
 
 class MonitorError(ApplrError):

@@ -75,7 +75,7 @@ def check(values):
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
     boolean("monitor", values["monitor"])
-    if ":" not in values["simulator"]:  # module:Class is a person's own
+    if not sim_bridge.is_name(values["simulator"]):
         one_of("simulator", values["simulator"], sim_bridge.NAMES)
     one_of("move_base", values["move_base"], MOVE_BASES)
     one_of("weights", values["weights"], WEIGHTS + (DRAWN,))

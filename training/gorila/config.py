@@ -10,10 +10,11 @@ import json
 import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Dict, List, Optional, get_type_hints
+from typing import Any, Callable, Dict, List, Optional, get_type_hints
 
 import yaml
 
+import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json
@@ -50,6 +51,10 @@ class TrainConfig(Options):
                 raise ConfigError("--%s is %r: give %s" % (dashed(f.name), value, " or ".join(c for c in choices if c)))
             if isinstance(value, float) and not math.isfinite(value):
                 raise ConfigError("--%s is %r: give a finite number" % (dashed(f.name), value))
+        for name, value in (("simulator", self.simulator), ("eval_simulator", self.eval_simulator or self.simulator)):
+            if not sim_bridge.is_name(value):
+                known = " or ".join(sim_bridge.NAMES)
+                raise ConfigError("--%s is %r: give %s, or MODULE:CLASS" % (dashed(name), value, known))
         for name, low, high in _BOUNDS:
             value = getattr(self, name)
             if not low <= value <= high:
@@ -62,6 +67,7 @@ class TrainConfig(Options):
 
     # -- what the parts need
     def layers(self) -> List[int]:
+        """Sizes of the hidden layers. Raises ConfigError."""
         try:
             sizes = [int(part) for part in self.hidden.split(",")]
         except ValueError:
@@ -71,6 +77,7 @@ class TrainConfig(Options):
         return sizes
 
     def learner(self) -> LearnerConfig:
+        """The learner's own options: networks, gradient steps and replay buffer."""
         td3 = TD3Config(
             hidden=tuple(self.layers()),
             **{f.name: getattr(self, f.name) for f in fields(TD3Config) if f.name != "hidden"},
@@ -97,9 +104,11 @@ class TrainConfig(Options):
         )
 
     def reward(self) -> Dict[str, Any]:
+        """Fields of the Reward."""
         return {f.name: getattr(self, f.name) for f in fields(Reward)}
 
     def randomisation(self) -> Dict[str, Any]:
+        """Fields of the simulators' Randomisation."""
         return dict(
             start_xy=self.start_xy,
             start_yaw=self.start_yaw,
@@ -176,10 +185,12 @@ FIXED = {"hidden", "capacity", "seed", "env", "scan_pool", "layer_norm"}  # what
 
 
 def dashed(name: str) -> str:
+    """An option's name as the command line spells it."""
     return name.replace("_", "-")
 
 
 def parser() -> argparse.ArgumentParser:
+    """The command line, from the fields of TrainConfig. A mistake raises ConfigError."""
     p = _Parser(
         prog="train.py",
         allow_abbrev=False,
@@ -196,7 +207,7 @@ def parser() -> argparse.ArgumentParser:
         "of the recipe." % ", ".join(recipes()),
     )
     types = get_type_hints(TrainConfig)
-    group = p
+    group: argparse._ActionsContainer = p
     for f in fields(TrainConfig):
         if f.metadata["group"]:
             group = p.add_argument_group(f.metadata["group"])
@@ -256,19 +267,24 @@ def _integer(text: str) -> int:
         raise argparse.ArgumentTypeError("%r is no whole number" % text) from None
 
 
-def _number(text: str) -> float:
+def _real(text: str) -> float:
     try:
         return float(text)
     except ValueError:
         raise argparse.ArgumentTypeError("%r is no number" % text) from None
 
 
-_TYPES = {int: _integer, float: _number, str: str}
+_TYPES: Dict[type, Callable[[str], Any]] = {int: _integer, float: _real, str: str}
 
 
 def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
-    """From the command line. ROS remapping arguments (name:=value) are ignored; --resume brings the run's own options.
-    Raises ConfigError or StorageError with one line.
+    """The configuration that a command line asks for; with --resume the options that the run was begun with.
+
+    Args:
+        arguments: without the program's name; None: those of this process. ROS's remappings (name:=value) are ignored.
+
+    Raises:
+        ConfigError, StorageError: with one line.
     """
     given = vars(parser().parse_args(without_remappings(arguments)))
     if not given.get("resume"):

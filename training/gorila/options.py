@@ -13,6 +13,7 @@ from applr_ros1.policy.decision import PERIOD
 from training.gorila.learner import LearnerConfig
 from training.mdp.reward import Reward
 from training.td3.td3 import TD3Config
+from training.workers.pool import KINDS
 
 PAPER_STEPS = 5_000_000
 
@@ -55,7 +56,7 @@ class Options:
         "Number of actors that drive episodes at the same time. 0 drives one episode after the other in the learner's "
         "own process; the same seed then gives the same numbers in every run.", group="Actors")
     pool: str = option("ray",
-        "How the actors run: as Ray actors, or as child processes of the learner.", choices=("ray", "processes"))
+        "How the actors run: as Ray actors, or as child processes of the learner.", choices=KINDS)
     ray_address: str = option("",
         "Address HOST:PORT of a Ray cluster to run the actors on. Without it Ray is started on this machine.")
     publish_every: int = option(25, "Number of gradient steps after which the actors get the newest policy.")
@@ -72,7 +73,8 @@ class Options:
         "Worlds to train in: generated:N, generated:train, generated:learn, fresh:N-M, physical_course, a .world file "
         "or a folder of them; several are separated by commas. generated:learn are the training worlds without those "
         "of generated:validation.")
-    simulator: str = option("kinematic", "Simulator to train in.", choices=("kinematic", "pybullet"))
+    simulator: str = option("kinematic",
+        "Simulator to train in: kinematic, pybullet, or the MODULE:CLASS of your own.")
     weights: str = option(DEFAULT_WEIGHTS,
         "What the planner's distance weights (path and goal distance bias) count during training: cells (per_cell), "
         "metres (per_metre), or drawn, which takes one of the two at each reset.", choices=WEIGHTS + (DRAWN,))
@@ -172,8 +174,8 @@ class Options:
     eval_trials: int = option(1, "Number of trials in each held-out world.")
     eval_every: int = option(50_000, "Number of transitions (offline: of gradient steps) between two evaluations.")
     eval_simulator: str = option("",
-        "Simulator of the evaluations. Without it they use the one of the training.",
-        choices=("", "kinematic", "pybullet"))
+        "Simulator of the evaluations: kinematic, pybullet, or the MODULE:CLASS of your own. Without it they use that "
+        "of the training.")
     eval_weights: str = option("",
         "What the planner's distance weights count in the evaluations: per_cell, per_metre, or drawn by world and "
         "trial. Without it they count the same as in the training.", choices=("",) + WEIGHTS + (DRAWN,))

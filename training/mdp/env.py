@@ -90,6 +90,8 @@ class ApplrEnv(gymnasium.Env):
 
     def step(self, action):
         """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
+        if self.episode.outcome is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self.space.to_action(self.episode.outcome.theta)
         outcome = self.episode.decide(self.space.to_theta(action))
         change = float(np.abs(self.space.to_action(outcome.theta) - before).mean())

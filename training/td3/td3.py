@@ -330,24 +330,24 @@ class Graphs:
             getattr(self.batch, name).copy_(tensor, non_blocking=True)
         self.count += 1
         if self.count <= self.WARM_UP * self.td3.config.policy_delay:
-            self._warm(delayed)
+            self._warm(self.batch, delayed)
         elif delayed not in self.graphs:
-            self._record(delayed)
+            self._record(self.batch, delayed)
         if delayed in self.graphs:
             self.graphs[delayed].replay()
 
-    def _warm(self, delayed):
+    def _warm(self, batch: Batch, delayed: bool) -> None:
         """The first updates run as usual, on a side stream, as recording asks for."""
         stream = torch.cuda.Stream()
         stream.wait_stream(torch.cuda.current_stream())
         with torch.cuda.stream(stream):
-            self.td3.step(self.batch, delayed)
+            self.td3.step(batch, delayed)
         torch.cuda.current_stream().wait_stream(stream)
 
-    def _record(self, delayed):
+    def _record(self, batch: Batch, delayed: bool) -> None:
         graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(graph):
-            self.td3.step(self.batch, delayed)
+            self.td3.step(batch, delayed)
         self.graphs[delayed] = graph
 
 

@@ -28,6 +28,7 @@ from training.workers.tasks import (
 )
 from training.workers.worker import Worker
 
+KINDS = ("ray", "processes")  # of parallel workers
 GIVE_UP = 8  # workers that die one after the other without a single answer: something is wrong with all of them
 RETRIES = 2  # times that a trial is given again after its worker died
 TASK_SECONDS = 900.0  # without an answer, after which a worker counts as hung
@@ -248,7 +249,7 @@ def make_pool(
         settings: who does which task in a worker.
         next_task: as in Pool.
         workers: how many; 0: in this process.
-        kind: "processes" or "ray".
+        kind: one of KINDS.
         address: HOST:PORT of a Ray cluster; "" starts Ray on this machine.
 
     Raises:
