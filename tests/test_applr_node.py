@@ -361,6 +361,14 @@ def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
     assert robot.values["level"] == 0
 
 
+def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, stack):
+    """A decision every 6 s: our move_base, which expects a heartbeat every 2 s, must not take the node for dead."""
+    before = len(robot.beats)
+    stack("random", period=6.0)
+    wait_for(lambda: len(robot.beats) >= before + 2, 4.0, "a second heartbeat")
+    assert robot.beats[-1] - robot.beats[-2] == pytest.approx(2.0, abs=0.3)
+
+
 def test_a_late_move_base_leaves_no_warning(robot, stack):
     node, _, _ = stack("dwa", fake=None, ready=False)
     wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], 15.0, "trouble")

@@ -23,7 +23,7 @@ from applr_ros1.nodes.applr_topics import ApplrTopics
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy import methods
-from applr_ros1.policy.decision import Context
+from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
@@ -84,7 +84,7 @@ class ApplrNode:
                 now = rospy.Time.now()
                 if now >= beat:
                     self.topics.heartbeat(now)
-                    beat = now + rospy.Duration(self.period)
+                    beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects one every 2 s
                 if now >= report:
                     self._report(now)
                     report = now + rospy.Duration(1.0)

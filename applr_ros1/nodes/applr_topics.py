@@ -40,7 +40,7 @@ class ApplrTopics:
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
     def heartbeat(self, now):
-        """Once a period while the node lives; our move_base goes back to its start-up parameters without it."""
+        """Once a period and at least every 2 s while the node lives; our move_base restores its start-up without it."""
         self._heartbeat.publish(Time(now))
 
     def decision(self, number, now, goal, seen, target, obs, theta_prev, theta, refused):

@@ -9,14 +9,14 @@ from typing import Any, Callable, Dict, Optional, Sequence
 
 from applr_ros1.policy.parameter_space import ROLES, SPACE
 
-PERIODS = 2.5  # decision periods without a heartbeat: theta_0 is back within three periods of the node's death
+PERIODS = 2.5  # heartbeats that stay away: theta_0 is back within three of them of the node's death
 
 
 class HeartbeatWatchdog:
     """Says once when the heartbeats stop.
 
     Args:
-        period: Time [s] between two decisions of the applr node, each of which comes with a heartbeat.
+        period: Longest time [s] between two heartbeats of a living applr node.
     """
 
     def __init__(self, period: float):
@@ -28,7 +28,7 @@ class HeartbeatWatchdog:
         self._last = now
 
     def is_lost(self, now: float) -> bool:
-        """True once, PERIODS decision periods after the last heartbeat."""
+        """True once, PERIODS periods after the last heartbeat."""
         if self._last is None:
             return False
         if now < self._last:  # the clock went back

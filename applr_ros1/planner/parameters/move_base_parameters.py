@@ -1,4 +1,4 @@
-"""Parameters of move_base itself, of its recovery behaviours, of navfn, and the applr node's period.
+"""Parameters of move_base itself, of its recovery behaviours, of navfn, and how often the applr node sends heartbeats.
 
 Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
 """
@@ -103,8 +103,8 @@ STATIC_NAVFN = (
 
 APPLR_NODE = (
     real("period", 2.0, 0.0, INF, None, "s",
-        "Decision period of the applr node. If no heartbeat of that node arrives for three periods, the start-up "
-        "parameters are restored."),
+        "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
+        "every 2 s. If none arrives for three such times, the start-up parameters are restored."),
     text("weights", "", None,
         "What path_distance_bias and goal_distance_bias count: metres (per_metre), cells (per_cell), or drawn, which "
         "takes one of the two by the seed. Empty leaves it to meter_scoring."),
