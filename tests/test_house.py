@@ -64,7 +64,7 @@ SHARED = {"applr_ros1.common"}  # what every package may import
 # first match wins: folder or file -> modules that it may import beside the standard library, SHARED and itself
 MAY_KNOW = (
     ("applr_ros1/common/", {"numpy", "numba", "safetensors"}),
-    ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib", "capstone"}),
+    ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib", "PIL", "capstone"}),
     ("applr_ros1/planner/", NUMBERS | {"dynamic_reconfigure"}),  # the latter when catkin runs cfg_generator.py
     ("applr_ros1/monitor/", NUMBERS | {"scipy", "applr_ros1.planner"}),
     ("applr_ros1/policy/", NUMBERS | {"safetensors", "scipy", "applr_ros1.planner"}),

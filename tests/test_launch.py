@@ -8,6 +8,7 @@ import time
 
 import pytest
 import yaml
+from PIL import Image
 
 from applr_ros1.nodes import processes
 from applr_ros1.planner.parameters import declarations as parameters
@@ -163,7 +164,13 @@ def test_install_space(tmp_path):
 
 def demo(tmp_path, *arguments):
     return subprocess.Popen(
-        [APPLR, "demo", *arguments, "picture:=%s" % (tmp_path / "drive.png")],
+        [
+            APPLR,
+            "demo",
+            *arguments,
+            "picture:=%s" % (tmp_path / "drive.png"),
+            "animation:=%s" % (tmp_path / "drive.gif"),
+        ],
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -186,6 +193,8 @@ def test_demo_reaches_the_goal(tmp_path):
         assert any(part in line and "up after" in line for line in lines), out
     assert any("m to go" in line for line in lines), out
     assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
+    with Image.open(tmp_path / "drive.gif") as animation:
+        assert animation.n_frames >= 5 * result["time_s"]
 
 
 def test_demo_that_runs_out_of_time(tmp_path):

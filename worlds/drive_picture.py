@@ -15,12 +15,31 @@ from .world import World
 
 
 @dataclass
+class View:
+    """What was known at one instant of a drive, everything in the world's frame.
+
+    time    [s] since the goal was sent
+    pose    (x, y, yaw) of the robot
+    scan    (k, 2) points that the laser measured
+    plan    (n, 2) the global plan
+    chosen  (m, 2) the trajectory that the local planner chose
+    """
+
+    time: float
+    pose: Tuple[float, float, float]
+    scan: np.ndarray
+    plan: np.ndarray
+    chosen: np.ndarray
+
+
+@dataclass
 class Drive:
     """What was recorded of a drive in `world`, in the world's frame.
 
     track       (n, 5) float64: time [s], x [m], y [m], speed [m/s], turn rate [rad/s]
     parameters  per name the (time [s], value) pairs at which it was seen to have that value
     contacts    times [s] at which the robot touched something
+    views       what was known while driving, for the animation; in the order of time
     """
 
     world: World
@@ -28,6 +47,7 @@ class Drive:
     parameters: Dict[str, List[Tuple[float, float]]] = field(default_factory=dict)
     contacts: List[float] = field(default_factory=list)
     title: str = ""
+    views: List[View] = field(default_factory=list)
 
     def length(self) -> float:
         """Driven distance [m]."""

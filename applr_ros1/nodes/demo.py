@@ -17,10 +17,12 @@ import time
 import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
+from sim_bridge import jackal
+from worlds import drive_animation, drive_picture
 
 from . import arguments, processes
 
-PICTURE = "applr_demo.png"
+PICTURE, ANIMATION = "applr_demo.png", "applr_demo.gif"
 DRIVE_LIMIT = 300.0  # simulated seconds: default DWA sometimes takes long to free itself
 UP_WITHIN = 300.0  # wall seconds for one part to come up; the first time its kernels are compiled
 STALLED_AFTER = 20.0  # wall seconds without a new pose
@@ -29,6 +31,7 @@ NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|
 EXTRA = {
     "port": ("", "Port of the ROS master; empty takes a free one."),
     "picture": (PICTURE, "File for the picture."),
+    "animation": (ANIMATION, "File for the animation (.gif), with scan, plans and parameters; none makes none."),
     "limit": (str(DRIVE_LIMIT), "Simulated time [s] after which the drive counts as timed out."),
 }
 
@@ -78,7 +81,11 @@ def main(words=None):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         stack.stop()
     os.unlink(log.name)
-    result["picture"] = _picture(drive, values["picture"], result)
+    drive.title = "%s, mode %s: %s in %.1f s" % (result["world"], result["mode"], result["reason"], result["time_s"])
+    result["picture"] = _leave("picture", values["picture"], lambda path: drive_picture.save(drive, path))
+    result["animation"] = _leave(
+        "animation", values["animation"], lambda path: drive_animation.save(drive, jackal.FOOTPRINT, path)
+    )
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
 
@@ -106,7 +113,9 @@ def _prepare(words):
         )
     if not 1.0 <= arguments.number("limit", values["limit"]) <= 3600.0:
         raise arguments.ArgumentError("limit is %s: give 1 to 3600 simulated seconds" % values["limit"])
-    _check_picture(values["picture"])
+    _check_file("picture", values["picture"], ".png")
+    if values["animation"] != "none":
+        _check_file("animation", values["animation"], ".gif")
     _choose_port(values)
     for name in ("world", "policy", "parameters", "params", "record"):  # the nodes run in another folder
         if os.path.exists(values[name]) or name == "record" and arguments.path(values[name]):
@@ -120,11 +129,11 @@ def _prepare(words):
     return values, world
 
 
-def _check_picture(path):
+def _check_file(name, path, ending):
     folder = os.path.dirname(os.path.abspath(path))
-    if not path.endswith(".png") or not os.path.isdir(folder) or not os.access(folder, os.W_OK):
+    if not path.endswith(ending) or not os.path.isdir(folder) or not os.access(folder, os.W_OK):
         raise arguments.ArgumentError(
-            "picture is %s: give a .png file in a folder that can be written" % (path or "empty")
+            "%s is %s: give a %s file in a folder that can be written" % (name, path or "empty", ending)
         )
 
 
@@ -258,14 +267,14 @@ def _result(values, world, success=False, collided=False, seconds=None, reason="
     }
 
 
-def _picture(drive, path, result):
-    from worlds import drive_picture
-
-    drive.title = "%s, mode %s: %s in %.1f s" % (result["world"], result["mode"], result["reason"], result["time_s"])
-    try:
-        drive_picture.save(drive, path)
-    except OSError as problem:
-        say("no picture: %s" % problem)
+def _leave(what, path, save):
+    """Write a file beside the result: its absolute path, or None where there is none."""
+    if path == "none":
         return None
-    say("picture %s" % os.path.abspath(path))
+    try:
+        save(path)
+    except (OSError, ValueError) as problem:
+        say("no %s: %s" % (what, problem))
+        return None
+    say("%s %s" % (what, os.path.abspath(path)))
     return os.path.abspath(path)

@@ -4,6 +4,7 @@ Called by demo.py; keeps what it hears until the picture is drawn. The robot's t
 says when it is finished.
 """
 
+import dataclasses
 import math
 import time
 from collections import namedtuple
@@ -16,17 +17,21 @@ from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from dynamic_reconfigure.msg import Config
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, Float64MultiArray
 
+from applr_ros1.common import angles as angles_of
 from applr_ros1.policy.parameter_space import SPACE
-from worlds.drive_picture import Drive
+from sim_bridge import jackal
+from worlds.drive_animation import STEP
+from worlds.drive_picture import Drive, View
 
 from . import goal, processes
 from .demo import DemoError
 
 Outcome = namedtuple("Outcome", "success timeout time text")
+PATHS = ("/move_base/NavfnROS/plan", "/move_base/TrajectoryPlannerROS/local_plan")
 EVERY = 2.0  # simulated seconds between lines of progress
 
 
@@ -36,11 +41,14 @@ class Observer:
     def __init__(self, values, world, wait):
         self.world, self.wait = world, wait
         self.track, self.contacts, self.parameters = [], [], {}
+        self.views, self._yaw = [], 0.0  # for the animation; the newest true heading [rad]
         self.memory, self._heard = 0, []  # largest of all processes together [bytes]; arrivals of /cmd_vel [s]
         self._seen, self._began = {}, None
         wait.until(_master_answers, 30.0, "the ROS master does not come up")
         rospy.init_node("demo", anonymous=True, disable_signals=True)
-        self._keep("/front/scan", LaserScan)
+        rospy.Subscriber("/front/scan", LaserScan, self._on_scan, queue_size=1, buff_size=2**24)
+        for topic in PATHS:
+            self._keep(topic, Path)
         self._keep("/move_base/status", GoalStatusArray)
         self._keep("/applr/parameters", Float64MultiArray)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
@@ -65,7 +73,7 @@ class Observer:
         course, start = self.world.course, self.world.course.start
         pose = (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])
         self._began = self.track[-1][0]
-        self.track, self.contacts, self._heard = self.track[-1:], [], []
+        self.track, self.contacts, self.views, self._heard = self.track[-1:], [], [], []
         self.client.send_goal(goal.message(pose))
         say("goal sent   %.2f m ahead" % course.length_m)
         told = self._began
@@ -116,6 +124,9 @@ class Observer:
             track,
             {name: seen for name, seen in steps.items() if seen},
             [t - self._began for t in self.contacts if t - self._began <= seconds],
+            views=[
+                dataclasses.replace(v, time=v.time - self._began) for v in self.views if v.time - self._began <= seconds
+            ],
         )
 
     def command_gap(self):
@@ -151,8 +162,30 @@ class Observer:
             topic, kind, lambda message: self._seen.__setitem__(topic, message), queue_size=1, buff_size=2**24
         )
 
+    def _on_scan(self, message):
+        """Keeps the scan, and every tenth of a simulated second what was known, in the world's frame."""
+        self._seen["/front/scan"] = message
+        if not self.track or self.views and 0.0 <= self.track[-1][0] - self.views[-1].time < STEP - 1e-6:
+            return
+        now, x, y = self.track[-1][:3]
+        pose = (x, y, self._yaw)
+        ranges = np.array(message.ranges, dtype=np.float64)
+        hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
+        angles = self._yaw + message.angle_min + hits * message.angle_increment
+        laser = angles_of.place(pose, *jackal.LASER_OFFSET)
+        scan = laser + np.column_stack((ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)))
+        plan, chosen = (self._path(topic) for topic in PATHS)
+        self.views.append(View(now, pose, scan, plan, chosen))
+
+    def _path(self, topic):
+        """(n, 2) of the newest path on a topic, from frame odom (whose origin is the start) to the world's frame."""
+        message = self._seen.get(topic)
+        points = [(p.pose.position.x, p.pose.position.y) for p in message.poses] if message is not None else []
+        return np.array(points, dtype=np.float64).reshape(-1, 2) + self.world.course.start[:2]
+
     def _on_pose(self, message):
         pose, twist = message.pose.pose, message.twist.twist
+        self._yaw = angles_of.yaw_of(pose.orientation)
         self.track.append(
             (message.header.stamp.to_sec(), pose.position.x, pose.position.y, twist.linear.x, twist.angular.z)
         )
