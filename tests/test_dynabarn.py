@@ -101,6 +101,7 @@ def test_key_frames_of_a_compiled_plugin(tmp_path, vector, options):
         (source(body="".join(FRAME % f for f in FRAMES[:1])), "one key frame"),
         (source(length="(double)(long)this"), "length of its animation"),
         (source(body=""), "no key frames"),
+        (source(body='__asm__(".rept 70000\\nnop\\n.endr");'), "too much code"),
         (source(body=ANIMATION.replace(" a(", " b(") % "5.0" + FRAME % FRAMES[0] + FRAME % FRAMES[1]), "2 animations"),
         (source(body=(FRAME % FRAMES[0] + FRAME % FRAMES[1]).replace(", 0))", ", 4))")), "leaves the ground"),
     ],

@@ -26,6 +26,7 @@ _VECTOR_FROM_VALUES = re.compile(r"7Vector3(IdE)?C[12]Eddd$")
 _VECTOR_COPY = re.compile(r"7Vector3(IdE)?C[12]ERKS\d*_$")
 _LOAD = re.compile(r"4LoadEN5boost10shared_ptr|4LoadESt10shared_ptr")
 
+MAX_LOADS = 20  # functions called Load that are looked through
 OFF_THE_GROUND = 0.5  # [m]; a cylinder whose key frames lie higher or lower is no obstacle on the plane
 
 
@@ -33,14 +34,15 @@ def read(path: str) -> Animation:
     """The animation in a plugin's file. Raises PluginError, one line, where it is not understood."""
     file = PluginFile(path)
     loads = [(start, size) for start, (name, size) in file.functions.items() if _LOAD.search(name) and size]
-    for start, size in sorted(loads):
+    machine = Machine(file)
+    for start, size in sorted(loads)[:MAX_LOADS]:
         calls = _Calls(file)
-        machine = Machine(file, calls.called)
+        machine.begin(calls.called)
         machine.run(start, start + size)
         if calls.keys:
             return calls.result(machine.loops)
     calls = _Calls(file)  # no Load by that name: look through all of the code
-    machine = Machine(file, calls.called)
+    machine.begin(calls.called)
     for start, content in file.code:
         machine.run(start, start + len(content))
     return calls.result(machine.loops)

@@ -17,7 +17,10 @@ from .plugin_file import PluginError, PluginFile
 
 Value = Tuple[str, int]  # (region, offset); region "" is a plain 64-bit number, "image" an address in the file
 
-MAX_INSTRUCTIONS = 300_000
+MAX_INSTRUCTIONS = 60_000  # of all runs together; a plugin of DynaBARN has 6,000
+BATCH = 4096
+MAX_JUMPS = 1000  # whose targets lie further on
+MAX_CELLS = 2000  # of memory that are known at a time
 WRITTEN_BY_A_CALL = 40  # bytes behind a pointer argument that an unknown function may change: a string, a Quaternion
 _MASK = 2**64 - 1
 _ARGUMENTS = ("rdi", "rsi", "rdx", "rcx", "r8", "r9")
@@ -88,13 +91,11 @@ def _keep_equal(mine: dict, theirs: dict) -> None:
 class Machine:
     """Runs over code ranges of `file` and tells of every call.
 
-    on_call(name, machine, address) hears the called function's symbol ("" where unknown) before the call takes effect,
-    and returns whether the function leaves the memory behind its pointer arguments alone.
-    loops: (first, last) addresses of every loop met.
+    loops: (first, last) addresses of every loop met since begin().
     """
 
-    def __init__(self, file: PluginFile, on_call: Callable[[str, "Machine", int], bool]):
-        self.file, self.on_call = file, on_call
+    def __init__(self, file: PluginFile):
+        self.file = file
         self.loops: List[Tuple[int, int]] = []
         self.state = _State(0)
         self._budget = MAX_INSTRUCTIONS
@@ -102,6 +103,14 @@ class Machine:
         self._decoder.detail = True
         self._decoder.skipdata = True
         self._stubs: Dict[int, str] = {}
+
+    def begin(self, on_call: Callable[[str, "Machine", int], bool]) -> None:
+        """Tell `on_call` from now on.
+
+        on_call(name, machine, address) hears the called function's symbol ("" where unknown) before the call takes
+        effect, and returns whether the function leaves the memory behind its pointer arguments alone.
+        """
+        self.on_call, self.loops = on_call, []
 
     # -- for on_call -------------------------------------------------------------------------------
     def register(self, name: str) -> Optional[Value]:
@@ -141,9 +150,9 @@ class Machine:
         waiting: Dict[int, _State] = {}  # states of jumps to addresses further on
         self.state, alive = _State(start), True
         self.state.reached = True
-        for instruction in self._decoder.disasm(code, start):
+        for instruction in self._instructions(code, start):
             self._budget -= 1
-            if self._budget < 0:
+            if self._budget < 0 or len(waiting) > MAX_JUMPS:
                 raise PluginError("%s has too much code to be a plugin of DynaBARN" % self.file.path)
             if instruction.id == 0:
                 continue
@@ -167,6 +176,18 @@ class Machine:
                 alive = False
             else:
                 self._step(instruction)
+
+    def _instructions(self, code: bytes, start: int):
+        """All instructions; decoded in batches, since the decoder holds a whole batch in memory (2 kB each)."""
+        position = 0
+        while position < len(code):
+            last = None
+            batch = code[position : position + 16 * BATCH]  # no instruction is longer than 15 bytes
+            for last in self._decoder.disasm(batch, start + position, BATCH):
+                yield last
+            if last is None:
+                return
+            position = last.address + last.size - start
 
     def _call(self, instruction) -> None:
         target = instruction.operands[0]
@@ -230,6 +251,8 @@ class Machine:
     def _store(self, where: Optional[Value], size: int, value: Optional[Value]) -> None:
         if where is not None and where[0] not in ("", "image"):
             self.forget(where, size)
+            if len(self.state.memory) >= MAX_CELLS:
+                self.state.memory.clear()
             if value is not None:
                 self.state.memory[where] = (size, value)
 
