@@ -78,7 +78,8 @@ def test_arguments_for_another_robot(tmp_path):
     values = yaml.safe_load(dumped.stdout)
     assert values["/use_sim_time"] is True
     assert values["/applr/max_speed"] == 0.3
-    assert values["/applr/base_frame"] == "robot1/base"
+    assert values["/applr/base_frame"] == values["/collision_monitor/base_frame"] == "robot1/base"
+    assert values["/collision_monitor/fixed_frame"] == "robot1/odom"
     assert values["/move_base/TrajectoryPlannerROS/max_vel_x"] == 0.4
     for costmap in ("global_costmap", "local_costmap"):
         assert values["/move_base/%s/global_frame" % costmap] == "robot1/odom"

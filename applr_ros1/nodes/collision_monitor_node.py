@@ -16,6 +16,7 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import String
 
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.ros_master import require_master
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -156,6 +157,7 @@ def main() -> int:
 
 
 def _run() -> int:
+    require_master()
     rospy.init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
     if not isinstance(parameters, dict):

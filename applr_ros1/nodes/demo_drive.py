@@ -46,14 +46,16 @@ class Observer:
         self._seen, self._began = {}, None
         wait.until(_master_answers, 30.0, "the ROS master does not come up")
         rospy.init_node("demo", anonymous=True, disable_signals=True)
-        rospy.Subscriber("/front/scan", LaserScan, self._on_scan, queue_size=1, buff_size=2**24)
+        self._scan, command = ("/" + values[name].lstrip("/") for name in ("scan_topic", "cmd_vel_topic"))
+        self._frame = "odom" if values["odom_frame"] == "auto" else values["odom_frame"]
+        rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=1, buff_size=2**24)
         for topic in PATHS:
             self._keep(topic, Path)
         self._keep("/move_base/status", GoalStatusArray)
         self._keep("/applr/parameters", Float64MultiArray)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
-        rospy.Subscriber("/cmd_vel", Twist, lambda message: self._heard.append(time.monotonic()), queue_size=50)
+        rospy.Subscriber(command, Twist, lambda message: self._heard.append(time.monotonic()), queue_size=50)
         self.parameters.update((name, []) for _, name in SPACE.places())
         for server in dict(SPACE.places()):
             names = tuple(name for place, name in SPACE.places() if place == server)
@@ -64,7 +66,7 @@ class Observer:
 
     def parts(self):
         """(name, function that says whether it is up) in the order in which they come up."""
-        yield "simulator", lambda: "/front/scan" in self._seen and self.track
+        yield "simulator", lambda: self._scan in self._seen and self.track
         yield "move_base", self._move_base_up
         yield "applr", lambda: "/applr/parameters" in self._seen
 
@@ -74,7 +76,7 @@ class Observer:
         pose = (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])
         self._began = self.track[-1][0]
         self.track, self.contacts, self.views, self._heard = self.track[-1:], [], [], []
-        self.client.send_goal(goal.message(pose))
+        self.client.send_goal(goal.message(pose, self._frame))
         say("goal sent   %.2f m ahead" % course.length_m)
         told = self._began
         heard, newest = time.monotonic(), self._began
@@ -164,7 +166,7 @@ class Observer:
 
     def _on_scan(self, message):
         """Keeps the scan, and every tenth of a simulated second what was known, in the world's frame."""
-        self._seen["/front/scan"] = message
+        self._seen[self._scan] = message
         if not self.track or self.views and 0.0 <= self.track[-1][0] - self.views[-1].time < STEP - 1e-6:
             return
         now, x, y = self.track[-1][:3]

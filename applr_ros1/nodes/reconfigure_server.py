@@ -118,5 +118,6 @@ class ReconfigureServer:
         try:
             return self._encode(self._thread.ask(lambda: self.change(values)))
         except (ValueError, RequestTimeout) as problem:
-            rospy.logerr("%s refused a change: %s", self._ns, problem)
+            if not rospy.is_shutdown():
+                rospy.logerr("%s refused a change: %s", self._ns, problem)
             raise rospy.ServiceException(str(problem)) from None
