@@ -188,3 +188,28 @@ def test_settings_are_checked():
         MonitorSettings(deceleration=0.0)
     with pytest.raises(ValueError, match="three"):
         CollisionMonitor(MonitorSettings(body=((0, 0), (1, 1))))
+
+
+@pytest.mark.parametrize("world", ["generated:3", "generated:120", "generated:299"])
+def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
+    """Full speed straight ahead through a course: with the monitor the Jackal stands before the first obstacle."""
+    pytest.importorskip("gymnasium")
+    import sim_bridge
+    import worlds
+    from applr_ros1.planner.move_base import MoveBase
+    from training.mdp.episode import Episode
+
+    class Mad(MoveBase):
+        def step(self, *arguments):
+            cycle = super().step(*arguments)
+            cycle.command = (2.0, 0.0)
+            return cycle
+
+    touched = {}
+    for monitor in (None, CollisionMonitor()):
+        episode = Episode(sim_bridge.make("kinematic"), Mad(), limit=5, monitor=monitor)
+        outcome = episode.reset(worlds.load(world), 0)
+        while not outcome.over:
+            outcome = episode.decide(episode.space.theta0)
+        touched[monitor is not None] = outcome.collided
+    assert touched == {False: True, True: False}

@@ -98,6 +98,12 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         "drawn for one of them in each world and trial. Default: %s." % OURS,
     )
     p.add_argument(
+        "--monitor",
+        action="store_true",
+        help="Put the collision monitor between the planner and the base, as the launch file does. Without it the base "
+        "gets every command of the planner as it is.",
+    )
+    p.add_argument(
         "--workers",
         type=whole(0, 4096),
         default=defaults.workers,

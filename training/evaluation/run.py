@@ -44,6 +44,7 @@ class EvaluationOptions:
     seed: int = 0
     weights: Tuple[str, ...] = (DEFAULT_WEIGHTS,)
     planner: str = OURS
+    monitor: bool = False
     traces: int = 1
     runner: str = TRIAL_RUNNER
 
@@ -93,6 +94,7 @@ def settings(
         "protocol": options.protocol,
         "weights": options.weights,
         "planner": options.planner,
+        "monitor": options.monitor,
         "seed": options.seed,
     }
 
@@ -102,7 +104,10 @@ def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None
     began = time.monotonic()
     workers = min(options.workers, len(trials) - store.done)
     ordered = Ordered(trials, store.done, ahead=AHEAD * workers + 1)
-    runner = RunnerSpec(options.runner, {"simulator": options.simulator, "protocol": options.protocol})
+    arguments: Dict[str, Any] = {"simulator": options.simulator, "protocol": options.protocol}
+    if options.monitor:
+        arguments["monitor"] = True
+    runner = RunnerSpec(options.runner, arguments)
     pool = make_pool(
         WorkerSettings(trial=runner),
         ordered.next_task,

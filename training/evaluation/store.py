@@ -23,6 +23,7 @@ from training.workers.tasks import Trial, TrialResult
 OLDER = {
     "weights": ["per_metre"],
     "planner": "ours",
+    "monitor": False,
     "worlds_with_movers": [],
 }  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"

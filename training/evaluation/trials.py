@@ -16,6 +16,7 @@ import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
+from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
@@ -122,6 +123,7 @@ class TrialRunner:
         protocol: one of PROTOCOLS.
         reward: fields of the Reward that total_reward is counted in.
         period: decision period [s]; None: each method's own.
+        monitor: whether the collision monitor stands between the planner and the base.
     """
 
     def __init__(
@@ -130,7 +132,9 @@ class TrialRunner:
         protocol: str = "paper",
         reward: Optional[Dict[str, Any]] = None,
         period: Optional[float] = None,
+        monitor: bool = False,
     ):
+        self.monitor = CollisionMonitor() if monitor else None
         self.protocol, self.reward = protocol, Reward(**(reward or {}))
         self.simulator, self.period = sim_bridge.make(simulator), period
         self._episodes: Dict[Tuple[str, str], Episode] = {}
@@ -178,6 +182,7 @@ class TrialRunner:
                 MoveBase(weights=weights, planner=planner),
                 end_on_contact=PROTOCOLS[self.protocol].end_on_contact,
                 record=True,
+                monitor=self.monitor,
             )
         return self._episodes[key]
 

@@ -72,6 +72,8 @@ class Results:
         self.settings: Dict[str, Any] = read_json(path) if path.exists() else {}
         self.weights: List[str] = several or self.settings.get("weights", OLDER["weights"])
         self.planner: str = self.settings.get("planner", OLDER["planner"])
+        if self.settings.get("monitor", OLDER["monitor"]):
+            self.planner += ", with the collision monitor"
         self.count = len(rows)
         self.methods = list(dict.fromkeys(row["method"] for row in rows))
         self.worlds = list(dict.fromkeys(row["world"] for row in rows))
