@@ -15,6 +15,8 @@ from typing import Dict, List, Tuple
 
 from applr_ros1.common.errors import run_main
 
+from applr_ros1.common.errors import run_main
+
 from . import movers_table
 from .loading import folder_files
 from .movers_table import Animation
