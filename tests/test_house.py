@@ -84,7 +84,7 @@ MAY_KNOW = (
     ("training/workers/", {"numpy", "ray", "applr_ros1.policy"}),
     (
         "training/evaluation/",
-        {"numpy", "tqdm", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}
+        {"numpy", "applr_ros1.monitor", "tqdm", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}
         | {"training.mdp", "training.storage", "training.workers"},
     ),
     (
