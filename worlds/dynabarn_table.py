@@ -15,8 +15,6 @@ from typing import Dict, List, Tuple
 
 from applr_ros1.common.errors import run_main
 
-from applr_ros1.common.errors import run_main
-
 from . import movers_table
 from .loading import folder_files
 from .movers_table import Animation
@@ -41,6 +39,8 @@ def collect(worlds_folder: str, plugins_folder: str) -> Tuple[Dict[str, Animatio
     except ImportError as error:
         raise WorldError("plugins cannot be read (%s): run ./applr setup" % error) from None
 
+    if not os.path.isdir(plugins_folder):
+        raise WorldError("%s is no folder; give the folder of the compiled plugins" % plugins_folder)
     animations: Dict[str, Animation] = {}
     problems: List[str] = []
     wanted: List[str] = []
