@@ -139,7 +139,9 @@ def test_another_local_planner_is_named_in_one_line(robot, stack):
 def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
     weights = make_weights(hidden=(4,))
     weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
-    node, _, client = stack(weights=weights)
+    node, _, client = stack(weights=weights, period=0.6)
+    wait_for(lambda: len(robot.values["servers"].split(", ")) == 3, 8.0, "the node has found the servers")
+    time.sleep(0.3)  # and has set theta_0
     client.apply(SPACE.from_dict({"max_vel_x": 0.7}))
     robot.goal = "one"
     wait_for(lambda: robot.decisions, 5.0, "a decision")

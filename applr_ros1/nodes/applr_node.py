@@ -145,6 +145,8 @@ class ApplrNode:
             self._decide(now, goal)
 
     def _decide(self, now, goal):
+        if self._last is None and self.worker.busy and (now - self._due).to_sec() < self.period:
+            return  # every course starts on theta_0, which is still on its way
         theta_prev = self.client.theta()
         try:
             if theta_prev is None:
