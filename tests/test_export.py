@@ -49,25 +49,8 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     from training import static_search
 
     out = tmp_path / "static.json"
-    assert (
-        static_search.main(
-            [
-                "--worlds",
-                "generated:140",
-                "--generations",
-                "1",
-                "--population",
-                "4",
-                "--worlds-per-set",
-                "1",
-                "--actors",
-                "0",
-                "--out",
-                str(out),
-            ]
-        )
-        == 0
-    )
+    arguments = ["--worlds=generated:140", "--generations=1", "--population=4", "--worlds-per-set=1", "--actors=0"]
+    assert static_search.main([*arguments, "--out", str(out)]) == 0
     assert methods.make(str(out)).theta(None).shape == (8,)
     log = json.loads((tmp_path / "static_log.json").read_text())
     assert log["trials"] == 4 + len(log["finalists"])
@@ -75,29 +58,8 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     assert log["finalists"][0]["theta"] == pytest.approx(SPACE.theta0.tolist())
     assert log["result"]["score"] == min(f["score"] for f in log["finalists"][1:])
     more = tmp_path / "more.json"
-    assert (
-        static_search.main(
-            [
-                "--worlds",
-                "generated:140",
-                "--generations",
-                "1",
-                "--population",
-                "4",
-                "--sigma",
-                ".01",
-                "--worlds-per-set",
-                "1",
-                "--actors",
-                "0",
-                "--out",
-                str(more),
-                "--start",
-                str(tmp_path / "static_log.json"),
-            ]
-        )
-        == 0
-    )
+    arguments += ["--sigma", ".01", "--start", str(tmp_path / "static_log.json")]
+    assert static_search.main([*arguments, "--out", str(more)]) == 0
     assert "generation 2 of 2" in capsys.readouterr().out
     went_on = json.loads((tmp_path / "more_log.json").read_text())["log"]
     assert [line["generation"] for line in went_on] == [0, 1]

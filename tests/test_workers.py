@@ -34,6 +34,7 @@ from training.workers.tasks import (
 )
 
 LAYOUT = Layout(0, 1, 1)
+SMALL = ["--hidden=16", "--batch-size=16", "--actors=2", "--no-tensorboard", "--device=cpu"]
 
 
 def settings(env):
@@ -170,32 +171,8 @@ def test_actors_that_all_die_end_the_run_in_one_line():
 
 def test_training_with_processes_some_of_which_die(tmp_path, capsys):
     out = tmp_path / "run"
-    assert (
-        main(
-            [
-                "--env",
-                "tests.toy_env:Dying",
-                "--out",
-                str(out),
-                "--hidden",
-                "16",
-                "--batch-size",
-                "16",
-                "--steps",
-                "1500",
-                "--actors",
-                "2",
-                "--pool",
-                "processes",
-                "--no-tensorboard",
-                "--eval-worlds",
-                "none",
-                "--device",
-                "cpu",
-            ]
-        )
-        == 0
-    )
+    options = ["--env=tests.toy_env:Dying", "--steps=1500", "--pool=processes", "--eval-worlds=none"]
+    assert main([*SMALL, *options, "--out", str(out)]) == 0
     saved = Learner.saved(out)
     assert saved["transitions"] >= 1500
     assert saved["updates"] == saved["transitions"] // 10
@@ -385,29 +362,7 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
 def test_training_on_local_ray(tmp_path):
     pytest.importorskip("ray")
     out = tmp_path / "run"
-    assert (
-        main(
-            [
-                "--env",
-                "tests.toy_env:Line",
-                "--out",
-                str(out),
-                "--hidden",
-                "16",
-                "--batch-size",
-                "16",
-                "--steps",
-                "600",
-                "--actors",
-                "2",
-                "--no-tensorboard",
-                "--eval-every",
-                "300",
-                "--device",
-                "cpu",
-            ]
-        )
-        == 0
-    )
+    options = ["--env=tests.toy_env:Line", "--steps=600", "--eval-every=300"]
+    assert main([*SMALL, *options, "--out", str(out)]) == 0
     assert Learner.saved(out)["transitions"] >= 600
     assert len((out / "evaluations.jsonl").read_text().splitlines()) >= 2

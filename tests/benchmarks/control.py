@@ -19,15 +19,16 @@ FAST = dict(max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=1
 
 def planner_cycle_default():
     """The Jackal's parameters: 6 x 20 samples."""
-    return _microseconds(times({}))
+    return microseconds(times({}))
 
 
 def planner_cycle_max():
     """12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
-    return _microseconds(times(FAST, (1.6, 0.0, 0.3)))
+    return microseconds(times(FAST, (1.6, 0.0, 0.3)))
 
 
-def _microseconds(seconds):
+def microseconds(seconds):
+    """Median [us] of times [s], and how it is printed."""
     return 1e6 * statistics.median(seconds), "us (median of %d scenarios, %.0f to %.0f)" % (
         len(seconds),
         1e6 * min(seconds),

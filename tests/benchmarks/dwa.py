@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 from tests import replay_dwa
+from tests.benchmarks.control import microseconds
 from tests.replay_golden import load
 
 CYCLES = 60  # of each scenario; its median counts
@@ -17,20 +18,12 @@ SAMPLES = (20, 1, 40)
 
 def dwa_planner_cycle():
     """TurtleBot3 burger as its navigation package drives it: 861 samples of 1.5 s, 3 x 3 m."""
-    return _microseconds(times("burger"))
+    return microseconds(times("burger"))
 
 
 def dwa_planner_cycle_waffle():
     """TurtleBot3 waffle: 861 samples of 2.0 s, 3 x 3 m."""
-    return _microseconds(times("waffle"))
-
-
-def _microseconds(seconds):
-    return 1e6 * statistics.median(seconds), "us (median of %d scenarios, %.0f to %.0f)" % (
-        len(seconds),
-        1e6 * min(seconds),
-        1e6 * max(seconds),
-    )
+    return microseconds(times("waffle"))
 
 
 def times(robot, folder=FOLDER):

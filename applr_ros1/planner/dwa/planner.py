@@ -3,7 +3,6 @@
 Called by local_planner.py, which makes a controller of it. The arithmetic is in the kernels beside this file.
 """
 
-import math
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_gr
 from applr_ros1.planner.dwa.search import find_best
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
 from applr_ros1.planner.parameters.parameter import ParameterError
+from applr_ros1.planner.sampling_planner import cost_cloud, updated
 
 DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
 ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
@@ -86,19 +86,8 @@ class DWAPlanner:
 
         Numbers of samples below 1 become 1. Raises ParameterError.
         """
-        wanted = dict(self._wanted)
         names = [name for name in PARAMETERS.names or () if name not in DERIVED]
-        wanted.update((name, params[name]) for name in names if name in params)
-        for name in names:
-            if name not in wanted:
-                raise ParameterError("parameter %s is missing: give the DWA planner a value" % name)
-            if not math.isfinite(wanted[name]):
-                raise ParameterError("parameter %s = %r is not a finite number" % (name, wanted[name]))
-        for name in ABOVE_ZERO + NOT_NEGATIVE:
-            if wanted[name] < 0 or (wanted[name] == 0 and name in ABOVE_ZERO):
-                bound = "above 0" if name in ABOVE_ZERO else "0 or more"
-                raise ParameterError("parameter %s = %r must be %s" % (name, wanted[name], bound))
-        wanted.update({name: max(int(wanted[name]), 1) for name in SAMPLES})
+        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES, ParameterError)
         self._wanted = wanted
         self._scratch = allocate_scratch(*(wanted[name] for name in SAMPLES))
         self._take_parameters()
@@ -225,22 +214,10 @@ class DWAPlanner:
         """
         if self._grids is None or not self._grids.facts[0] or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
-        path, goal = (grid.T for grid in self.grids()[:2])
-        cells = costmap.cells.T
-        column, row = np.nonzero((path < cells.size) & (cells < INSCRIBED))
+        path, goal = self.grids()[:2]
+        inside = (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
         p = self._record[0]
-        cloud = np.zeros((len(row), 7), np.float32)
-        cloud[:, 0] = costmap.origin[0] + (column + 0.5) * costmap.resolution
-        cloud[:, 1] = costmap.origin[1] + (row + 0.5) * costmap.resolution
-        cloud[:, 3] = path[column, row]
-        cloud[:, 4] = goal[column, row]
-        cloud[:, 5] = cells[column, row]
-        cloud[:, 6] = (
-            p["path_scale"] * path[column, row]
-            + p["goal_scale"] * goal[column, row]
-            + p["occdist_scale"] * cells[column, row]
-        )
-        return cloud
+        return cost_cloud(costmap, path, goal, inside, (p["path_scale"], p["goal_scale"], p["occdist_scale"]))
 
     def trajectory_cloud(self) -> np.ndarray:
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""

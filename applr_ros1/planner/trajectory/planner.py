@@ -5,7 +5,6 @@ Called by local_planner.py, which makes a controller of it. The arithmetic is in
 
 from __future__ import annotations
 
-import math
 from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
@@ -15,13 +14,14 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.costmap.outline import line_offsets
 from applr_ros1.planner.distance_grid import complete
+from applr_ros1.planner.sampling_planner import cost_cloud, updated
 from applr_ros1.planner.trajectory import map_grid
 from applr_ros1.planner.trajectory.sampling import STATE, allocate, fill_evenly, find_best_path, velocity_window
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
-_NAMES = PARAMETERS.names or ()
+SAMPLES = ("vx_samples", "vtheta_samples")
 
 
 class TrajectoryPlannerError(ApplrError):
@@ -89,21 +89,8 @@ class TrajectoryPlanner:
 
         Other names are ignored. vx_samples and vtheta_samples below 1 become 1. Raises TrajectoryPlannerError.
         """
-        wanted = dict(self._wanted)
-        wanted.update((name, params[name]) for name in _NAMES if name in params and name != "sim_period")
-        missing = [name for name in _NAMES if name not in wanted and name != "sim_period"]
-        if missing:
-            raise TrajectoryPlannerError("parameter %s is missing: give the trajectory planner a value" % missing[0])
-        for name, value in wanted.items():
-            if not math.isfinite(value):
-                raise TrajectoryPlannerError("parameter %s = %r is not a finite number" % (name, value))
-        for name in NOT_NEGATIVE + ABOVE_ZERO:
-            if wanted[name] < 0 or (wanted[name] == 0 and name in ABOVE_ZERO):
-                raise TrajectoryPlannerError(
-                    "parameter %s = %r must be %s"
-                    % (name, wanted[name], "above 0" if name in ABOVE_ZERO else "0 or more")
-                )
-        wanted.update({name: max(int(wanted[name]), 1) for name in ("vx_samples", "vtheta_samples")})
+        names = [name for name in PARAMETERS.names or () if name != "sim_period"]
+        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES, TrajectoryPlannerError)
         self._wanted = wanted
         self._scratch = allocate(wanted["vx_samples"], wanted["vtheta_samples"])
         self._take_parameters()
@@ -153,7 +140,7 @@ class TrajectoryPlanner:
     @property
     def effective(self) -> Dict[str, float]:
         """The values in force by name; the distance weights per cell."""
-        return {name: self._params[0][name].item() for name in _NAMES}
+        return {name: self._params[0][name].item() for name in PARAMETERS.names or ()}
 
     def reset(self) -> None:
         """Forget flags, reference positions and plan, as a new object (training episodes)."""
@@ -221,22 +208,11 @@ class TrajectoryPlanner:
         """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
-        path, goal, within = (grid.T for grid in self.grids())
-        cells = costmap.cells.T
-        column, row = np.nonzero((within == 0) & (path < cells.size) & (cells < INSCRIBED))
+        path, goal, within = self.grids()
+        inside = (within == 0) & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
         p = self._params[0]
-        cloud = np.zeros((len(row), 7), np.float32)
-        cloud[:, 0] = costmap.origin[0] + (column + 0.5) * costmap.resolution
-        cloud[:, 1] = costmap.origin[1] + (row + 0.5) * costmap.resolution
-        cloud[:, 3] = path[column, row]
-        cloud[:, 4] = goal[column, row]
-        cloud[:, 5] = cells[column, row]
-        cloud[:, 6] = (
-            p["path_distance_bias"] * path[column, row]
-            + p["goal_distance_bias"] * goal[column, row]
-            + p["occdist_scale"] * cells[column, row]
-        )
-        return cloud
+        weights = p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"]
+        return cost_cloud(costmap, path, goal, inside, weights)
 
     def _look_at(self, costmap):
         """The Scene of this costmap; grids and tables are made anew only when its size or resolution changes."""

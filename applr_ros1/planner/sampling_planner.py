@@ -1,0 +1,72 @@
+"""What the two planners that sample velocities share: the check of new parameters, and the display of a cycle's costs.
+
+Called by trajectory/planner.py and dwa/planner.py.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, Mapping, Sequence, Tuple, Type
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+
+
+def updated(
+    values: Mapping[str, Any],
+    changes: Mapping[str, Any],
+    names: Sequence[str],
+    above_zero: Sequence[str],
+    not_negative: Sequence[str],
+    samples: Sequence[str],
+    error: Type[ApplrError],
+) -> Dict[str, Any]:
+    """The values of a planner's parameters with some of them changed, checked.
+
+    Args:
+        values: what it has by now.
+        changes: new values by name; names of no parameter of the planner are ignored.
+        names: all parameters of the planner.
+        above_zero: those of them that must be more than 0.
+        not_negative: those that must be 0 or more.
+        samples: those that are numbers of samples; values below 1 become 1.
+        error: what is raised, with one line, for a value that is missing, not finite or out of its bound.
+    """
+    wanted = dict(values)
+    wanted.update((name, changes[name]) for name in names if name in changes)
+    for name in names:
+        if name not in wanted:
+            raise error("parameter %s is missing: give the local planner a value" % name)
+        if not math.isfinite(wanted[name]):
+            raise error("parameter %s = %r is not a finite number" % (name, wanted[name]))
+    for name in (*above_zero, *not_negative):
+        if wanted[name] < 0 or (wanted[name] == 0 and name in above_zero):
+            bound = "above 0" if name in above_zero else "0 or more"
+            raise error("parameter %s = %r must be %s" % (name, wanted[name], bound))
+    wanted.update({name: max(int(wanted[name]), 1) for name in samples})
+    return wanted
+
+
+def cost_cloud(
+    costmap: Any, path: np.ndarray, goal: np.ndarray, inside: np.ndarray, weights: Tuple[float, float, float]
+) -> np.ndarray:
+    """(k, 7) float32: x, y, z, path, goal, obstacle and total cost of cells, column by column, for display.
+
+    Args:
+        costmap: with cells (ny, nx), origin and resolution.
+        path: (ny, nx) int32, distances to the plan in cells.
+        goal: (ny, nx) int32, distances to the plan's end in cells.
+        inside: (ny, nx) bool, the cells that are shown.
+        weights: of path, goal and obstacle cost in the total.
+    """
+    column, row = np.nonzero(inside.T)
+    cells = costmap.cells.T
+    cloud = np.zeros((len(row), 7), np.float32)
+    cloud[:, 0] = costmap.origin[0] + (column + 0.5) * costmap.resolution
+    cloud[:, 1] = costmap.origin[1] + (row + 0.5) * costmap.resolution
+    cloud[:, 3] = path.T[column, row]
+    cloud[:, 4] = goal.T[column, row]
+    cloud[:, 5] = cells[column, row]
+    cloud[:, 6] = weights[0] * path.T[column, row] + weights[1] * goal.T[column, row] + weights[2] * cells[column, row]
+    return cloud
