@@ -4,13 +4,11 @@ import math
 import time
 
 import pytest
-
-rospy = pytest.importorskip("rospy")
-
-from fake_jackal import FakeJackal  # noqa: E402
-from geometry_msgs.msg import Twist  # noqa: E402
-from ros_harness import ROOT, session, wait_for  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
+import rospy
+from fake_jackal import FakeJackal
+from geometry_msgs.msg import Twist
+from ros_harness import ROOT, session, wait_for
+from std_msgs.msg import String
 
 pytestmark = pytest.mark.ros
 

@@ -50,7 +50,7 @@ class CompareError(ApplrError):
     """One line: what cannot be compared, and why."""
 
 
-class World(NamedTuple):
+class WorldTimes(NamedTuple):
     """Trials, successes and the mean time of the successes [s; nan without any] of one world."""
 
     n: int
@@ -58,7 +58,7 @@ class World(NamedTuple):
     time: float
 
 
-def ours(path: str, method: str) -> Dict[str, Dict[int, World]]:
+def ours(path: str, method: str) -> Dict[str, Dict[int, WorldTimes]]:
     """BARN's worlds ("world_N") among the trials of `method` in a trials.csv, by kind of distance weights.
 
     "ours" stands for the one kind of a file that does not name any; several kinds are followed by MIXTURE, the trials
@@ -78,17 +78,17 @@ def ours(path: str, method: str) -> Dict[str, Dict[int, World]]:
     return {kind: {n: _world(rows) for n, rows in kinds[kind].items()} for kind in ordered}
 
 
-def _world(rows: List[Dict[str, str]]) -> World:
+def _world(rows: List[Dict[str, str]]) -> WorldTimes:
     times = [float(row["time_s"]) for row in rows if flag(row["success"])]
-    return World(len(rows), len(times), float(np.mean(times)) if times else float("nan"))
+    return WorldTimes(len(rows), len(times), float(np.mean(times)) if times else float("nan"))
 
 
-def gazebo(path: str, longer: float = LONGER) -> Dict[int, World]:
+def gazebo(path: str, longer: float = LONGER) -> Dict[int, WorldTimes]:
     """The table of Gazebo's times, `longer` seconds taken off."""
     rows = list(csv.DictReader(read_bytes(path).decode("utf-8", "replace").splitlines()))
     try:
         return {
-            int(r["world"]): World(int(r["n"]), int(r["n_success"]), float(r["time_mean_succ"] or "nan") - longer)
+            int(r["world"]): WorldTimes(int(r["n"]), int(r["n_success"]), float(r["time_mean_succ"] or "nan") - longer)
             for r in rows
         }
     except (KeyError, TypeError, ValueError) as error:
@@ -97,7 +97,7 @@ def gazebo(path: str, longer: float = LONGER) -> Dict[int, World]:
         ) from None
 
 
-def compare(sides: Dict[str, Dict[int, World]], table: Dict[int, World]) -> Dict[str, Dict[str, float]]:
+def compare(sides: Dict[str, Dict[int, WorldTimes]], table: Dict[int, WorldTimes]) -> Dict[str, Dict[str, float]]:
     """Figures (ROWS) of Gazebo's table and of each side, over the worlds that all of them hold.
 
     Times are means of each world's successes, over the worlds with a success everywhere; the thirds are Gazebo's.
