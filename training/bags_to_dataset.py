@@ -47,8 +47,7 @@ def convert(
             report.skip("damaged inside")
             say("%s: damaged inside (%s)" % (bag, (str(error).splitlines() or [type(error).__name__])[0]))
         for reason, count in report.skipped.items():
-            for _ in range(count):
-                writer.skip(reason)
+            writer.skipped.add(reason, count)
         read_bags.append(
             {
                 "name": Path(bag).name,

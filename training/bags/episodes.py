@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Dict, Iterator, List, Optional, Tuple
+from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
 from training.mdp.episode import NEAREST, TIME_LIMIT, Outcome
 from training.mdp.reward import Reward, failed
+from training.tally import Tally
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
@@ -40,11 +41,11 @@ class BagReport:
     episodes: int = 0
     transitions: int = 0
     verified: int = 0  # observations equal to the node's own
-    skipped: Dict[str, int] = field(default_factory=dict)
+    skipped: Tally = field(default_factory=Tally)  # by reason
 
     def skip(self, reason: str) -> None:
         """Count a transition that is not used, by the reason."""
-        self.skipped[reason] = self.skipped.get(reason, 0) + 1
+        self.skipped.add(reason)
 
 
 @dataclass

@@ -19,6 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import SPACE
+from training.bags.compression import bound_rosbags
 
 SECOND = 1_000_000_000
 PATH_HEADER = 80  # a packed nav_msgs/Path of fewer bytes has no poses
@@ -143,6 +144,10 @@ def open_bag(path: Path) -> AnyReader:
         raise BagError("%s: empty file" % path)
     if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").exists():
         path = path.parent
+    for file in path.iterdir() if path.is_dir() else [path]:
+        if not file.is_file() and not file.is_dir():
+            raise BagError("%s: %s is a pipe or device; give a regular file" % (path, file.name))
+    bound_rosbags()
     return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
 

@@ -14,6 +14,7 @@ import re
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Optional, Sequence
 
+from applr_ros1.common.arrays import unpack_npz
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, key_of
@@ -27,6 +28,7 @@ OLDER = {
     "worlds_with_movers": [],
 }  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"
+MAX_TRACE = 2**26  # bytes, packed and unpacked
 
 
 class Store:
@@ -191,13 +193,11 @@ def read_trace(
     folder: os.PathLike | str, world: str, method: str, trial: int, weights: str = ""
 ) -> Optional[Dict[str, Any]]:
     """{"time", "pose", "twist", "theta"} of a trial whose trace was kept, else None."""
-    import numpy as np
-
     path = Path(folder) / TRACES / trace_name(world, method, trial, weights)
     try:
-        with np.load(path, allow_pickle=False) as data:
-            return {name: data[name] for name in ("time", "pose", "twist", "theta")}
-    except (OSError, ValueError, KeyError):
+        arrays = unpack_npz(read_bytes(path, MAX_TRACE), str(path), MAX_TRACE, StorageError)
+        return {name: arrays[name] for name in ("time", "pose", "twist", "theta")}
+    except (StorageError, KeyError):
         return None
 
 

@@ -13,21 +13,24 @@ from __future__ import annotations
 
 import io
 import json
-import zipfile
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.arrays import unpack_npz
+from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from training.experience.journal import Journal
-from training.experience.trajectory import Layout, Trajectory, TrajectoryError
+from training.experience.trajectory import MAX_TRANSITIONS, Layout, Trajectory, TrajectoryError
 from training.storage import make_folder
+from training.tally import Tally
 
 FORMAT = "applr-dataset-1"
 SHARD_ROWS = 20_000
+MAX_SHARD = 2**30  # bytes of a shard, unpacked
+SHARD_ARRAYS = {"scan": 2, "rest": 2, "action": 2, "reward": 1, "length": 1, "terminated": 1, "info": 1}  # ndim
 
 
 class DatasetError(ApplrError):
@@ -41,7 +44,7 @@ class Writer:
         self.folder, self.layout, self.source = make_folder(folder), layout, source or {}
         if (self.folder / "manifest.json").exists():
             raise StorageError("%s: holds a dataset already; give an empty folder" % folder)
-        self.skipped: Dict[str, int] = {}  # reason → how many episodes
+        self.skipped = Tally()  # episodes, by reason
         self._shards: List[Dict[str, Any]] = []
         self._pending: List[Trajectory] = []
 
@@ -54,7 +57,7 @@ class Writer:
 
     def skip(self, reason: str) -> None:
         """Count a transition that is not taken, by the reason."""
-        self.skipped[reason] = self.skipped.get(reason, 0) + 1
+        self.skipped.add(reason)
 
     def close(self) -> Dict[str, Any]:
         """Writes what is pending and the manifest; returns it."""
@@ -100,7 +103,7 @@ class Dataset:
 
     def __init__(self, folder, layout: Layout = Layout()):
         self.folder, self.layout = Path(folder), layout
-        if not (self.folder / "manifest.json").is_file():
+        if not (self.folder / "manifest.json").exists():
             raise DatasetError("%s: no dataset (no manifest.json); make one with bags_to_dataset.py" % folder)
         self.manifest = read_json(self.folder / "manifest.json")
         if not isinstance(self.manifest, dict) or self.manifest.get("format") != FORMAT:
@@ -108,6 +111,14 @@ class Dataset:
         if self.manifest.get("layout") != asdict(layout):
             raise DatasetError(
                 "%s: its layout is %s, this training has %s" % (folder, self.manifest.get("layout"), asdict(layout))
+            )
+        shards = self.manifest.get("shards")
+        if not isinstance(shards, list) or not all(map(_is_shard, shards)):
+            raise DatasetError("%s: manifest.json: shards must be a list of {%s}" % (folder, ", ".join(SHARD_KEYS)))
+        if self.manifest.get("transitions") != sum(s["transitions"] for s in shards):
+            raise DatasetError(
+                "%s: manifest.json counts %.40r transitions, its shards do not"
+                % (folder, self.manifest.get("transitions"))
             )
 
     @property
@@ -125,39 +136,78 @@ class Dataset:
         for shard in self.manifest["shards"]:
             yield from self._read(shard)
 
-    def _read(self, shard) -> Iterator[Trajectory]:
-        name = str(shard["file"])
+    def check(self) -> "Dataset":
+        """Reads all of it; returns itself. Raises DatasetError at the first fault, and where there is no transition."""
+        if not sum(len(trajectory) for trajectory in self):
+            raise DatasetError("%s: holds no transitions" % self.folder)
+        return self
+
+    def _read(self, shard: Dict[str, Any]) -> Iterator[Trajectory]:
+        name = shard["file"]
         if Path(name).name != name:
             raise DatasetError("%s: shard %r lies outside the dataset's folder" % (self.folder, name))
         path = self.folder / name
-        data = read_bytes(path)
+        data = read_bytes(path, MAX_SHARD, DatasetError)
         if sha256(data) != shard["sha256"]:
             raise DatasetError("%s: checksum is wrong; the file is damaged or was changed" % path)
-        try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as file:
-                arrays = {key: file[key] for key in file.files}
-            infos = json.loads(arrays["info"].tobytes())
-            lengths, terminated = arrays["length"], arrays["terminated"]
-            if not len(infos) == len(lengths) == len(terminated):
-                raise ValueError("numbers of episodes differ")
-        except (ValueError, KeyError, OSError, zipfile.BadZipFile, RecursionError) as error:
-            raise DatasetError("%s: not a shard of a dataset (%s)" % (path, error)) from None
+        arrays = unpack_npz(data, str(path), MAX_SHARD, DatasetError)
+        infos = _infos(arrays, shard, path)
         row = step = 0
-        for i, t in enumerate(int(n) for n in lengths):
+        for i, t in enumerate(arrays["length"].tolist()):
             trajectory = Trajectory(
                 arrays["scan"][row : row + t + 1],
                 arrays["rest"][row : row + t + 1],
                 arrays["action"][step : step + t],
                 arrays["reward"][step : step + t],
-                bool(terminated[i]),
+                bool(arrays["terminated"][i]),
                 infos[i],
             )
             try:
                 trajectory.check(self.layout)
-            except (TrajectoryError, AttributeError) as error:
+            except TrajectoryError as error:
                 raise DatasetError("%s: episode %d: %s" % (path, i, error)) from None
             row, step = row + t + 1, step + t
             yield trajectory
+
+
+SHARD_KEYS = {"file": str, "sha256": str, "episodes": int, "transitions": int}
+
+
+def _is_shard(value: Any) -> bool:
+    return isinstance(value, dict) and all(
+        type(value.get(key)) is kind and (kind is str or value[key] >= 0) for key, kind in SHARD_KEYS.items()
+    )
+
+
+def _infos(arrays: Dict[str, np.ndarray], shard: Dict[str, Any], path: Path) -> List[Dict[str, Any]]:
+    """The episodes' infos, once the shard's arrays are known to be there and to agree. Raises DatasetError."""
+    for name, ndim in SHARD_ARRAYS.items():
+        if name not in arrays or arrays[name].ndim != ndim:
+            raise DatasetError("%s: not a shard of a dataset (no array %s of %d dimensions)" % (path, name, ndim))
+    lengths = arrays["length"]
+    try:
+        infos = json.loads(arrays["info"].tobytes())
+    except (ValueError, RecursionError) as error:
+        raise DatasetError("%s: not a shard of a dataset (info: %s)" % (path, reason(error))) from None
+    if not isinstance(infos, list) or not all(isinstance(info, dict) for info in infos):
+        raise DatasetError("%s: not a shard of a dataset (info must be a list of objects)" % path)
+    if lengths.dtype.kind not in "iu" or (lengths < 1).any() or (lengths > MAX_TRANSITIONS).any():
+        raise DatasetError("%s: lengths of episodes must be whole numbers from 1 to %d" % (path, MAX_TRANSITIONS))
+    episodes, transitions = len(lengths), int(lengths.sum())
+    counts = {
+        "info": (len(infos), episodes),
+        "terminated": (len(arrays["terminated"]), episodes),
+        "episodes in manifest.json": (shard["episodes"], episodes),
+        "action": (len(arrays["action"]), transitions),
+        "reward": (len(arrays["reward"]), transitions),
+        "transitions in manifest.json": (shard["transitions"], transitions),
+        "scan": (len(arrays["scan"]), transitions + episodes),
+        "rest": (len(arrays["rest"]), transitions + episodes),
+    }
+    for name, (found, wanted) in counts.items():
+        if found != wanted:
+            raise DatasetError("%s: %s: %d where %d are needed" % (path, name, found, wanted))
+    return infos
 
 
 def export_replay(run, folder, layout: Layout = Layout(), c_switch: float = 0.0) -> Dict[str, Any]:

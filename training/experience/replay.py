@@ -19,7 +19,7 @@ GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transitio
 
 
 class ReplayError(ApplrError):
-    """A replay that this machine cannot hold; one line with the size and the remedy."""
+    """A replay that is too small, or that this machine cannot hold; one line with the size and the remedy."""
 
 
 class Sample(NamedTuple):
@@ -42,7 +42,7 @@ class Replay:
 
     def __init__(self, layout: Layout, capacity: int):
         if capacity < 2:
-            raise ValueError("replay of %r rows is too small; give at least 2" % (capacity,))
+            raise ReplayError("a replay of %d rows holds no transition; give a --capacity of at least 2" % capacity)
         self.layout, self.capacity = layout, int(capacity)
         _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
@@ -78,16 +78,29 @@ class Replay:
         self.check(trajectory)
         self._numbers.setdefault(trajectory.info["actor"], _Numbers()).add(trajectory.info["episode"])
         t = len(trajectory)
-        rows = (self.written + np.arange(t + 1)) % self.capacity
-        self.held -= int(np.count_nonzero(self.end[rows] != NO_ACTION))
+        rows = self._next_rows(t)
         self.scan[rows], self.rest[rows] = trajectory.scan, trajectory.rest
         self.action[rows[:-1]], self.reward[rows[:-1]] = trajectory.action, trajectory.reward
         self.end[rows] = GOES_ON
         self.end[rows[-2]] = TERMINATED if trajectory.terminated else TRUNCATED
         self.end[rows[-1]] = NO_ACTION
-        self.written += t + 1
-        self.transitions += t
         self.held += t
+
+    def leave_out(self, transitions: int) -> None:
+        """Count an episode without taking it: its rows stay empty and are never drawn.
+
+        So a journal with an episode that is refused today agrees with a checkpoint that counts it.
+        """
+        self._next_rows(transitions)
+
+    def _next_rows(self, transitions: int) -> np.ndarray:
+        """The rows of the next episode, emptied and counted."""
+        rows = (self.written + np.arange(transitions + 1)) % self.capacity
+        self.held -= int(np.count_nonzero(self.end[rows] != NO_ACTION))
+        self.end[rows] = NO_ACTION
+        self.written += transitions + 1
+        self.transitions += transitions
+        return rows
 
     def episodes_of(self, actor: str) -> int:
         """The next unused episode number of an actor."""

@@ -16,7 +16,9 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
-MAX_NAME = 200
+MAX_NAME = 255  # characters in the name of an actor or a world
+MAX_INT = 2**53
+NUMBERS = ("return", "length", "success", "collided", "timeout", "aborted", "flipped", "time_s", "sigma", "version")
 
 
 class TrajectoryError(ApplrError):
@@ -94,6 +96,11 @@ class Trajectory:
 
     def check(self, layout: Layout) -> None:
         """Raises TrajectoryError unless shapes, types and values are what the replay stores."""
+        self.check_arrays(layout)
+        self.check_info()
+
+    def check_arrays(self, layout: Layout) -> None:
+        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
         t = len(self.reward) if getattr(self.reward, "ndim", 0) == 1 else -1
         if not 1 <= t <= MAX_TRANSITIONS:
             raise TrajectoryError("a trajectory of %d transitions; 1 to %d are taken" % (t, MAX_TRANSITIONS))
@@ -113,9 +120,28 @@ class Trajectory:
                 raise TrajectoryError("%s holds NaN or inf" % name)
         if t and (np.abs(self.action) > 1.0 + 1e-6).any():
             raise TrajectoryError("an action lies outside [-1, 1]")
-        actor, episode = self.info.get("actor"), self.info.get("episode")
-        if not (isinstance(actor, str) and len(actor) <= MAX_NAME and type(episode) is int and episode >= 0):
+
+    def fits(self, layout: Layout) -> bool:
+        """Whether check_arrays() finds nothing wrong."""
+        try:
+            self.check_arrays(layout)
+        except TrajectoryError:
+            return False
+        return True
+
+    def check_info(self) -> None:
+        """Raises TrajectoryError unless the info identifies the episode and can be written into a table.
+
+        Names are printable text, since one with a newline would break a table of episodes; NUMBERS are numbers or None.
+        """
+        actor, episode, world = (self.info.get(name) for name in ("actor", "episode", "world"))
+        if not (_is_name(actor) and type(episode) is int and 0 <= episode <= MAX_INT):
             raise TrajectoryError("no valid actor and episode number (%.40r, %.40r)" % (actor, episode))
+        if not (world is None or _is_name(world) or _is_number(world)):
+            raise TrajectoryError("info: world is %.40r, which is no name" % (world,))
+        for name in NUMBERS:
+            if not (self.info.get(name) is None or _is_number(self.info[name])):
+                raise TrajectoryError("info: %s is %.40r, which is no number" % (name, self.info[name]))
 
     def pack(self) -> bytes:
         """The trajectory as safetensors bytes, for file or network; unpack() is the inverse."""
@@ -134,3 +160,11 @@ class Trajectory:
             return cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
         except (KeyError, ValueError, RecursionError):
             raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= MAX_NAME and value.isprintable()
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, float) or (isinstance(value, int) and abs(value) <= MAX_INT)

@@ -22,6 +22,7 @@ from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 from training.gorila.batch import draw_batch
 from training.storage import make_folder
+from training.tally import Tally
 from training.td3.td3 import TD3, LearnerError, TD3Config
 
 FORMAT = "applr-checkpoint-1"
@@ -52,7 +53,7 @@ class Learner:
         self.rng = np.random.default_rng([config.seed, 1])
         self.journal = Journal(make_folder(self.folder) / "journal") if self.folder is not None else None
         self.episodes = 0
-        self.refused: Dict[str, int] = {}  # reason → count
+        self.refused = Tally()  # trajectories, by reason
         self.staleness = Staleness()
         self.checkpoints = 0
 
@@ -64,19 +65,35 @@ class Learner:
             self.replay.check(trajectory)
             self._check_age(trajectory)
         except TrajectoryError as error:
-            self.refused[str(error)] = self.refused.get(str(error), 0) + 1
+            self.refused.add(str(error))
             return None
         if self.journal is not None:
             self.journal.append(
                 blob, {"rows": self.replay.written, "transitions": self.replay.transitions, "episodes": self.episodes}
             )
-        self._add(trajectory)
+        self.replay.add(trajectory)
+        self._count(trajectory)
         return trajectory
 
-    def _add(self, trajectory: Trajectory) -> None:
-        self.replay.add(trajectory)
+    def _count(self, trajectory: Trajectory) -> None:
         self.episodes += 1
         self.staleness.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
+
+    def _take_from_journal(self, blob: bytes) -> Optional[Trajectory]:
+        """Takes a trajectory of the journal. None: it is refused, and counted.
+
+        An earlier version of this program may have taken it; then the checkpoint counts its rows.
+        """
+        trajectory = None
+        try:
+            trajectory = Trajectory.unpack(blob)
+            self.replay.add(trajectory)
+            return trajectory
+        except TrajectoryError as error:
+            self.refused.add(str(error))
+        if trajectory is not None and trajectory.fits(self.layout):
+            self.replay.leave_out(len(trajectory))
+        return None
 
     def _check_age(self, trajectory: Trajectory) -> None:
         version = trajectory.info.get("version", 0)
@@ -95,6 +112,8 @@ class Learner:
     @property
     def updates_due(self) -> int:
         """Gradient steps not yet made for the transitions taken."""
+        if not self.replay.held:
+            return 0
         due = int((self.transitions - self.config.warmup) * self.config.updates_per_transition + 1e-9)
         return max(0, due - self.td3.updates)
 
@@ -177,10 +196,11 @@ class Learner:
             self._restore(checkpoint)
             self.train()
         for blob in self.journal.read(since=place):
-            trajectory = Trajectory.unpack(blob)
-            self._add(trajectory)
-            on_trajectory(self, trajectory)
-            self.train()
+            trajectory = self._take_from_journal(blob)
+            if trajectory is not None:
+                self._count(trajectory)
+                on_trajectory(self, trajectory)
+                self.train()
         return extra
 
     def _restore(self, checkpoint: Dict[str, Any]) -> None:
@@ -202,7 +222,7 @@ class Learner:
             self.replay.begin_at(first["rows"], first["transitions"])
             self.episodes = first["episodes"]
         for blob in self.journal.read(until=checkpoint["journal"]):
-            self.replay.add(Trajectory.unpack(blob))
+            self._take_from_journal(blob)
         self.replay.restore_episode_numbers(checkpoint["seen"])
         if (self.replay.written, self.replay.transitions) != (checkpoint["rows"], checkpoint["transitions"]):
             raise StorageError(

@@ -1,0 +1,262 @@
+"""What hostile or damaged experience does: answers of actors, journals, datasets and bags. One line, bounded memory."""
+
+import bz2
+import hashlib
+import io
+import json
+import os
+import struct
+import tracemalloc
+import zipfile
+
+import lz4.frame
+import numpy as np
+import pytest
+
+from training.bags import compression, reader
+from training.experience.dataset import Dataset, DatasetError, Writer
+from training.experience.trajectory import Layout, Trajectory
+from training.gorila.learner import Learner, LearnerConfig
+from training.tally import MOST, OTHERS, Tally
+from training.td3.td3 import TD3Config
+
+LAYOUT = Layout(0, 1, 1)
+CONFIG = LearnerConfig(TD3Config(hidden=(8,), batch_size=8), 1000, 1.0)
+
+
+def episode(number, transitions=10, **info):
+    rng = np.random.default_rng(number)
+    return Trajectory.of(
+        LAYOUT,
+        rng.uniform(-1, 1, (transitions + 1, 1)),
+        rng.uniform(-1, 1, (transitions, 1)),
+        rng.normal(size=transitions),
+        False,
+        dict({"actor": "a", "episode": number, "version": 0}, **info),
+    )
+
+
+WRONG = [
+    {"return": [1.0]},
+    {"success": "yes"},
+    {"time_s": {}},
+    {"world": "two\nlines"},
+    {"world": "lone \ud800 surrogate"},
+    {"world": ["a"]},
+    {"length": 10**400},
+    {"episode": 10**400},
+    {"actor": "a\nb"},
+]
+
+
+@pytest.mark.parametrize("info", WRONG, ids=lambda info: next(iter(info)))
+def test_an_answer_with_a_malformed_info_is_refused_and_counted(info, tmp_path):
+    learner = Learner(LAYOUT, CONFIG, tmp_path)
+    assert learner.take(episode(0).pack()) is not None
+    assert learner.take(episode(1, **info).pack()) is None
+    assert sum(learner.refused.values()) == 1
+    assert len(list(learner.journal.read())) == 1
+
+
+@pytest.mark.parametrize("checkpoint_after", [0, 1, 2, 3])
+def test_a_journal_that_holds_a_malformed_record_resumes_without_it(tmp_path, checkpoint_after, monkeypatch):
+    """The record lies before or behind the checkpoint, in a folder that a version without the check has written."""
+    with monkeypatch.context() as older:
+        older.setattr(Trajectory, "check_info", lambda self: None)
+        learner = Learner(LAYOUT, CONFIG, tmp_path)
+        for number, info in enumerate(({}, {"world": "two\nlines", "return": "x"}, {})):
+            if number == checkpoint_after:
+                learner.save()
+            learner.take(episode(number, **info).pack())
+            learner.train()
+        if checkpoint_after == 3:
+            learner.save()
+    rows = learner.replay.written
+    for _ in range(2):  # the second time from a checkpoint that was made after the record was refused
+        heard = []
+        learner = Learner(LAYOUT, CONFIG, tmp_path)
+        learner.resume(lambda _, trajectory, heard=heard: heard.append(trajectory.info["episode"]))
+        assert heard == [n for n in range(checkpoint_after, 3) if n != 1]
+        assert list(learner.refused.values()) == [1]
+        assert (learner.replay.written, learner.replay.held) == (rows, 20)
+        checkpoint_after = 3
+        learner.save()
+
+
+def test_refused_texts_do_not_grow_without_end():
+    tally = Tally()
+    for number in range(1000):
+        tally.add("reason %d" % number)
+    assert len(tally) == MOST + 1
+    assert sum(tally.values()) == 1000
+    assert tally[OTHERS] == 1000 - MOST
+
+
+# -- datasets ----------------------------------------------------------------------------------------------------------
+@pytest.fixture
+def dataset(tmp_path):
+    writer = Writer(tmp_path / "data", LAYOUT)
+    for number in range(3):
+        writer.add(episode(number, 4))
+    writer.close()
+    return tmp_path / "data"
+
+
+def change_manifest(folder, change):
+    path = folder / "manifest.json"
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+
+
+def change_shard(folder, data):
+    """Other content of the shard, with its right checksum."""
+    (folder / "shard-00000.npz").write_bytes(data)
+    change_manifest(folder, lambda m: m["shards"][0].update(sha256=hashlib.sha256(data).hexdigest()))
+
+
+def shard(folder, **changes):
+    arrays = dict(np.load(folder / "shard-00000.npz"))
+    arrays.update(changes)
+    buffer = io.BytesIO()
+    np.savez(buffer, **{name: value for name, value in arrays.items() if value is not None})
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda m: m.pop("shards"),
+        lambda m: m.update(shards={}),
+        lambda m: m.update(shards=[[]]),
+        lambda m: m.update(transitions=None),
+        lambda m: m.update(transitions=7),
+        lambda m: m["shards"][0].pop("sha256"),
+        lambda m: m["shards"][0].update(file=3),
+        lambda m: m["shards"][0].update(file="../x.npz"),
+        lambda m: m["shards"][0].update(episodes=2),
+        lambda m: m["shards"][0].update(transitions=-1),
+    ],
+)
+def test_manifests_with_wrong_or_missing_keys(dataset, change):
+    change_manifest(dataset, change)
+    with pytest.raises(DatasetError, match=str(dataset)) as refused:
+        Dataset(dataset, LAYOUT).check()
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"scan": None}, "scan"),
+        ({"length": np.array([4, np.nan, 4])}, "lengths"),
+        ({"length": np.array([4, 8, 0])}, "lengths"),
+        ({"length": np.array([4, 4])}, "needed"),
+        ({"length": np.array(4)}, "length"),
+        ({"info": np.frombuffer(b"[1, 2, 3]", np.uint8)}, "list of objects"),
+        ({"info": np.frombuffer(b"{}", np.uint8)}, "list of objects"),
+        ({"info": np.frombuffer(b"[" * 100_000, np.uint8)}, "info"),
+        ({"reward": np.zeros((12, 1), np.float32)}, "reward"),
+        ({"action": np.zeros((11, 1), np.float32)}, "action: 11 where 12"),
+        ({"rest": np.zeros(0, np.float32)}, "rest"),
+    ],
+)
+def test_shards_with_wrong_or_missing_arrays(dataset, change, why):
+    change_shard(dataset, shard(dataset, **change))
+    with pytest.raises(DatasetError, match=why) as refused:
+        Dataset(dataset, LAYOUT).check()
+    assert "\n" not in str(refused.value)
+
+
+def test_shards_that_are_no_archives_or_unpack_to_too_much(dataset, tmp_path, monkeypatch):
+    def archive(write, method=zipfile.ZIP_DEFLATED):
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w", method) as file:
+            write(file)
+        return buffer.getvalue()
+
+    header = b"\x93NUMPY\x01\x00v\x00" + b"{'descr': '<f8', 'fortran_order': False, 'shape': (%d,), }"
+    header = (header % 10**15).ljust(127) + b"\n"
+    bombs = {
+        "empty": b"",
+        "text": b"not an archive",
+        "claims a petabyte": archive(lambda file: file.writestr("scan.npy", header)),
+        "unpacks to 3 MiB": archive(lambda file: file.writestr("scan.npy", bytes(3 << 20))),
+        "bz2": archive(lambda file: file.writestr("scan.npy", bytes(100)), zipfile.ZIP_BZIP2),
+    }
+    monkeypatch.setattr("training.experience.dataset.MAX_SHARD", 1 << 20)
+    for name, data in bombs.items():
+        change_shard(dataset, data)
+        with pytest.raises(DatasetError) as refused:
+            Dataset(dataset, LAYOUT).check()
+        assert "\n" not in str(refused.value), name
+    (dataset / "shard-00000.npz").unlink()
+    os.mkfifo(dataset / "shard-00000.npz")
+    with pytest.raises(DatasetError, match="pipe"):
+        Dataset(dataset, LAYOUT).check()
+
+
+# -- bags --------------------------------------------------------------------------------------------------------------
+def bag_with_chunk(path, packed, method):
+    """A ROS 1 bag of one chunk of one connection."""
+
+    def record(data=b"", **fields):
+        head = b"".join(struct.pack("<I", len(n) + 1 + len(v)) + n.encode() + b"=" + v for n, v in fields.items())
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    u32, u64 = (lambda n: struct.pack("<I", n)), (lambda n: struct.pack("<Q", n))
+    names = {"topic": b"/front/scan", "type": b"std_msgs/Bool", "md5sum": b"8b94c1b53db61fb6aed406028ad6332a"}
+    definition = b"".join(
+        struct.pack("<I", len(n) + 1 + len(v)) + n.encode() + b"=" + v
+        for n, v in dict(names, message_definition=b"bool data\n").items()
+    )
+    start = b"#ROSBAG V2.0\n"
+    first = len(start) + 4096
+    chunk = record(packed, op=b"\x05", compression=method, size=u32(2**31))
+    index = record(u32(1) + u32(0) + u32(0), op=b"\x04", ver=u32(1), conn=u32(0), count=u32(1))
+    tail = record(definition, op=b"\x07", conn=u32(0), topic=b"/front/scan") + record(
+        u32(0) + u32(1),
+        op=b"\x06",
+        ver=u32(1),
+        chunk_pos=u64(first),
+        start_time=u64(0),
+        end_time=u64(0),
+        count=u32(1),
+    )
+    fields = {"index_pos": u64(first + len(chunk) + len(index)), "conn_count": u32(1), "chunk_count": u32(1)}
+    bare = record(b"", op=b"\x03", **fields)
+    path.write_bytes(start + record(b" " * (4096 - len(bare)), op=b"\x03", **fields) + chunk + index + tail)
+
+
+@pytest.mark.parametrize("method", ["bz2", "lz4"])
+def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, method, monkeypatch):
+    monkeypatch.setattr(compression, "MAX_UNPACKED", 1 << 22)
+    pack = bz2.compress if method == "bz2" else lz4.frame.compress
+    bag_with_chunk(tmp_path / "bomb.bag", pack(bytes(1 << 28)), method.encode())
+    tracemalloc.start()
+    try:
+        with pytest.raises(reader.BagError, match="bomb.bag: .*unpacks to more than 4 MiB"):
+            reader.read(tmp_path / "bomb.bag")
+        assert tracemalloc.get_traced_memory()[1] < 1 << 25  # bytes, of 256 MiB unpacked
+    finally:
+        tracemalloc.stop()
+
+
+def test_compressed_data_are_what_they_were(tmp_path):
+    data = os.urandom(3 << 20) + bytes(1 << 20)
+    assert compression.unpack(bz2.BZ2Decompressor, bz2.compress(data) + bz2.compress(b"more")) == data + b"more"
+    assert compression.unpack(lz4.frame.LZ4FrameDecompressor, lz4.frame.compress(data)) == data
+    assert compression.unpack(compression.zstd.ZstdDecompressor, compression.zstd.compress(data)) == data
+    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:100_000]):
+        with pytest.raises(EOFError):
+            compression.unpack(bz2.BZ2Decompressor, cut)
+
+
+def test_bags_that_are_no_files(tmp_path):
+    os.mkfifo(tmp_path / "pipe.bag")
+    (tmp_path / "device.bag").symlink_to("/dev/zero")
+    (tmp_path / "ros2").mkdir()
+    os.mkfifo(tmp_path / "ros2" / "metadata.yaml")
+    for name in ("pipe.bag", "device.bag", "ros2"):
+        with pytest.raises(reader.BagError, match="is a pipe or device"):
+            reader.read(tmp_path / name)
