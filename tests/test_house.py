@@ -93,7 +93,7 @@ MAY_KNOW = (
     ),
     (
         "training/bags/",
-        {"numpy", "rosbags", "applr_ros1.policy", "sim_bridge", "training.experience", "training.mdp"},
+        {"numpy", "lz4", "rosbags", "applr_ros1.policy", "sim_bridge", "training.experience", "training.mdp"},
     ),
     (
         "training/baselines/",

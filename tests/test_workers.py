@@ -1,6 +1,8 @@
 """The workers: both kinds learn, dead ones are replaced, Ray's nodes may go, the learner takes in what they send."""
 
 import signal
+import subprocess
+import sys
 import threading
 import time
 
@@ -14,7 +16,7 @@ from training.gorila.scheduler import TaskScheduler
 from training.td3.td3 import TD3Config
 from training.train import main
 from training.workers.local import ROOT, ChildProcesses
-from training.workers.pool import InProcess, PoolError
+from training.workers.pool import InProcess, PoolError, make_pool
 from training.workers.ray import RayActors, start_ray
 from training.workers.tasks import (
     POLICY,
@@ -330,6 +332,39 @@ def test_an_unreachable_ray_address_is_one_line_soon():
         with pytest.raises(PoolError, match="no Ray answers at"):
             start_ray(address, 1)
     assert time.monotonic() - begun < 15
+
+
+LISTENS = """
+import os
+from training.workers.ray import start_ray
+
+ray = start_ray("", 1)
+session = os.path.basename(ray._private.worker._global_node.get_session_dir_path())
+mine = set()
+for pid in filter(str.isdigit, os.listdir("/proc")):
+    try:
+        if int(pid) == os.getpid() or session in open("/proc/%s/cmdline" % pid).read():
+            mine |= {os.readlink(entry.path)[8:-1] for entry in os.scandir("/proc/%s/fd" % pid)}
+    except OSError:
+        continue  # it has ended
+rows = [line.split() for name in ("tcp", "tcp6") for line in list(open("/proc/net/" + name))[1:]]
+print(*{row[1].split(":")[0] for row in rows if row[3] == "0A" and row[9] in mine})
+ray.shutdown()
+"""
+
+
+def test_ray_on_this_machine_listens_on_loopback_only():
+    pytest.importorskip("ray")
+    done = subprocess.run([sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    addresses = done.stdout.splitlines()[-1].split()  # as /proc/net writes 127.0.0.1, and that in IPv6
+    assert addresses, done.stderr
+    assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}
+
+
+def test_a_ray_address_that_nothing_would_run_at_is_refused():
+    for workers, kind in ((0, "ray"), (2, "processes")):
+        with pytest.raises(PoolError, match="--ray-address 127.0.0.1:1: nothing would run there"):
+            make_pool(TOY, lambda slot: None, workers, kind, "127.0.0.1:1")
 
 
 @pytest.mark.slow

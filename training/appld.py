@@ -29,6 +29,7 @@ from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
 from training.baselines.appld.card import card
 from training.baselines.appld.demonstration import Demonstration, read
+from training.command_line import number
 from training.storage import make_folder
 
 
@@ -63,8 +64,8 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
 
 def _fits(demonstrations, found, options, say) -> List[appld_fit.Fit]:
     copies: List[List[appld_fit.Stretch]] = [[] for _ in found.names]
-    for number, d in enumerate(demonstrations):
-        spans = [s for s in found.segments if s.demonstration == number]
+    for index, d in enumerate(demonstrations):
+        spans = [s for s in found.segments if s.demonstration == index]
         for s, stretch in zip(spans, appld_fit.stretches(d, spans, options.longest, options.weights)):
             copies[s.context].append(stretch)
     fits = []
@@ -152,7 +153,10 @@ def parse(arguments=None) -> argparse.Namespace:
         help="Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.",
     )
     p.add_argument(
-        "--penalty", type=float, default=3.0, help="Cost of a changepoint; a larger one gives fewer segments."
+        "--penalty",
+        type=number(0.0, 1e6),
+        default=3.0,
+        help="Cost of a changepoint; a larger one gives fewer segments.",
     )
     p.add_argument(
         "--evaluations", type=int, default=150, help="Number of parameter sets that the search of each context tries."

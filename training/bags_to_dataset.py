@@ -16,6 +16,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from training.bags.episodes import BagReport, trajectories
 from training.bags.reader import BagError, TopicNames, find, read
+from training.command_line import number
 from training.experience.dataset import Writer
 from training.experience.trajectory import TrajectoryError
 from training.mdp.reward import Reward
@@ -79,7 +80,7 @@ def parse(arguments) -> argparse.Namespace:
     parser.add_argument("--out", required=True, help="Folder for the dataset; it must not hold one already.")
     parser.add_argument(
         "--finish",
-        type=float,
+        type=number(-1e6, 1e6),
         help=(
             "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. "
             "Without it the result of move_base decides."
@@ -125,9 +126,9 @@ def _coefficient(text: str):
             raise UsageError("--reward %s: give true or false" % text)
         return name, value.lower() == "true"
     try:
-        return name, float(value)
-    except ValueError:
-        raise UsageError("--reward %s: give a number" % text) from None
+        return name, number(-1e6, 1e6)(value)
+    except argparse.ArgumentTypeError as error:
+        raise UsageError("--reward %s: %s" % (text, error)) from None
 
 
 if __name__ == "__main__":

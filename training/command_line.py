@@ -41,6 +41,21 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return convert
 
 
+def number(low: float, high: float) -> Callable[[str], float]:
+    """A type for add_argument: a finite number from low to high."""
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError("%r is no number" % text) from None
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError("%g is out of range: give %g to %g" % (value, low, high))
+        return value
+
+    return convert
+
+
 def simulator(text: str) -> str:
     """A type for add_argument: a simulator's name, or the module:Class of a person's own."""
     if not sim_bridge.is_name(text):

@@ -18,6 +18,7 @@ from scipy import stats
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes
+from training.command_line import number
 from training.evaluation.store import flag, read_rows
 from training.evaluation.trials import COLUMNS as OURS
 from training.evaluation.trials import WEIGHTS_COLUMN
@@ -147,7 +148,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument("--method", default="dwa", help="Method whose trials are compared. Default: %(default)s.")
     parser.add_argument(
         "--longer",
-        type=float,
+        type=number(-1e3, 1e3),
         default=LONGER,
         help="Seconds that the table's course takes longer than ours. Default: %(default)s.",
     )

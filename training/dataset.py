@@ -7,6 +7,7 @@ import sys
 from typing import List, Optional
 
 from applr_ros1.common.errors import run_main
+from training.command_line import number
 from training.experience.dataset import export_replay
 
 
@@ -17,7 +18,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
     parser.add_argument("folder", help="Empty folder for the dataset.")
     parser.add_argument(
         "--c-switch",
-        type=float,
+        type=number(-1e6, 1e6),
         default=0.0,
         help="Cost of changing the parameters that is charged in addition to the run's own reward.",
     )

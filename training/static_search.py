@@ -8,6 +8,7 @@ are driven through all worlds, and the fastest of them is the result (training/b
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from dataclasses import fields
 from pathlib import Path
@@ -18,7 +19,7 @@ from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.common.files import write_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from training.baselines.set_search import SearchOptions, SetTrials, search
-from training.command_line import simulator
+from training.command_line import number, simulator
 from training.evaluation.trials import world_list
 from training.storage import make_folder
 from training.workers.pool import KINDS
@@ -66,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument(
         "--contact-seconds",
-        type=float,
+        type=number(0.0, 1e6),
         default=5.0,
         help="Time [s] that a trial with a contact is charged in addition.",
     )
@@ -114,7 +115,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 def run(arguments: List[str]) -> None:
     """Searches as the arguments say and writes the set and its log."""
     options = parser().parse_args(arguments)
-    command = "python -m training.static_search " + " ".join(arguments)
+    command = shlex.join(["python", "-m", "training.static_search", *arguments])
     log, partial = (Path(str(Path(options.out).with_suffix("")) + end) for end in ("_log.json", "_partial.json"))
     if min(options.generations, options.worlds_per_set) < 1 or options.population < 4 or options.actors < 0:
         raise UsageError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")

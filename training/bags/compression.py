@@ -56,8 +56,8 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
 class BoundedFile:
     """A zstd file, unpacked as it is read; raises TooLarge behind MAX_FILE bytes."""
 
-    def __init__(self, file: BinaryIO, mode: str):
-        self._file, self._size = zstd.open(file, mode), 0
+    def __init__(self, file: BinaryIO, mode: str = "rb"):
+        self._file, self._size = zstd.ZstdFile(file), 0
 
     def __enter__(self) -> "BoundedFile":
         return self
@@ -84,4 +84,5 @@ def bound_rosbags() -> None:
     rosbag1.decompressors["lz4"] = lambda data: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["lz4"] = lambda data, size: unpack(lz4.frame.LZ4FrameDecompressor, data)
     storage_mcap.DECOMPRESSORS["zstd"] = lambda data, size: _unpack_zstd(data)
-    rosbag2.zstd = SimpleNamespace(open=BoundedFile, decompress=_unpack_zstd)  # of whole files, and of messages
+    bounded: Any = SimpleNamespace(open=BoundedFile, decompress=_unpack_zstd)  # of whole files, and of messages
+    rosbag2.zstd = bounded

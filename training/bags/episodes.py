@@ -15,6 +15,7 @@ import numpy as np
 
 from applr_ros1.common.angles import place
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.tally import Tally
 from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags.goals import ABORTED, SUCCEEDED, goals
@@ -22,7 +23,6 @@ from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
 from training.mdp.episode import NEAREST, TIME_LIMIT, Outcome
 from training.mdp.reward import Reward, failed
-from training.tally import Tally
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was

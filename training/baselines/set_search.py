@@ -14,6 +14,7 @@ from typing import Any, Callable, Deque, Dict, Iterable, List, Optional, Sequenc
 import cma
 import numpy as np
 
+from applr_ros1.common.errors import UsageError
 from applr_ros1.common.files import read_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy.parameter_space import SPACE
@@ -200,9 +201,17 @@ def _start(path: str) -> Tuple[np.ndarray, List[Dict[str, Any]]]:
     if not path:
         return SPACE.theta0, []
     content = read_json(path)
-    if isinstance(content, dict) and content.get("log"):
-        return np.array(content["log"][-1]["mean"]["theta"]), list(content["log"])
-    return SPACE.read(path), []
+    if not isinstance(content, dict) or "log" not in content:
+        return SPACE.read(path), []
+    log = content["log"]
+    try:
+        used = [line["mean"]["theta"] for line in log[-FINALISTS:]] + [log[-1]["best"]["theta"]]
+        sets = np.array(used, dtype=np.float64)
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError):
+        sets = np.empty(0)
+    if sets.shape[1:] != (len(SPACE),) or not np.isfinite(sets).all():
+        raise UsageError("--start %s: its log holds no generations of sets; give a set or the log of a search" % path)
+    return sets[-2], log
 
 
 def _named(action: np.ndarray) -> Dict[str, Any]:

@@ -22,10 +22,10 @@ import numpy as np
 from applr_ros1.common.arrays import unpack_npz
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
+from applr_ros1.common.tally import Tally
 from training.experience.journal import Journal
 from training.experience.trajectory import MAX_TRANSITIONS, Layout, Trajectory, TrajectoryError
 from training.storage import make_folder
-from training.tally import Tally
 
 FORMAT = "applr-dataset-1"
 SHARD_ROWS = 20_000

@@ -9,27 +9,31 @@ from typing import Any, Dict, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import reason
-from applr_ros1.common.files import StorageError, write_bytes
+from applr_ros1.common.files import StorageError, read_bytes, write_bytes
 from training.evaluation.periodic import THETA0, PeriodicEvaluation
 
 
 class EpisodeLog:
-    """episodes.csv: a row per training episode. `keep` rows of an earlier part of the run stay when it is resumed."""
+    """episodes.csv: a row per training episode.
+
+    When a run is resumed, the rows of its first `transitions` transitions stay.
+    """
 
     COLUMNS = ("transitions", "return", "length", "success", "collided", "time_s", "world", "sigma", "version")
 
-    def __init__(self, folder: Path, keep: int):
+    def __init__(self, folder: Path, transitions: int):
         self.path = Path(folder) / "episodes.csv"
-        lines = []
+        kept = {}  # line → its numbers
+        if self.path.exists():
+            lines = read_bytes(self.path).decode("utf-8", "replace").splitlines()[1:]
+            rows = {line: self._parse(line) for line in lines}
+            kept = {line: row for line, row in rows.items() if row and row[0] <= transitions}
+        write_bytes(self.path, "".join(line + "\n" for line in [",".join(self.COLUMNS), *kept]).encode())
         try:
-            if self.path.exists():
-                lines = self.path.read_text().splitlines()[1 : keep + 1]
-            text = "\n".join([",".join(self.COLUMNS)] + lines) + "\n"
-            write_bytes(self.path, text.encode())
             self._file = open(self.path, "a", buffering=1)  # noqa: SIM115
         except OSError as error:
             raise StorageError("%s: cannot be written (%s)" % (self.path, reason(error))) from None
-        self.rows = [self._parse(line) for line in lines]
+        self.rows = list(kept.values())
 
     def add(self, transitions: int, info: Dict[str, Any]) -> None:
         """The next episode, which ended after so many transitions of the run; info: its trajectory's."""
@@ -46,7 +50,13 @@ class EpisodeLog:
         return float(np.mean([row[self.COLUMNS.index(name)] for row in rows])) if rows else float("nan")
 
     def _parse(self, line: str) -> Tuple[float, ...]:
-        return tuple(float(cell) if cell else float("nan") for cell in line.split(",")[:5])
+        """The first five cells of a row; () for a line that is none."""
+        cells = line.split(",")
+        try:
+            row = tuple(float(cell or "nan") for cell in cells[:5])
+        except ValueError:
+            return ()
+        return row if len(cells) == len(self.COLUMNS) else ()
 
     def close(self) -> None:
         """Close the file."""

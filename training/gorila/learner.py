@@ -16,13 +16,13 @@ import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
+from applr_ros1.common.tally import Tally
 from applr_ros1.common.tensors import unpack
 from training.experience.journal import Journal
 from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 from training.gorila.batch import draw_batch
 from training.storage import make_folder
-from training.tally import Tally
 from training.td3.td3 import TD3, LearnerError, TD3Config
 
 FORMAT = "applr-checkpoint-1"

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 import sim_bridge
+from applr_ros1.common.errors import reason
 from applr_ros1.policy import observation
 from applr_ros1.policy.parameter_space import SPACE
 from training.evaluation.trials import TRIAL_RUNNER, evenly_spaced, world_list
@@ -47,8 +48,10 @@ def prepare(config: TrainConfig) -> Preparation:
         )
         try:
             layout = layout_of(make_environment(config.env, {}))
-        except (ImportError, AttributeError, ValueError) as error:
-            raise ConfigError("--env %s cannot be had: %s" % (config.env, error)) from None
+        except Exception as error:  # whatever a person's environment raises
+            raise ConfigError(
+                "--env %s cannot be had: %s: %s" % (config.env, type(error).__name__, reason(error))
+            ) from None
         return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
     worlds = load_worlds(config.worlds)
     held_out = [world[:2] for world in world_list(config.eval_worlds, "paper")] if evaluates else []

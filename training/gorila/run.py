@@ -19,9 +19,10 @@ import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common.files import write_bytes, write_json
+from applr_ros1.common.tally import Tally
 from applr_ros1.policy import actor
 from training.evaluation.periodic import PeriodicEvaluation
-from training.experience.dataset import Dataset, DatasetError
+from training.experience.dataset import Dataset
 from training.experience.trajectory import Trajectory
 from training.gorila.config import ConfigError, TrainConfig
 from training.gorila.curves import EpisodeLog, draw_curves
@@ -43,7 +44,7 @@ class TrainingRun:
         self.began = time.monotonic()
         self.config = config = config.resolved()
         made = prepare(config)
-        self.dataset = Dataset(config.dataset, made.layout) if config.dataset else None
+        self.dataset = Dataset(config.dataset, made.layout).check() if config.dataset else None
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
@@ -76,7 +77,7 @@ class TrainingRun:
         self._published = -1
         self._saved = time.monotonic()
         self._weights: Dict[str, np.ndarray] = {}  # of the policy that the present evaluation drives
-        self._known_errors: Dict[str, int] = {}
+        self._known_errors = Tally()
         self.pool = make_pool(
             made.settings,
             self.scheduler.next_task,
@@ -89,7 +90,7 @@ class TrainingRun:
     def _resume(self) -> Dict[str, Any]:
         """Back to where the run was: the checkpoint, and every trajectory taken since."""
         checkpoint = Learner.saved(self.folder) if self.config.resume else None
-        self.episodes = EpisodeLog(self.folder, checkpoint["episodes"] if checkpoint else 0)
+        self.episodes = EpisodeLog(self.folder, checkpoint["transitions"] if checkpoint else 0)
         if not self.config.resume:
             return {}
         return self.learner.resume(lambda learner, t: self.episodes.add(learner.transitions, t.info))
@@ -180,9 +181,8 @@ class TrainingRun:
 
     def _failed(self, text: str) -> None:
         """An episode ended by an error: counted, printed once, and too many in a row end the run."""
-        if text not in self._known_errors:
+        if self._known_errors.add(text):
             self.line.say("an episode failed: %s" % text)
-        self._known_errors[text] = self._known_errors.get(text, 0) + 1
         self.errors += 1
         if self.errors >= MANY_ERRORS:
             raise PoolError("%d episodes in a row failed, the last with %s" % (self.errors, text))
@@ -208,8 +208,6 @@ class TrainingRun:
                 continue
             trajectory.info = dict(trajectory.info, actor="dataset", episode=i, version=self.learner.td3.updates)
             self.learner.take(trajectory.pack())
-        if not self.learner.transitions:
-            raise DatasetError("%s: holds no transitions" % self.config.dataset)
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:

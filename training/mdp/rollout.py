@@ -24,9 +24,13 @@ def make_environment(name: str, options: Dict[str, Any]) -> gymnasium.Env:
 
     Raises:
         ImportError, AttributeError: where there is no such class.
+        TypeError: where it is no environment.
     """
     module, _, attribute = name.partition(":")
-    return getattr(importlib.import_module(module), attribute)(**options)
+    made = getattr(importlib.import_module(module), attribute)(**options)
+    if not isinstance(made, gymnasium.Env):
+        raise TypeError("it is no gymnasium.Env")
+    return made
 
 
 def roll_out(

@@ -253,8 +253,13 @@ def make_pool(
         address: HOST:PORT of a Ray cluster; "" starts Ray on this machine.
 
     Raises:
-        PoolError: where Ray is missing or does not answer.
+        PoolError: where Ray is missing or does not answer, or where an address is given that no worker would run at.
     """
+    if address and (workers == 0 or kind != "ray"):
+        raise PoolError(
+            "--ray-address %s: nothing would run there; it needs --pool ray and 1 worker or more, or leave it out"
+            % address
+        )
     from training.workers.local import ChildProcesses
     from training.workers.ray import RayActors
 

@@ -96,7 +96,12 @@ class _RayWorker:
 
 
 def start_ray(address: str, workers: int) -> Any:
-    """The ray module, connected. Raises PoolError with one line where Ray is missing or nothing answers there."""
+    """The ray module, connected. Raises PoolError with one line where Ray is missing or nothing answers there.
+
+    A Ray that is started here listens on the loopback interface only, and has no dashboard.
+    """
+    if not address:
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: no cluster, so no other host
     try:
         import ray
     except ImportError:
@@ -112,13 +117,15 @@ def start_ray(address: str, workers: int) -> Any:
     if address:
         _check_address(address)
     else:
-        options["num_cpus"] = workers
+        options.update(num_cpus=workers, _node_ip_address="127.0.0.1")
     if not ray.is_initialized():
         try:
             ray.init(**options)
         except Exception as error:  # Ray raises many kinds
             where = " at %s" % address if address else ""
             raise PoolError("Ray cannot be started%s: %s" % (where, (str(error).splitlines() or [""])[0])) from None
+    if address and os.environ.get("RAY_AUTH_MODE") != "token":
+        print("Ray at %s takes work from anybody who reaches it: set RAY_AUTH_MODE=token" % address, file=sys.stderr)
     return ray
 
 
