@@ -131,3 +131,20 @@ def test_outside_box():
     found = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
     assert np.all(np.abs(found - nearest) < 0.015)
     assert np.any(found == 0.0)
+
+
+def test_what_is_no_file_is_not_written_over(tmp_path):
+    pipe, folder = tmp_path / "pipe", tmp_path / "folder"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    for path in (pipe, folder, "/dev/full"):
+        with pytest.raises(files.StorageError, match="a folder, pipe or device"):
+            files.write_bytes(path, b"data")
+    assert pipe.is_fifo()
+
+
+def test_a_newline_in_a_path_leaves_the_error_on_one_line(tmp_path, capsys):
+    assert run_main(lambda: files.read_bytes(tmp_path / "it's\nhere"), "read") == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "it's\\nhere" in error

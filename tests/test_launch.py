@@ -106,6 +106,7 @@ def test_arguments_for_another_robot(tmp_path):
         "move_base:=fortran",
         "weights:=heavy",
         "goal:=1 2",
+        "goal:=1e300 0 0",
         "record:=/no/such/folder/a.bag",
         "policy:=/no/such.safetensors mode:=applr",
         "sim:=perhaps",

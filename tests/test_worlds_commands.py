@@ -25,7 +25,13 @@ def test_draw(tmp_path, spec):
 
 
 @pytest.mark.parametrize(
-    "arguments", [("generated:999", "out.png"), ("generated:7", "/nowhere/out.png"), ("generated:7", "out.nonsense")]
+    "arguments",
+    [
+        ("generated:999", "out.png"),
+        ("generated:7", "/nowhere/out.png"),
+        ("generated:7", "out.nonsense"),
+        ("generated:7", "/dev/full"),
+    ],
 )
 def test_draw_mistakes(arguments):
     done = run("worlds.draw", *arguments)

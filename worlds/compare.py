@@ -15,6 +15,7 @@ from typing import Dict, List, Optional
 
 import numpy as np
 
+from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
 from . import builtin, field, metrics
@@ -83,15 +84,18 @@ def _row(values: np.ndarray) -> str:
     return " ".join("%8.3f" % v for v in np.quantile(values, QUANTILES))
 
 
+MAX_TABLE = 2**24  # bytes
+
+
 def csv_agreement(worlds: List[World], file: str) -> List[str]:
     """Lines: how far our metrics of BARN's files are from those in a table of BARN's own (columns of CSV_COLUMNS)."""
     try:
-        with open(file, newline="") as stream:
-            rows = {int(row["world"]): row for row in csv.DictReader(stream)}
+        text = files.read_bytes(file, MAX_TABLE, WorldError).decode("utf-8", "replace")
+        rows = {int(row["world"]): row for row in csv.DictReader(text.splitlines())}
         pairs = [(w, rows[int(re.findall(r"\d+$", w.name)[0])]) for w in worlds]
         theirs = {name: np.array([float(row[column]) for _, row in pairs]) for name, column in CSV_COLUMNS.items()}
-    except OSError as error:
-        raise WorldError("%s cannot be read (%s); check the path" % (file, error.strerror)) from None
+    except WorldError:
+        raise
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise WorldError(
             "%s lacks %s; it needs a row for each world and the columns world, %s"

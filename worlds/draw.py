@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import io
 import math
+import os
 import sys
 from typing import Any, List, Sequence
 
 import numpy as np
 
+from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
 from .loading import FORMS, load
@@ -69,10 +72,12 @@ def picture(world: World, file: str) -> None:
     draw(axes, world)
     axes.set_title(world.name)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    try:
-        figure.savefig(file, dpi=120, bbox_inches="tight")
-    except (OSError, ValueError) as error:
-        raise WorldError("%s cannot be written (%s); check folder and ending (.png)" % (file, error)) from None
+    ending = os.path.splitext(file)[1][1:]
+    if ending not in FigureCanvasAgg.get_supported_filetypes():
+        raise WorldError("%s cannot be written: its ending must say which kind of picture, such as .png" % file)
+    data = io.BytesIO()
+    figure.savefig(data, dpi=120, bbox_inches="tight", format=ending)
+    files.write_bytes(file, data.getvalue(), WorldError)
 
 
 def main() -> int:

@@ -43,7 +43,7 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         print("%s: %s" % (program, str(stopped) or "stopped"), file=sys.stderr)
         return 128 + signal.SIGINT
     except ApplrError as error:
-        print("%s: %s" % (program, error), file=sys.stderr)
+        print("%s: %s" % (program, "\\n".join(str(error).splitlines())), file=sys.stderr)  # a path may hold newlines
         return error.exit_status
     except OSError as error:
         where = "%s: " % error.filename if error.filename else ""

@@ -24,6 +24,8 @@ class StorageError(ApplrError):
 def write_bytes(path, data: bytes, error: Type[ApplrError] = StorageError) -> None:
     """Writes beside the file, flushes to disk, renames: a crash leaves the old file or the new one, never a part."""
     path = os.fspath(path)
+    if os.path.lexists(path) and not os.path.isfile(path):  # renaming over a device would remove it
+        raise error("%s: a folder, pipe or device; give the path of a regular file" % path)
     partial = "%s.%d.partial" % (path, os.getpid())
     try:
         with open(partial, "wb") as file:

@@ -16,6 +16,7 @@ from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 
+MAX_GOAL = 1e5  # m; farther than any costmap
 MOVE_BASES = ("python", "cpp")
 ROS_NAME = re.compile(r"^/?[A-Za-z]\w*(/\w+)*$", re.ASCII)
 PARAMETER_FILES = (
@@ -145,7 +146,10 @@ def goal(text):
         raise ArgumentError(
             "goal is %s: give auto, none, or three numbers 'x y yaw' in metres and radians" % (text or "empty")
         )
-    return tuple(number("goal", word) for word in words)
+    pose = tuple(number("goal", word) for word in words)
+    if max(map(abs, pose)) > MAX_GOAL:
+        raise ArgumentError("goal is %s: give numbers from %g to %g" % (text, -MAX_GOAL, MAX_GOAL))
+    return pose
 
 
 def path(text):

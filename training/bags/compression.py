@@ -15,6 +15,8 @@ from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import reader as rosbag2
 from rosbags.rosbag2 import storage_mcap
 
+from applr_ros1.common.errors import ApplrError
+
 MAX_UNPACKED = 2**28  # bytes of one chunk (rosbag makes chunks of 768 kB) or one compressed message
 MAX_FILE = 2**36  # bytes of a file of a ROS 2 bag that is compressed as a whole; it is unpacked into a temporary file
 PIECE = 2**20
@@ -22,7 +24,7 @@ PIECE = 2**20
 zstd = rosbag2.zstd
 
 
-class TooLarge(ValueError):
+class TooLarge(ApplrError):
     """A part of a bag that unpacks to more than its bound."""
 
 
