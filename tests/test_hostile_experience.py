@@ -14,8 +14,10 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.tally import MOST, OTHERS, Tally
-from training import static_search
+from training import demonstrate, static_search
 from training.bags import compression, reader
+from training.baselines.appld import demonstration
+from training.baselines.appld.scripted_driver import Demonstrator
 from training.experience.dataset import Dataset, DatasetError, Writer
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila.curves import EpisodeLog
@@ -337,3 +339,21 @@ def test_bags_that_are_no_files(tmp_path):
     for name in ("pipe.bag", "device.bag", "ros2"):
         with pytest.raises(reader.BagError, match="is a pipe or device"):
             reader.read(tmp_path / name)
+
+
+def test_a_stopped_demonstration_says_that_it_is_partial(tmp_path, monkeypatch, capsys):
+    drive, commands = Demonstrator.command, []
+
+    def stopped(self, *arguments):
+        commands.append(1)
+        if len(commands) > 150:
+            raise KeyboardInterrupt
+        return drive(self, *arguments)
+
+    monkeypatch.setattr(Demonstrator, "command", stopped)
+    bag = tmp_path / "part.bag"
+    assert demonstrate.main([str(bag), "--world", "generated:0", "--simulator", "kinematic"]) == 130
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "part.bag holds a part of a demonstration" in error
+    assert demonstration.read(bag).source["partial"] is True

@@ -36,25 +36,32 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
     state = simulator.reset(world, seed)
     metres, contacts, began = 0.0, 0, state.time
     with BagWriter(bag) as writer:
-        writer.told(1.0, demonstrator=NAME, world=world.name, seed=seed, **(said or {}))
+        source = dict(said or {}, demonstrator=NAME, world=world.name, seed=seed)
+        writer.told(1.0, **source)
         writer.goal(1.0, simulator.to_odom(world.course.goal))
-        while not world.course.done(*state.pose[:2]):
-            now = 1.0 + state.time
-            if state.time - began > limit or state.flipped:
-                raise DemonstrationError(
-                    "%s: not through after %.0f s; the demonstration is not usable" % (world.name, state.time - began)
-                )
-            ranges = simulator.scan()
-            v, w = driver.command(state.pose, ranges)
-            writer.odometry(now, state.odom_pose, state.odom_twist)
-            writer.scan(now, ranges)
-            writer.command(now, v, w)
-            simulator.command(v, w)
-            state = simulator.advance(CONTROL_PERIOD)
-            metres += abs(state.twist[0]) * CONTROL_PERIOD
-            contacts += bool(state.contact)
-            if state.contact:
-                writer.contact(1.0 + state.time)
+        try:
+            while not world.course.done(*state.pose[:2]):
+                now = 1.0 + state.time
+                if state.time - began > limit or state.flipped:
+                    raise DemonstrationError(
+                        "%s: not through after %.0f s; the demonstration is not usable"
+                        % (world.name, state.time - began)
+                    )
+                ranges = simulator.scan()
+                v, w = driver.command(state.pose, ranges)
+                writer.odometry(now, state.odom_pose, state.odom_twist)
+                writer.scan(now, ranges)
+                writer.command(now, v, w)
+                simulator.command(v, w)
+                state = simulator.advance(CONTROL_PERIOD)
+                metres += abs(state.twist[0]) * CONTROL_PERIOD
+                contacts += bool(state.contact)
+                if state.contact:
+                    writer.contact(1.0 + state.time)
+        except (KeyboardInterrupt, DemonstrationError) as stopped:
+            writer.told(1.0 + state.time, **source, partial=True)
+            why = str(stopped) or "stopped after %.0f s" % (state.time - began)
+            raise type(stopped)("%s; %s holds a part of a demonstration, and says so" % (why, bag)) from None
     seconds = state.time - began
     return {
         "seconds": round(seconds, 2),
