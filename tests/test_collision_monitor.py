@@ -84,6 +84,15 @@ def test_backs_out_only_as_far_as_what_was_seen_behind_allows():
     assert monitor.filter(0.1, (-0.2, 0, 0), (0, 0), (0.5, 0.0)).action == PASS
 
 
+def test_a_blocked_robot_does_not_outwait_its_memory():
+    monitor, pose = CollisionMonitor(), (-0.25, 0.0, 0.0)
+    behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.see(scan_of(behind, (0, 0, math.pi)), (0, 0, math.pi))
+    for step in range(1, 100):
+        monitor.see(scan_of([], pose, 1.0 * step, ranges=np.full(BEAMS, 8.0, np.float32)), pose)
+        assert monitor.filter(1.0 * step, pose, (0, 0), (-0.5, 0.0)).command[0] > -0.5
+
+
 def test_what_has_gone_is_forgotten_when_it_is_looked_at():
     monitor, pose = CollisionMonitor(), (0, 0, 0)
     monitor.see(scan_of(wall(0.38, 0.3), pose), pose)

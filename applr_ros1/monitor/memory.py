@@ -24,7 +24,7 @@ class ObstacleMemory:
         seconds: age [s] at which points that are not measured again are forgotten.
     """
 
-    def __init__(self, radius=2.0, seconds=20.0):
+    def __init__(self, radius=2.0, seconds=300.0):
         self.radius, self.seconds = float(radius), float(seconds)
         self._points = np.zeros((CAPACITY, 3))
         self._count = 0

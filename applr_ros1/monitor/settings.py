@@ -30,7 +30,8 @@ class MonitorSettings:
         yaw_deceleration: the same of the turn rate [rad/s^2].
         scan_timeout: age of the newest scan at which the base must stand [s].
         memory_radius: distance within which obstacles are remembered [m].
-        memory_seconds: how long an obstacle is remembered that the scanner does not see any more [s].
+        memory_seconds: how long an obstacle is remembered that the scanner does not see any more [s]. A robot that
+            waits blocked must not outwait it: give less only where obstacles walk away behind the robot.
     """
 
     body: Tuple[Tuple[float, float], ...] = JACKAL_BODY
@@ -40,7 +41,7 @@ class MonitorSettings:
     yaw_deceleration: float = 12.0
     scan_timeout: float = 0.5
     memory_radius: float = 2.0
-    memory_seconds: float = 20.0
+    memory_seconds: float = 300.0
 
     def __post_init__(self):
         for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
