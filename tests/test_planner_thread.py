@@ -159,10 +159,11 @@ def test_a_reset_of_the_simulator_changes_the_seed_under_the_lock(monkeypatch):
     class Watched(ros_bridge.Bridge):
         def __init__(self):
             self.lock, self.arrived, self.base_time, self._seed = threading.Lock(), threading.Condition(), 1.0, 3
+            self.start = None
             state = SimpleNamespace(time=2.0)
             seeds = self.seeds = []
             self.simulator = SimpleNamespace(
-                world="w", state=state, reset=lambda world, seed: seeds.append(seed), scan=lambda: None
+                world="w", state=state, reset=lambda world, seed, start: seeds.append(seed), scan=lambda: None
             )
             self.topics = SimpleNamespace(publish_world=nothing, publish_state=nothing, publish_clock=nothing)
 
