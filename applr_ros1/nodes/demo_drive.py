@@ -48,7 +48,7 @@ class Observer:
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         self._scan, command = ("/" + values[name].lstrip("/") for name in ("scan_topic", "cmd_vel_topic"))
         self._frame = "odom" if values["odom_frame"] == "auto" else values["odom_frame"]
-        rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=1, buff_size=2**24)
+        rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=50, buff_size=2**24)
         for topic in PATHS:
             self._keep(topic, Path)
         self._keep("/move_base/status", GoalStatusArray)
