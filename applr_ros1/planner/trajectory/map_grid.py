@@ -35,8 +35,7 @@ def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
     grid but not for the goal grid. Returns the local goal's cell (x, y), (-1, -1) if the plan is off the map.
     """
     reset(grids.path, grids.path_ends, cells)
-    grids.goal[:] = grids.path
-    grids.goal_ends[:] = 0
+    reset(grids.goal, grids.goal_ends, cells)
     _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw)
     goal_x, goal_y = start_at_plan(grids.path, grids.path_queue, grids.path_ends, cells, ox, oy, resolution, plan, True)
     if goal_x >= 0:
