@@ -128,6 +128,27 @@ def settle(distance, queue, ends, stride, unseen, cell, limit):
 
 
 @kernel
+def at_least(distance, queue, ends, nx, ny, cell, limit):
+    """The value of `cell`, walls as N; limit + 1 where the flood would have to go beyond the limit for it."""
+    value = settle(distance, queue, ends, nx + 2, nx * ny + 1, cell, limit)
+    if value > nx * ny and ends[0] < ends[1]:
+        return limit + 1
+    return value
+
+
+@kernel
+def final_distance(distance, queue, ends, stride, n, cell):
+    """The value that C++ holds at `cell`: a distance, N for a wall that the flood touches, N + 1 where it never comes."""
+    value = settle(distance, queue, ends, stride, n + 1, cell, n + 1)
+    if value == n:  # a wall: whether the flood touches it depends on its neighbours
+        for neighbour in (cell - 1, cell + 1, cell - stride, cell + stride):
+            if settle(distance, queue, ends, stride, n + 1, neighbour, n + 1) < n:
+                break
+        value = _final_value(distance, cell, stride, n)
+    return value
+
+
+@kernel
 def complete(distance, queue, ends, nx, ny, out):
     """Flood to the end and write the grid as C++ holds it into `out` (ny, nx) int32.
 
@@ -138,11 +159,11 @@ def complete(distance, queue, ends, nx, ny, out):
     settle(distance, queue, ends, stride, unseen, distance.shape[0] - 1, unseen)
     for row in range(ny):
         for column in range(nx):
-            out[row, column] = final_value(distance, (row + 1) * stride + column + 1, stride, nx * ny)
+            out[row, column] = _final_value(distance, (row + 1) * stride + column + 1, stride, nx * ny)
 
 
 @kernel
-def final_value(distance, k, stride, n):
+def _final_value(distance, k, stride, n):
     """What C++ holds at the cell k, once k and its four neighbours are settled."""
     value = int(distance[k])
     if value == n and not (

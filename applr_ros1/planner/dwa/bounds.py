@@ -6,10 +6,10 @@ Called by search.py to leave out samples that cannot win. A bound is never above
 import math
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner import distance_grid
 from applr_ros1.planner.angles import LARGEST_TURN
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import UNSURE, outline_cost
-from applr_ros1.planner.distance_grid import settle
 from applr_ros1.planner.dwa.closed_form import AT_BORDER, arc, arc_errors, exact_end_cells, sure_end_cells
 from applr_ros1.planner.dwa.critics import final_distance, footprint_scale, scale_footprint, weighted_sum
 from applr_ros1.planner.dwa.generator import (
@@ -175,14 +175,7 @@ def _limits_from_here(p, grids, scene, start, c, s):
 @kernel
 def at_least(grids, row, k, nx, ny, limit):
     """The value of the cell k in one grid, walls as N; limit + 1 where the flood would have to go beyond the limit."""
-    n = nx * ny
-    value = int(grids.distances[row, k])
-    if value <= n:
-        return value
-    value = settle(grids.distances[row], grids.queues[row], grids.ends[row], nx + 2, n + 1, k, limit)
-    if value > n and grids.ends[row, 0] < grids.ends[row, 1]:
-        return limit + 1
-    return value
+    return distance_grid.at_least(grids.distances[row], grids.queues[row], grids.ends[row], nx, ny, k, limit)
 
 
 @kernel(error_model="numpy")

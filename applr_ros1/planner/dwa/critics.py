@@ -11,7 +11,7 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
-from applr_ros1.planner.distance_grid import final_value, settle
+from applr_ros1.planner import distance_grid
 from applr_ros1.planner.dwa.generator import ground_speed
 from applr_ros1.planner.dwa.oscillation import is_barred
 from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
@@ -58,14 +58,7 @@ def scale_footprint(footprint, scale, scaled):
 @kernel
 def final_distance(grids, row, k, stride, n):
     """The value that C++ holds at the cell k of one grid: a distance, n for a wall, n + 1 where no flood comes."""
-    distance, queue, ends = grids.distances[row], grids.queues[row], grids.ends[row]
-    value = settle(distance, queue, ends, stride, n + 1, k, n + 1)
-    if value == n:  # a wall: whether the flood touches it depends on its neighbours
-        for neighbour in (k - 1, k + 1, k - stride, k + stride):
-            if settle(distance, queue, ends, stride, n + 1, neighbour, n + 1) < n:
-                break
-        value = final_value(distance, k, stride, n)
-    return value
+    return distance_grid.final_distance(grids.distances[row], grids.queues[row], grids.ends[row], stride, n, k)
 
 
 @kernel

@@ -7,7 +7,7 @@ scoring ends where no bound is left that beats the best cost. docs/planner.md, s
 import math
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.distance_grid import settle
+from applr_ros1.planner.distance_grid import at_least
 from applr_ros1.planner.sample_heap import sift_down
 from applr_ros1.planner.trajectory.bounds import end_cell, probe
 from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, score_below, terms
@@ -85,9 +85,9 @@ def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
                 path_distance = int(path[k])
                 goal_distance = int(goal[k])
                 if path_distance > nx * ny:
-                    path_distance = _at_least(path, path_queue, path_ends, nx, ny, k, path_limit)
+                    path_distance = at_least(path, path_queue, path_ends, nx, ny, k, path_limit)
                 if goal_distance > nx * ny:
-                    goal_distance = _at_least(goal, goal_queue, goal_ends, nx, ny, k, goal_limit)
+                    goal_distance = at_least(goal, goal_queue, goal_ends, nx, ny, k, goal_limit)
                 if path_distance >= nx * ny or goal_distance >= nx * ny:
                     continue
                 base = terms(p, float(path_distance), float(goal_distance))
@@ -100,12 +100,3 @@ def _bound(p, scene, grids, scratch, start, vs, ws, occupied):
     for i in range(count // 2 - 1, -1, -1):
         sift_down(heap, keys, count, i)
     return count
-
-
-@kernel
-def _at_least(distance, queue, ends, nx, ny, k, limit):
-    """The distance of the cell k, or limit + 1 where the flood would have to go beyond the limit for it."""
-    value = settle(distance, queue, ends, nx + 2, nx * ny + 1, k, limit)
-    if value > nx * ny and ends[0] < ends[1]:
-        return limit + 1
-    return value

@@ -10,7 +10,7 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
-from applr_ros1.planner.distance_grid import final_value, settle
+from applr_ros1.planner.distance_grid import final_distance, settle
 from applr_ros1.planner.trajectory.scoring import (
     HUGE,
     NO_CEILING,
@@ -107,11 +107,8 @@ def _distance_ahead(p, scene, grids, x, y, theta, limit):
     value = settle(goal, queue, ends, nx + 2, n + 1, k, int(min(limit, n + 1.0)))
     if value > n and ends[0] < ends[1]:
         return -1
-    if value == n and limit > n:  # a wall: whether the flood touches it depends on its neighbours
-        for neighbour in (k - 1, k + 1, k - nx - 2, k + nx + 2):
-            if settle(goal, queue, ends, nx + 2, n + 1, neighbour, n + 1) < n:
-                break
-        value = final_value(goal, k, nx + 2, n)
+    if value == n and limit > n:
+        return final_distance(goal, queue, ends, nx + 2, n, k)
     return value
 
 
