@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.tally import MOST, OTHERS, Tally
-from training import demonstrate, static_search
+from training import appld, bags_to_dataset, compare_gazebo, demonstrate, static_search
+from training import dataset as export
 from training.bags import compression, reader
 from training.baselines.appld import demonstration
 from training.baselines.appld.scripted_driver import Demonstrator
@@ -22,6 +23,7 @@ from training.experience.dataset import Dataset, DatasetError, Writer
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila.curves import EpisodeLog
 from training.gorila.learner import Learner, LearnerConfig
+from training.report import __main__ as report
 from training.td3.td3 import TD3Config
 from training.train import main
 
@@ -133,6 +135,29 @@ def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys
     assert error.startswith("static_search.py: ")
     assert "\n" not in error
     assert str(start) in error
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "word"),
+    [
+        (appld, ["x.bag", "--out", "x.safetensors", "--seed", "-1"], "--seed"),
+        (appld, ["x.bag", "--out", "x.safetensors", "--steps", "many"], "--steps"),
+        (bags_to_dataset, ["x.bag"], "--out"),
+        (compare_gazebo, [], "trials"),
+        (export, ["run", "folder", "--c-switch", "much"], "--c-switch"),
+        (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
+        (report, [], "folder"),
+        (static_search, ["--seed", "-1"], "--seed"),
+        (static_search, ["--population", "3"], "--population"),
+    ],
+)
+def test_mistakes_on_the_other_command_lines_are_one_line(command, arguments, word, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(arguments) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert word in error
+    assert not list(tmp_path.iterdir())
 
 
 # -- datasets ----------------------------------------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
 from training.baselines.appld.card import card
 from training.baselines.appld.demonstration import Demonstration, read
-from training.command_line import number
+from training.command_line import Parser, add_seed, number, whole
 from training.storage import make_folder
 
 
@@ -133,9 +133,7 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
 
 def parse(arguments=None) -> argparse.Namespace:
     """Read the command line."""
-    p = argparse.ArgumentParser(
-        prog="appld.py", description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
+    p = Parser("appld.py", description=__doc__)
     p.add_argument(
         "bags",
         nargs="+",
@@ -148,36 +146,53 @@ def parse(arguments=None) -> argparse.Namespace:
     )
     p.add_argument(
         "--contexts",
-        type=int,
+        type=whole(0, 10**6),
         default=4,
-        help="Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.",
+        help="Largest number of contexts. 0 makes each segment a context, as in the APPLD paper. Default: %(default)s.",
     )
     p.add_argument(
         "--penalty",
         type=number(0.0, 1e6),
         default=3.0,
-        help="Cost of a changepoint; a larger one gives fewer segments.",
+        help="Cost of a changepoint; a larger one gives fewer segments. Default: %(default)s.",
     )
     p.add_argument(
-        "--evaluations", type=int, default=150, help="Number of parameter sets that the search of each context tries."
+        "--evaluations",
+        type=whole(1, 10**9),
+        default=150,
+        help="Number of parameter sets that the search of each context tries. Default: %(default)s.",
     )
     p.add_argument(
         "--longest",
-        type=int,
+        type=whole(1, 10**9),
         default=100,
-        help="Largest number of instants (50 ms each) of a segment that the search uses.",
+        help="Largest number of instants (50 ms each) of a segment that the search uses. Default: %(default)s.",
     )
     p.add_argument(
         "--weights",
         default=DEFAULT_WEIGHTS,
         choices=WEIGHTS,
-        help="What the distance weights of the planner count while parameters are fitted, metres or cells.",
+        help="What the distance weights of the planner count while parameters are fitted, metres or cells. "
+        "Default: %(default)s.",
     )
-    p.add_argument("--steps", type=int, default=500, help="Number of gradient steps of the classifier's training.")
-    p.add_argument("--seed", type=int, default=0, help="Seed of all random draws.")
-    p.add_argument("--scan", default=TopicNames.scan, help="Topic of the laser scans in the bags.")
-    p.add_argument("--odometry", default=TopicNames.odometry, help="Topic of the odometry in the bags.")
-    p.add_argument("--command", default=TopicNames.command, help="Topic of the velocity commands in the bags.")
+    p.add_argument(
+        "--steps",
+        type=whole(1, 10**9),
+        default=500,
+        help="Number of gradient steps of the classifier's training. Default: %(default)s.",
+    )
+    add_seed(p, "Seed of all random draws")
+    p.add_argument(
+        "--scan", default=TopicNames.scan, help="Topic of the laser scans in the bags. Default: %(default)s."
+    )
+    p.add_argument(
+        "--odometry", default=TopicNames.odometry, help="Topic of the odometry in the bags. Default: %(default)s."
+    )
+    p.add_argument(
+        "--command",
+        default=TopicNames.command,
+        help="Topic of the velocity commands in the bags. Default: %(default)s.",
+    )
     p.add_argument("--verbose", action="store_true", help="Print a line for each generation of the search.")
     given = without_remappings(arguments)
     options = p.parse_args(given)
@@ -199,8 +214,6 @@ def run(options: argparse.Namespace) -> None:
     """Learns from the bags that the options name and writes the file, its log and its card."""
     if not options.out.endswith(".safetensors"):
         raise UsageError("--out %s: give a name that ends in .safetensors" % options.out)
-    if options.contexts < 0 or min(options.evaluations, options.longest, options.steps) < 1:
-        raise UsageError("--contexts must be 0 or more, --evaluations, --longest and --steps 1 or more")
     bags = find(options.bags)
     if not bags:
         raise BagError("%s: no bags there" % ", ".join(options.bags))

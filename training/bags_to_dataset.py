@@ -16,7 +16,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from training.bags.episodes import BagReport, trajectories
 from training.bags.reader import BagError, TopicNames, find, read
-from training.command_line import number
+from training.command_line import Parser, number
 from training.experience.dataset import Writer
 from training.experience.trajectory import TrajectoryError
 from training.mdp.reward import Reward
@@ -73,7 +73,7 @@ def _reasons(skipped) -> str:
 
 def parse(arguments) -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(prog="bags_to_dataset.py", description=__doc__)
+    parser = Parser("bags_to_dataset.py", description=__doc__)
     parser.add_argument(
         "bags", nargs="+", help="Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags."
     )

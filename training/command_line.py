@@ -1,4 +1,4 @@
-"""Command lines of this package: mistakes as errors of one line, whole numbers within bounds, simulators."""
+"""Command lines of this package: mistakes as errors of one line, numbers within bounds, options of several commands."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import Callable, NoReturn
 
 import sim_bridge
 from applr_ros1.common.errors import UsageError
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
+from worlds.loading import FORMS
 
 
 class Parser(argparse.ArgumentParser):
@@ -61,3 +63,51 @@ def simulator(text: str) -> str:
     if not sim_bridge.is_name(text):
         raise argparse.ArgumentTypeError("%r is no simulator: give %s" % (text, ", ".join(sim_bridge.NAMES)))
     return text
+
+
+def add_worlds(parser: argparse.ArgumentParser, default: str, purpose: str = "drive in") -> None:
+    """Declares --worlds; purpose: what the command does with them, behind "Worlds to"."""
+    parser.add_argument(
+        "--worlds",
+        default=default,
+        help="Worlds to %s: %s; several are separated by commas. Default: %%(default)s." % (purpose, FORMS),
+    )
+
+
+def add_simulator(parser: argparse.ArgumentParser, default: str) -> None:
+    """Declares --simulator."""
+    parser.add_argument(
+        "--simulator",
+        type=simulator,
+        default=default,
+        help="Simulator to drive in: pybullet, kinematic, or the module:Class of your own. Default: %(default)s.",
+    )
+
+
+def add_weights(parser: argparse.ArgumentParser) -> None:
+    """Declares --weights for commands that drive with one kind of distance weights."""
+    parser.add_argument(
+        "--weights",
+        choices=WEIGHTS + (DRAWN,),
+        default=DEFAULT_WEIGHTS,
+        help="What the distance weights of the planner count, metres or cells; drawn takes one of the two in each "
+        "world and trial. Default: %(default)s.",
+    )
+
+
+def add_planner(parser: argparse.ArgumentParser) -> None:
+    """Declares --planner."""
+    parser.add_argument(
+        "--planner",
+        choices=PLANNERS + (DRAWN,),
+        default=OURS,
+        help="Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or "
+        "drawn for one of them in each world and trial. Default: %(default)s.",
+    )
+
+
+def add_seed(
+    parser: argparse.ArgumentParser, what: str = "Seed from which the seeds of all trials follow", default: int = 0
+) -> None:
+    """Declares --seed; what: the beginning of its help text, which says what is drawn from it."""
+    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=default, help="%s. Default: %%(default)s." % what)

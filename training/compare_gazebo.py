@@ -6,7 +6,6 @@ in COLUMNS. It is other people's data and not part of this repository.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 import re
@@ -18,7 +17,7 @@ from scipy import stats
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes
-from training.command_line import number
+from training.command_line import Parser, number
 from training.evaluation.store import flag, read_rows
 from training.evaluation.trials import COLUMNS as OURS
 from training.evaluation.trials import WEIGHTS_COLUMN
@@ -142,7 +141,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Compare the two tables that the arguments name and print the result."""
-    parser = argparse.ArgumentParser(prog="python -m training.compare_gazebo", description=__doc__)
+    parser = Parser("python -m training.compare_gazebo", description=__doc__)
     parser.add_argument("trials", help="The trials.csv of an evaluation in BARN's own worlds.")
     parser.add_argument("gazebo", help="Table of times in Gazebo with the columns %s." % ", ".join(COLUMNS))
     parser.add_argument("--method", default="dwa", help="Method whose trials are compared. Default: %(default)s.")

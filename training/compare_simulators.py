@@ -22,9 +22,8 @@ from scipy import stats
 import worlds as worlds_package
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy.parameter_space import SPACE
-from training.command_line import Parser, simulator, whole
+from training.command_line import Parser, add_seed, add_weights, add_worlds, simulator, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import FAILURE_SECONDS, trial_seconds
 from training.evaluation.store import TRIALS, flag, read_rows
@@ -215,14 +214,7 @@ def _mean(side: Dict[Cell, np.ndarray]) -> str:
 def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
     """Checked options. Raises UsageError."""
     p = Parser("compare_simulators", description=__doc__)
-    p.add_argument(
-        "--worlds",
-        default="generated:train",
-        help=(
-            "Worlds to drive in: generated:N, generated:train, generated:test, fresh:N-M, physical_course, a "
-            ".world file or a folder of them; several are separated by commas. Default: %(default)s."
-        ),
-    )
+    add_worlds(p, "generated:train")
     p.add_argument(
         "--count",
         type=whole(0, 100_000),
@@ -250,12 +242,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
         default=2,
         help="Number of trials that are driven at the same time. Default: %(default)s.",
     )
-    p.add_argument(
-        "--seed",
-        type=whole(0, 2**31 - 1),
-        default=0,
-        help="Seed from which the seeds of all trials follow. Default: %(default)s.",
-    )
+    add_seed(p)
     p.add_argument("--out", default="results/simulators", help="Folder for the comparison. Default: %(default)s.")
     p.add_argument(
         "--simulators",
@@ -263,13 +250,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
         default="pybullet,kinematic",
         help="The two simulators to compare, separated by a comma. Default: %(default)s.",
     )
-    p.add_argument(
-        "--weights",
-        choices=WEIGHTS + (DRAWN,),
-        default=DEFAULT_WEIGHTS,
-        help="What the distance weights of the planner count, metres or cells; drawn takes one of the two in each "
-        "world and trial. Default: %(default)s.",
-    )
+    add_weights(p)
     p.add_argument("--runner", default=EvaluationOptions.runner, help=argparse.SUPPRESS)  # tests give a toy
     return p.parse_args(arguments)
 

@@ -7,13 +7,13 @@ import sys
 from typing import List, Optional
 
 from applr_ros1.common.errors import run_main
-from training.command_line import number
+from training.command_line import Parser, number
 from training.experience.dataset import export_replay
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command. Exit status 0; 1 with one line on stderr when there is no dataset."""
-    parser = argparse.ArgumentParser(prog="python -m training.dataset", description=__doc__)
+    parser = Parser("python -m training.dataset", description=__doc__)
     parser.add_argument("run", help="Folder of the training run, --out of train.py.")
     parser.add_argument("folder", help="Empty folder for the dataset.")
     parser.add_argument(

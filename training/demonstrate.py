@@ -15,6 +15,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import NAME, Demonstrator
+from training.command_line import Parser, add_seed
 from training.mdp.episode import CONTROL_PERIOD
 
 
@@ -73,7 +74,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
 
 def parse(arguments=None) -> argparse.Namespace:
     """Read the command line."""
-    p = argparse.ArgumentParser(prog="demonstrate.py", description=__doc__)
+    p = Parser("demonstrate.py", description=__doc__)
     p.add_argument("bag", help="Bag to write (.bag); it must not exist.")
     p.add_argument("--world", default="physical_course", help="World to drive in. Default: %(default)s.")
     p.add_argument(
@@ -82,12 +83,11 @@ def parse(arguments=None) -> argparse.Namespace:
         default="pybullet",
         help="Simulator to drive in. Default: %(default)s.",
     )
-    p.add_argument("--seed", type=int, default=0, help="Seed of the simulator's noise. Default: %(default)s.")
+    add_seed(p, "Seed of the simulator's noise")
     return p.parse_args(without_remappings(arguments))
 
 
 def main(arguments=None) -> int:
-    """Run the command; returns the exit status."""
     """Exit status 0; 1 with one line when there is no usable demonstration."""
     return run_main(lambda: run(parse(arguments)), "demonstrate.py")
 

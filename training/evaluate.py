@@ -13,9 +13,9 @@ from typing import Any, NoReturn, Optional, Sequence, Tuple
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
+from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy import methods
-from training.command_line import Parser, simulator, whole
+from training.command_line import Parser, add_planner, add_seed, add_simulator, add_worlds, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.trials import PROTOCOLS
 from training.report import write
@@ -50,15 +50,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
             (methods.__doc__ or "").split("\n\n", 1)[1],
         ),
     )
-
-    p.add_argument(
-        "--worlds",
-        default=defaults.worlds,
-        help=(
-            "Worlds to drive in: generated:N, generated:train, generated:test, fresh:N-M, physical_course, a "
-            ".world file or a folder of them; several are separated by commas. Default: %(default)s."
-        ),
-    )
+    add_worlds(p, defaults.worlds)
     p.add_argument(
         "--methods",
         default=defaults.methods,
@@ -70,12 +62,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         default=defaults.trials,
         help="Number of trials of each method in each world. Default: %(default)s.",
     )
-    p.add_argument(
-        "--simulator",
-        type=simulator,
-        default=defaults.simulator,
-        help="Simulator to drive in: pybullet, kinematic, or the module:Class of your own. Default: %(default)s.",
-    )
+    add_simulator(p, defaults.simulator)
     p.add_argument(
         "--protocol",
         choices=tuple(PROTOCOLS),
@@ -90,13 +77,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         "and trial. With several, separated by commas, everything is driven with each, and trials.csv gets a column "
         "weights. Default: %s." % (", ".join(WEIGHTS), DRAWN, DEFAULT_WEIGHTS),
     )
-    p.add_argument(
-        "--planner",
-        choices=PLANNERS + (DRAWN,),
-        default=defaults.planner,
-        help="Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or "
-        "drawn for one of them in each world and trial. Default: %s." % OURS,
-    )
+    add_planner(p)
     p.add_argument(
         "--monitor",
         action="store_true",
@@ -123,12 +104,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
             "Default: %(default)s."
         ),
     )
-    p.add_argument(
-        "--seed",
-        type=whole(0, 2**31 - 1),
-        default=defaults.seed,
-        help="Seed from which the seeds of all trials follow. Default: %(default)s.",
-    )
+    add_seed(p)
     p.add_argument(
         "--traces",
         type=whole(0, 1000),

@@ -7,7 +7,6 @@ are driven through all worlds, and the fastest of them is the result (training/b
 
 from __future__ import annotations
 
-import argparse
 import shlex
 import sys
 from dataclasses import fields
@@ -17,71 +16,64 @@ from typing import List, Optional
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.common.files import write_json
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from training.baselines.set_search import SearchOptions, SetTrials, search
-from training.command_line import number, simulator
+from training.command_line import (
+    Parser,
+    add_planner,
+    add_seed,
+    add_simulator,
+    add_weights,
+    add_worlds,
+    number,
+    whole,
+)
 from training.evaluation.trials import world_list
 from training.storage import make_folder
 from training.workers.pool import KINDS
 
 
-def parser() -> argparse.ArgumentParser:
-    """The command line."""
-    p = argparse.ArgumentParser(
-        prog="static_search.py",
-        description=__doc__.splitlines()[0],
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+def parser() -> Parser:
+    """The command line. A mistake raises UsageError."""
+    p = Parser("static_search.py", description=(__doc__ or "").splitlines()[0])
+    add_worlds(p, "generated:train", "search over")
+    add_simulator(p, "kinematic")
+    add_weights(p)
+    add_planner(p)
+    p.add_argument(
+        "--generations",
+        type=whole(1, 10**6),
+        default=40,
+        help="Number of generations of CMA-ES. Default: %(default)s.",
     )
     p.add_argument(
-        "--worlds",
-        default="generated:train",
-        help=(
-            "Worlds to search over: generated:N, generated:train, generated:test, fresh:N-M, physical_course, a "
-            ".world file or a folder of them; several are separated by commas."
-        ),
+        "--population",
+        type=whole(4, 10**6),
+        default=16,
+        help="Number of parameter sets in a generation. Default: %(default)s.",
     )
     p.add_argument(
-        "--simulator",
-        type=simulator,
-        default="kinematic",
-        help="Simulator to drive in: pybullet, kinematic, or the module:Class of your own.",
-    )
-    p.add_argument(
-        "--weights",
-        default=DEFAULT_WEIGHTS,
-        choices=WEIGHTS + (DRAWN,),
-        help="What the distance weights of the planner count, metres or cells; drawn takes one of them in each world "
-        "and trial.",
-    )
-    p.add_argument(
-        "--planner",
-        default=OURS,
-        choices=PLANNERS + (DRAWN,),
-        help="Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or "
-        "drawn for one of them in each world and trial.",
-    )
-    p.add_argument("--generations", type=int, default=40, help="Number of generations of CMA-ES.")
-    p.add_argument("--population", type=int, default=16, help="Number of parameter sets in a generation.")
-    p.add_argument(
-        "--worlds-per-set", type=int, default=25, help="Number of worlds that each parameter set is driven in."
+        "--worlds-per-set",
+        type=whole(1, 10**6),
+        default=25,
+        help="Number of worlds that each parameter set is driven in. Default: %(default)s.",
     )
     p.add_argument(
         "--contact-seconds",
         type=number(0.0, 1e6),
         default=5.0,
-        help="Time [s] that a trial with a contact is charged in addition.",
+        help="Time [s] that a trial with a contact is charged in addition. Default: %(default)s.",
     )
     p.add_argument(
         "--actors",
-        type=int,
+        type=whole(0, 4096),
         default=2,
-        help="Number of trials that are driven at the same time; 0 drives them in this process.",
+        help="Number of trials that are driven at the same time; 0 drives them in this process. Default: %(default)s.",
     )
     p.add_argument(
         "--pool",
         default="processes",
         choices=KINDS,
-        help="How trials are driven at the same time: in child processes, or by Ray actors.",
+        help="How trials are driven at the same time: in child processes, or by Ray actors. Default: %(default)s.",
     )
     p.add_argument("--ray-address", default="", help="Address HOST:PORT of a Ray cluster to drive on.")
     p.add_argument(
@@ -96,13 +88,14 @@ def parser() -> argparse.ArgumentParser:
         "--sigma",
         type=float,
         default=0.5,
-        help="Initial standard deviation of the search, with parameters scaled to [-1, 1].",
+        help="Initial standard deviation of the search, with parameters scaled to [-1, 1]. Default: %(default)s.",
     )
-    p.add_argument("--seed", type=int, default=0, help="Seed of the search and of its trials.")
+    add_seed(p, "Seed of the search and of its trials")
     p.add_argument(
         "--out",
         default="applr_ros1/models/static.json",
-        help="JSON file for the best set, {name: value}. The log is written beside it as NAME_log.json.",
+        help="JSON file for the best set, {name: value}. The log is written beside it as NAME_log.json. "
+        "Default: %(default)s.",
     )
     return p
 
@@ -117,8 +110,6 @@ def run(arguments: List[str]) -> None:
     options = parser().parse_args(arguments)
     command = shlex.join(["python", "-m", "training.static_search", *arguments])
     log, partial = (Path(str(Path(options.out).with_suffix("")) + end) for end in ("_log.json", "_partial.json"))
-    if min(options.generations, options.worlds_per_set) < 1 or options.population < 4 or options.actors < 0:
-        raise UsageError("--generations and --worlds-per-set must be 1 or more, --population 4 or more")
     if not 0.0 < options.sigma <= 2.0:
         raise UsageError("--sigma is %r: give more than 0, 2 at most" % options.sigma)
     make_folder(Path(options.out).parent)

@@ -14,6 +14,7 @@ from training.gorila.learner import LearnerConfig
 from training.mdp.reward import Reward
 from training.td3.td3 import TD3Config
 from training.workers.pool import KINDS
+from worlds.loading import FORMS
 
 PAPER_STEPS = 5_000_000
 
@@ -70,9 +71,8 @@ class Options:
     env: str = option("training.mdp.env:ApplrEnv",
         "Training environment as MODULE:CLASS. An environment other than the default is constructed without arguments.")
     worlds: str = option("generated:learn",
-        "Worlds to train in: generated:N, generated:train, generated:learn, fresh:N-M, physical_course, a .world file "
-        "or a folder of them; several are separated by commas. generated:learn are the training worlds without those "
-        "of generated:validation.")
+        "Worlds to train in: %s; several are separated by commas. generated:learn are the training worlds without "
+        "those of generated:validation." % FORMS)
     simulator: str = option("kinematic",
         "Simulator to train in: kinematic, pybullet, or the MODULE:CLASS of your own.")
     weights: str = option(DEFAULT_WEIGHTS,
