@@ -1,15 +1,18 @@
 """The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
 
 import json
+import math
 import os
 import signal
 import subprocess
 import time
 
+import numpy as np
 import pytest
 import yaml
 from PIL import Image
 
+import worlds
 from applr_ros1.nodes import processes
 from applr_ros1.planner.parameters import declarations as parameters
 from applr_ros1.planner.parameters.check import complete
@@ -197,6 +200,33 @@ def test_demo_reaches_the_goal(tmp_path):
     assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
     with Image.open(tmp_path / "drive.gif") as animation:
         assert animation.n_frames >= 5  # as many as the simulation's speed leaves time for
+
+
+@pytest.mark.parametrize(("text", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
+def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, text, sent):
+    """The course's goal, 20 m away and off the map, is drawn onto it; one that is given is sent as it is."""
+    from applr_ros1.nodes import demo, demo_drive
+
+    class Sent(Exception):
+        pass
+
+    class Observer:
+        def __init__(self, *_):
+            pass
+
+        def parts(self):
+            return ()
+
+        def drive(self, pose, *_):
+            raise Sent(pose)
+
+    monkeypatch.setattr(demo_drive, "Observer", Observer)
+    course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
+    world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
+    values = {"mode": "dwa", "simulator": "kinematic", "port": "1", "limit": "9", "goal": text}
+    with pytest.raises(Sent) as found:
+        demo._run(None, values, world)
+    assert found.value.args[0] == pytest.approx(sent)
 
 
 def test_demo_that_runs_out_of_time(tmp_path):

@@ -204,7 +204,7 @@ class Stack:
 
 
 def _run(stack, values, world):
-    from . import demo_drive  # rospy is loaded only when there is something to drive
+    from . import demo_drive, goal  # rospy is loaded only when there is something to drive
 
     say(
         "world %s, mode %s, simulator %s, master on port %s"
@@ -217,7 +217,8 @@ def _run(stack, values, world):
         with announced("waiting for %s, which compiles its kernels at its first start" % part, say, first=10.0):
             wait.until(up, UP_WITHIN, "%s does not come up" % part)
         say("%-12s up after %.1f s" % (part, time.monotonic() - began))
-    outcome = observer.drive(float(values["limit"]), say, STALLED_AFTER)
+    pose = arguments.goal(values["goal"]) or goal.course_goal(world.course)
+    outcome = observer.drive(pose, float(values["limit"]), say, STALLED_AFTER)
     drive = observer.recorded(outcome.time)
     say(
         "%s after %.1f s and %.2f m%s"

@@ -70,10 +70,9 @@ class Observer:
         yield "move_base", self._move_base_up
         yield "applr", lambda: "/applr/parameters" in self._seen
 
-    def drive(self, limit, say, stalled_after):
-        """Send the goal and watch until it is reached, given up, or `limit` simulated seconds have passed."""
-        course, start = self.world.course, self.world.course.start
-        pose = (course.goal[0] - start[0], course.goal[1] - start[1], course.goal[2])
+    def drive(self, pose, limit, say, stalled_after):
+        """Send the goal `pose` (frame odom); watch until it is reached, given up, or `limit` simulated seconds pass."""
+        course = self.world.course
         self._began = self.track[-1][0]
         self.track, self.contacts, self.views, self._heard = self.track[-1:], [], [], []
         self.client.send_goal(goal.message(pose, self._frame))
