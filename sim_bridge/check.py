@@ -20,11 +20,10 @@ from applr_ros1.common.errors import run_main
 from worlds import Mover, World
 
 from . import NAMES, jackal, make
-from .scenes import small_world
+from .scenes import STEP, drive, small_world
 from .simulator import RobotState, Simulator, SimulatorError
 
 Factory = Callable[..., Simulator]  # called with keyword arguments of Randomisation, such as slip=0.0
-STEP = 0.05  # simulated seconds between commands
 
 
 class BrokenPromise(AssertionError):
@@ -55,13 +54,6 @@ def _results(factory: Factory) -> Iterator[Tuple[str, str]]:
         except Exception as error:  # whatever foreign code raises is a result of the check
             problem = "%s But %s was raised: %s" % (text, type(error).__name__, str(error).split("\n")[0])
         yield text, problem
-
-
-def _drive(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
-    for _ in range(int(round(seconds / STEP))):
-        simulator.command(v, w)
-        simulator.advance(STEP)
-    return simulator.state
 
 
 def _need(condition: bool, text: str, *values: object) -> None:
@@ -106,15 +98,15 @@ def _drives_as_commanded(factory: Factory) -> None:
     simulator = factory(slip=0.0)
     for v, w in ((0.5, 0.0), (0.0, 1.0), (0.0, -1.0), (0.5, 0.5), (-0.5, 0.0)):
         simulator.reset(small_world(), 0)
-        _drive(simulator, v, w, 1.0)
-        states = [_drive(simulator, v, w, STEP) for _ in range(40)]
+        drive(simulator, v, w, 1.0)
+        states = [drive(simulator, v, w, STEP) for _ in range(40)]
         _need(all(map(isfinite, _numbers(states[-1]))), "its state is not finite: %s", states[-1])
         driven = np.mean([state.twist for state in states], axis=0)
         for name, asked, got in (("v", v, driven[0]), ("w", w, driven[1])):
             near = abs(got - asked) <= 0.05 * max(abs(asked), 0.2)
             _need(near, "command (%g, %g) is driven at %s = %.3f", v, w, name, got)
     simulator.reset(small_world(start=(0.0, 0.0, 1.0)), 0)
-    x, y, _ = _drive(simulator, 0.5, 0.0, 2.0).pose
+    x, y, _ = drive(simulator, 0.5, 0.0, 2.0).pose
     _need(abs(y * cos(1.0) - x * sin(1.0)) < 0.05 and x > 0.4, "a start at yaw 1 leads to (%.2f, %.2f)", x, y)
     simulator.close()
 
@@ -123,7 +115,7 @@ def _stops_without_commands(factory: Factory) -> None:
     """The base stops COMMAND_TIMEOUT after the last command, and stands."""
     simulator = factory()
     simulator.reset(small_world(), 1)
-    _drive(simulator, 0.5, 0.0, 1.0)
+    drive(simulator, 0.5, 0.0, 1.0)
     moving = simulator.advance(0.8 * jackal.COMMAND_TIMEOUT).twist[0]
     _need(moving > 0.1, "it drives at %.2f m/s before the time-out", moving)
     stopped = simulator.advance(0.75)
@@ -184,12 +176,12 @@ def _meets_obstacles(factory: Factory) -> None:
     """A wall stops the robot, contact is reported, and the robot can drive back from it."""
     simulator = factory()
     simulator.reset(small_world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
-    _need(not _drive(simulator, 0.5, 0.0, 0.8).contact, "contact is reported before the wall")
-    state = _drive(simulator, 0.5, 0.0, 2.0)
+    _need(not drive(simulator, 0.5, 0.0, 0.8).contact, "contact is reported before the wall")
+    state = drive(simulator, 0.5, 0.0, 2.0)
     front = state.pose[0] + jackal.BODY_HALF_LENGTH
     _need(state.contact, "no contact is reported at a wall that it pushes against")
     _need(abs(front - 0.9) < 0.05, "its front is at x = %.3f where the wall begins at 0.9", front)
-    _need(not _drive(simulator, -0.5, 0.0, 1.0).contact, "contact stays after driving back from the wall")
+    _need(not drive(simulator, -0.5, 0.0, 1.0).contact, "contact stays after driving back from the wall")
     _need(simulator.state.pose[0] < 0.5, "it does not come away from the wall: x = %.2f", simulator.state.pose[0])
     simulator.close()
 
@@ -215,7 +207,7 @@ def _believes_its_odometry(factory: Factory) -> None:
     """odom_pose follows the true motion within centimetres a metre; set_odometry() changes what it believes only."""
     simulator = factory()
     simulator.reset(small_world(start=(1.0, 1.0, 0.3)), 0)
-    state = _drive(simulator, 0.5, 0.1, 4.0)
+    state = drive(simulator, 0.5, 0.1, 4.0)
     x, y, yaw = simulator.to_odom(state.pose)
     apart = hypot(x - state.odom_pose[0], y - state.odom_pose[1])
     _need(apart < 0.1, "after 2 m the odometry is %.2f m off", apart)
@@ -234,7 +226,7 @@ def _is_teleported(factory: Factory) -> None:
     """teleport() puts the robot elsewhere, standing, while time and the odometry's position go on."""
     simulator = factory()
     simulator.reset(small_world(start=(1.0, 1.0, 0.3)), 0)
-    before = _drive(simulator, 0.5, 0.1, 2.0)
+    before = drive(simulator, 0.5, 0.1, 2.0)
     after = simulator.teleport((-1.0, 2.0, 1.5))
     _need(after.pose == (-1.0, 2.0, 1.5), "teleport() leads to %s", after.pose)
     _need(after.twist == (0.0, 0.0), "after teleport() it moves at %s", after.twist)
@@ -245,7 +237,7 @@ def _is_teleported(factory: Factory) -> None:
     simulator.advance(1.0)
     moved = hypot(simulator.state.pose[0] + 1.0, simulator.state.pose[1] - 2.0)
     _need(moved < 0.2, "it rolls %.2f m on after teleport()", moved)
-    state = _drive(simulator, 0.5, 0.0, 2.0)
+    state = drive(simulator, 0.5, 0.0, 2.0)
     _need(state.pose[1] > 2.5, "after teleport() and 2 s at .5 m/s it is at y = %.2f", state.pose[1])
     simulator.close()
 
@@ -269,7 +261,7 @@ def _trace(simulator: Simulator, world: World, seed: int) -> List[bytes]:
     rng, rows = np.random.default_rng(9), []
     simulator.reset(world, seed)
     for _ in range(40):
-        state = _drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0), 0.1)
+        state = drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0), 0.1)
         rows.append(np.array(_numbers(state) + (state.contact,)).tobytes() + simulator.scan().tobytes())
     return rows
 

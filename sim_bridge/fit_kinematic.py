@@ -20,9 +20,9 @@ from applr_ros1.common.errors import run_main
 
 from .kinematic_simulator import KinematicParameters, KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
-from .scenes import small_world
-from .simulator import RobotState, Simulator
-from .tracking_table import OPEN_PLANE, run
+from .scenes import STEP, drive, small_world
+from .simulator import Simulator
+from .tracking_table import OPEN_PLANE
 
 Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
 
@@ -67,8 +67,7 @@ class Scene:
         poses, touched = [], []
         for v, w in self.commands:
             for _ in range(30):
-                simulator.command(v, w)
-                state = simulator.advance(0.05)
+                state = drive(simulator, v, w, STEP)
                 poses.append(state.pose)
                 touched.append(state.contact)
         return np.array(poses), np.array(touched)
@@ -125,8 +124,8 @@ def responses(simulators: Sequence[Tuple[str, Simulator]]) -> None:
         for label, simulator in simulators:
             simulator.reset(OPEN_PLANE, 0)
             pick = 0 if v else 1
-            rise = [simulator_step(simulator, v, w).twist[pick] for _ in range(20)]
-            fall = [simulator_step(simulator, 0.0, 0.0).twist[pick] for _ in range(5)]
+            rise = [drive(simulator, v, w, STEP).twist[pick] for _ in range(20)]
+            fall = [drive(simulator, 0.0, 0.0, STEP).twist[pick] for _ in range(5)]
             print(
                 "%-26s %-10s %s  | %s"
                 % (
@@ -138,19 +137,13 @@ def responses(simulators: Sequence[Tuple[str, Simulator]]) -> None:
             )
 
 
-def simulator_step(simulator: Simulator, v: float, w: float) -> RobotState:
-    """Hold the command (v, w) [m/s, rad/s] for 50 ms; returns the RobotState."""
-    simulator.command(v, w)
-    return simulator.advance(0.05)
-
-
 def drifts(simulators: Sequence[Tuple[str, Simulator]]) -> None:
     """Print where base_link is after whole turns in place and a straight line, for each simulator."""
     print("%-40s %-10s x       y       yaw" % ("pose after", ""))
     for name, v, w, seconds in DRIFTS:
         for label, simulator in simulators:
             simulator.reset(OPEN_PLANE, 1)
-            pose = run(simulator, v, w, seconds).pose
+            pose = drive(simulator, v, w, seconds).pose
             print("%-40s %-10s %7.3f %7.3f %7.3f" % ((name, label) + pose))
 
 

@@ -1,4 +1,7 @@
-"""Small worlds in which simulators are checked, measured and fitted (check.py, tracking_table.py, fit_kinematic.py)."""
+"""Small worlds and drives with which simulators are checked, measured and fitted.
+
+check.py, tracking_table.py and fit_kinematic.py use them.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,10 @@ from typing import Sequence, Tuple
 import numpy as np
 
 from worlds import Course, Mover, World
+
+from .simulator import RobotState, Simulator
+
+STEP = 0.05  # simulated seconds between commands
 
 
 def small_world(
@@ -24,3 +31,11 @@ def small_world(
         movers=tuple(movers),
         course=Course(start=start, goal=start, finish_y=None, goal_tolerance=0.4, path=path),
     )
+
+
+def drive(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
+    """Hold the command (v, w) [m/s, rad/s] for some simulated seconds; returns the last state."""
+    for _ in range(int(round(seconds / STEP))):
+        simulator.command(v, w)
+        simulator.advance(STEP)
+    return simulator.state

@@ -18,8 +18,8 @@ from applr_ros1.common.angles import wrapped_modulo
 from applr_ros1.common.errors import run_main
 
 from . import NAMES, jackal, make
-from .scenes import small_world
-from .simulator import RobotState, Simulator
+from .scenes import STEP, drive, small_world
+from .simulator import Simulator
 
 # (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
 CASES = (
@@ -69,13 +69,12 @@ def measure(
 
 def _measure(simulator, v, w, seconds, seed):
     simulator.reset(OPEN_PLANE, seed)
-    run(simulator, v, w, 1.0)
-    state = simulator.state
+    state = drive(simulator, v, w, 1.0)
     ahead = turned = 0.0
     track = [state.pose[:2]]
-    for _ in range(int(round(seconds / 0.05))):
+    for _ in range(int(round(seconds / STEP))):
         last = state
-        state = run(simulator, v, w, 0.05)
+        state = drive(simulator, v, w, STEP)
         turn = wrapped_modulo(state.pose[2] - last.pose[2])
         middle = last.pose[2] + turn / 2
         dx, dy = state.pose[0] - last.pose[0], state.pose[1] - last.pose[1]
@@ -85,14 +84,6 @@ def _measure(simulator, v, w, seconds, seed):
         if abs(turned) <= 2 * pi:
             track.append(state.pose[:2])
     return ahead / seconds, turned / seconds, max(hypot(x - track[0][0], y - track[0][1]) for x, y in track)
-
-
-def run(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
-    """Hold a command; returns the last state."""
-    for _ in range(int(round(seconds / 0.05))):
-        simulator.command(v, w)
-        state = simulator.advance(0.05)
-    return state
 
 
 def main(argv: Optional[Sequence[str]] = None) -> int:
