@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rospkg  # noqa: F401 - the runner needs it: without ROS this file is left out
 import rospy  # noqa: F401
-from worlds_sdf import as_barn, cylinder, sdf
+from worlds_sdf import as_barn, moving, sdf
 
 import worlds
 from applr_ros1.nodes import barn, barn_results
@@ -39,10 +39,7 @@ def checkout(tmp_path):
     (helper / "launch" / "gazebo_launch.launch").write_text("<launch><!-- starts Gazebo --></launch>")
     (static / "world_2.world").write_text(as_barn(worlds.load("generated:2")))
     np.save(static / "path_files" / "path_2.npy", builtin.fields()[2][1])
-    mover = cylinder(0, 0, radius=0.5, name="easylibobs_1").replace(
-        "</model>", "<plugin name='o' filename='easylibobs_1.so'/></model>"
-    )
-    (dynamic / "world_0.world").write_text(sdf(mover))
+    (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1")))
     frames = ((0.0, -5.0, 7.0), (10.0, 5.0, 7.0))
     movers_table.write(str(dynamic / movers_table.NAME), {"easylibobs_1": movers_table.Animation(10.0, True, frames)})
     return root

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from worlds_sdf import cylinder, put, sdf
+from worlds_sdf import moving, put, sdf
 
 import worlds
 from worlds import movers_table
@@ -136,12 +136,6 @@ def test_damaged_plugins_are_refused_and_never_crash(tmp_path):
     assert not [line for line in refused if "\n" in line]
 
 
-def dynamic(name, filename=None):
-    return cylinder(-0.225, 0.075, radius=0.5, name=name).replace(
-        "</model>", "<plugin name='%s' filename='%s'/></model>" % (name, filename or name + ".so")
-    )
-
-
 def command(*arguments):
     return subprocess.run(
         [sys.executable, "-m", "worlds.dynabarn_table", *map(str, arguments)], cwd=ROOT, capture_output=True, text=True
@@ -154,8 +148,8 @@ def test_command_makes_the_table_and_names_what_it_does_not_understand(tmp_path,
     folder.mkdir()
     build(plugins, source(), "-O0", name="easylibobs_3")
     (plugins / "hardlibobs_5.so").write_bytes(b"not a plugin")
-    put(folder, sdf(dynamic("easylibobs_3") + dynamic("o", "/opt/lib/easylibobs_3.so")), "world_0.world")
-    path = put(folder, sdf(dynamic("easylibobs_3") + dynamic("hardlibobs_5") + dynamic("lamp")), "world_1.world")
+    put(folder, sdf(moving("easylibobs_3") + moving("o", filename="/opt/lib/easylibobs_3.so")), "world_0.world")
+    path = put(folder, sdf(moving("easylibobs_3") + moving("hardlibobs_5") + moving("lamp")), "world_1.world")
     done = command(folder, plugins)
     assert done.returncode == 1
     assert len(done.stderr.splitlines()) == 2
@@ -187,7 +181,7 @@ def test_places_over_time_are_gazebos(tmp_path):
     """By hand: Catmull-Rom tangents, tension 0, between key frames; repeated every 10 s."""
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
     table(tmp_path, *rows)
-    (mover,) = worlds.load(put(tmp_path, sdf(dynamic("hardlibobs_7")), "world_0.world")).movers
+    (mover,) = worlds.load(put(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")).movers
     assert mover.position(0.0) == (0.0, 0.0)
     assert mover.position(2.0) == (4.0, 0.0)
     # half way: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the start and (2, 2) after it
@@ -223,7 +217,7 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
 def test_wrong_tables_are_refused_in_a_line(tmp_path, rows, words):
     path = table(tmp_path, *rows)
     with pytest.raises(WorldError, match=words) as caught:
-        worlds.load(put(tmp_path, sdf(dynamic("easylibobs_1")), "world_0.world"))
+        worlds.load(put(tmp_path, sdf(moving("easylibobs_1")), "world_0.world"))
     assert path in str(caught.value)
     Path(path).write_text("plugin;time\n")
     with pytest.raises(WorldError, match="must begin with the line plugin,length"):
@@ -233,7 +227,7 @@ def test_wrong_tables_are_refused_in_a_line(tmp_path, rows, words):
 def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
     cells = np.column_stack([np.full(66, 15), np.arange(66)])  # of BARN's world of the same number
-    course = worlds.load(put(tmp_path, sdf(dynamic("easylibobs_1")), "world_7.world", cells=cells)).course
+    course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1")), "world_7.world", cells=cells)).course
     assert course.start == (11.0, 0.0, math.pi)
     assert course.goal == (-9.0, 0.0, math.pi)
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)

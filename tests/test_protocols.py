@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 import pytest
-from worlds_sdf import cylinder, put, sdf
+from worlds_sdf import moving, put, sdf
 
 import worlds
 from training import evaluate
@@ -33,10 +33,7 @@ def dynabarn(folder, crossing):
     """
     tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
-    for name in tracks:
-        body += cylinder(0, 0, radius=0.5, name=name).replace(
-            "</model>", "<plugin name='%s' filename='%s.so'/></model>" % (name, name)
-        )
+    body += "".join(map(moving, tracks))
     movers_table.write(
         str(folder / movers_table.NAME),
         {name: movers_table.Animation(float(frames[-1][0]), True, frames) for name, frames in tracks.items()},

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from worlds_sdf import as_barn, cylinder, put, sdf
+from worlds_sdf import as_barn, cylinder, moving, put, sdf
 
 import worlds
 from worlds import builtin, sdf_writer
@@ -138,9 +138,7 @@ def _same(a, b):
     return True
 
 
-DYNAMIC = cylinder(-0.225, 0.075, radius=0.5, name="obs_3").replace(
-    "</model>", "<plugin name='obs_3' filename='obs_3.so'/></model>"
-)
+DYNAMIC = moving("obs_3", -0.225, 0.075)
 
 
 def test_dynabarn_cylinder_follows_its_plugins_source(tmp_path):

@@ -26,6 +26,13 @@ def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
     return CYLINDER.format(name=name, pose="%f %f %f 0.000000 0.000000 0.000000" % (x, y, z), radius=radius)
 
 
+def moving(name, x=0.0, y=0.0, filename=None):
+    """A cylinder of .5 m with a Gazebo plugin, as DynaBARN's; `filename` of the plugin, by default its name and .so."""
+    return cylinder(x, y, radius=0.5, name=name).replace(
+        "</model>", "<plugin name='%s' filename='%s'/></model>" % (name, filename or name + ".so")
+    )
+
+
 def as_barn(world):
     """The text of a BARN-style file for a world of cylinders: models, then the same poses in a saved state."""
     xy = world.cylinders[:, :2]
