@@ -138,7 +138,7 @@ def at_least(distance, queue, ends, nx, ny, cell, limit):
 
 @kernel
 def final_distance(distance, queue, ends, stride, n, cell):
-    """The value that C++ holds at `cell`: a distance, N for a wall that the flood touches, N + 1 where it never comes."""
+    """The value that C++ holds at `cell`: a distance, N for a wall the flood touches, N + 1 where it never comes."""
     value = settle(distance, queue, ends, stride, n + 1, cell, n + 1)
     if value == n:  # a wall: whether the flood touches it depends on its neighbours
         for neighbour in (cell - 1, cell + 1, cell - stride, cell + stride):

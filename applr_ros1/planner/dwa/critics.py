@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner import distance_grid
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
-from applr_ros1.planner import distance_grid
 from applr_ros1.planner.dwa.generator import ground_speed
 from applr_ros1.planner.dwa.oscillation import is_barred
 from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
