@@ -23,7 +23,6 @@ from training.experience.dataset import Dataset, DatasetError, Writer
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila.curves import EpisodeLog
 from training.gorila.learner import Learner, LearnerConfig
-from training.report import __main__ as report
 from training.td3.td3 import TD3Config
 from training.train import main
 
@@ -146,7 +145,6 @@ def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys
         (compare_gazebo, [], "trials"),
         (export, ["run", "folder", "--c-switch", "much"], "--c-switch"),
         (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
-        (report, [], "folder"),
         (static_search, ["--seed", "-1"], "--seed"),
         (static_search, ["--population", "3"], "--population"),
     ],

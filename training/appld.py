@@ -181,7 +181,7 @@ def parse(arguments=None) -> argparse.Namespace:
         default=500,
         help="Number of gradient steps of the classifier's training. Default: %(default)s.",
     )
-    add_seed(p, "Seed of all random draws")
+    add_seed(p)
     p.add_argument(
         "--scan", default=TopicNames.scan, help="Topic of the laser scans in the bags. Default: %(default)s."
     )

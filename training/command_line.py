@@ -106,8 +106,11 @@ def add_planner(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_seed(
-    parser: argparse.ArgumentParser, what: str = "Seed from which the seeds of all trials follow", default: int = 0
-) -> None:
-    """Declares --seed; what: the beginning of its help text, which says what is drawn from it."""
-    parser.add_argument("--seed", type=whole(0, 2**31 - 1), default=default, help="%s. Default: %%(default)s." % what)
+def add_seed(parser: argparse.ArgumentParser) -> None:
+    """Declares --seed."""
+    parser.add_argument(
+        "--seed",
+        type=whole(0, 2**31 - 1),
+        default=0,
+        help="Seed from which all random numbers of the command follow. Default: %(default)s.",
+    )

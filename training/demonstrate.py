@@ -83,7 +83,7 @@ def parse(arguments=None) -> argparse.Namespace:
         default="pybullet",
         help="Simulator to drive in. Default: %(default)s.",
     )
-    add_seed(p, "Seed of the simulator's noise")
+    add_seed(p)
     return p.parse_args(without_remappings(arguments))
 
 

@@ -90,7 +90,7 @@ def parser() -> Parser:
         default=0.5,
         help="Initial standard deviation of the search, with parameters scaled to [-1, 1]. Default: %(default)s.",
     )
-    add_seed(p, "Seed of the search and of its trials")
+    add_seed(p)
     p.add_argument(
         "--out",
         default="applr_ros1/models/static.json",

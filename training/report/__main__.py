@@ -1,10 +1,10 @@
 """Writes the report of an evaluation again: `python -m training.report FOLDER [--training RUN]`."""
 
+import argparse
 import sys
 from typing import Optional, Sequence
 
 from applr_ros1.common.errors import run_main
-from training.command_line import Parser
 from training.report import write
 
 
@@ -15,7 +15,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Write the report and print its path."""
-    parser = Parser("python -m training.report", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m training.report", description=__doc__)
     parser.add_argument("folder", help="Folder of an evaluation, --out of evaluate.py.")
     parser.add_argument(
         "--training", default="", help="Folder of a training run whose learning curves are shown as well."
