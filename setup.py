@@ -8,6 +8,10 @@ PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
 setup(
     **generate_distutils_setup(
         packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, name + ".*")]),
-        package_data={"applr_ros1": ["models/*"], "training": ["recipes/*.yaml"], "worlds": ["data/*"]},
+        package_data={
+            "applr_ros1": ["models/*", "robots/*/*.yaml", "robots/*/*/*.yaml"],
+            "training": ["recipes/*.yaml"],
+            "worlds": ["data/*"],
+        },
     )
 )

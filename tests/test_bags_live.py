@@ -50,7 +50,7 @@ def stack():
     rospy.set_param("/use_sim_time", True)
     for name, where in FILES:
         subprocess.run(
-            ["rosparam", "load", ROOT / "applr_ros1" / "params" / (name + ".yaml"), "/move_base" + where],
+            ["rosparam", "load", ROOT / "applr_ros1" / "robots" / "jackal" / (name + ".yaml"), "/move_base" + where],
             env=ros.env,
             check=True,
         )

@@ -67,25 +67,27 @@ MAY_KNOW = (
     ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib", "PIL", "capstone"}),
     ("applr_ros1/planner/", NUMBERS | {"dynamic_reconfigure"}),  # the latter when catkin runs cfg_generator.py
     ("applr_ros1/monitor/", NUMBERS | {"scipy", "applr_ros1.planner"}),
-    ("applr_ros1/policy/", NUMBERS | {"safetensors", "scipy", "applr_ros1.planner"}),
+    ("applr_ros1/policy/", NUMBERS | {"safetensors", "scipy", "applr_ros1.planner", "applr_ros1.robots"}),
+    ("applr_ros1/robots/", {"yaml"}),
     ("applr_ros1/nodes/", None),
     ("applr_ros1/scripts/", None),
     ("applr_ros1/", set()),
     ("sim_bridge/ros_bridge", None),
     ("sim_bridge/gazebo/", None),
     ("sim_bridge/ros_", None),
-    ("sim_bridge/", NUMBERS | {"scipy", "pybullet", "pybullet_utils", "matplotlib", "worlds"}),
+    ("sim_bridge/", NUMBERS | {"scipy", "pybullet", "pybullet_utils", "matplotlib", "worlds", "applr_ros1.robots"}),
     ("training/td3/", {"numpy", "torch"}),
     ("training/experience/", {"numpy", "safetensors", "training.storage"}),
     (
         "training/mdp/",
-        {"numpy", "gymnasium", "applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"},
+        {"numpy", "gymnasium", "applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "applr_ros1.robots"}
+        | {"sim_bridge", "worlds"},
     ),
     ("training/workers/", {"numpy", "ray", "applr_ros1.policy"}),
     (
         "training/evaluation/",
         {"numpy", "applr_ros1.monitor", "tqdm", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}
-        | {"training.mdp", "training.storage", "training.workers"},
+        | {"applr_ros1.robots", "training.mdp", "training.storage", "training.workers"},
     ),
     (
         "training/report/",
@@ -93,20 +95,41 @@ MAY_KNOW = (
     ),
     (
         "training/bags/",
-        {"numpy", "lz4", "rosbags", "applr_ros1.policy", "sim_bridge", "training.experience", "training.mdp"},
+        {"numpy", "lz4", "rosbags", "applr_ros1.policy", "applr_ros1.robots", "sim_bridge"}
+        | {"training.experience", "training.mdp"},
     ),
     (
         "training/baselines/",
         {"numpy", "scipy", "torch", "cma", "ruptures", "sklearn", "applr_ros1.planner", "applr_ros1.policy"}
-        | {"sim_bridge", "worlds", "training.bags", "training.evaluation", "training.mdp", "training.workers"},
+        | {
+            "applr_ros1.robots",
+            "sim_bridge",
+            "worlds",
+            "training.bags",
+            "training.evaluation",
+            "training.mdp",
+            "training.workers",
+        },
     ),
     (
         "training/gorila/",
         {"numpy", "torch", "tensorboard", "safetensors", "gymnasium", "matplotlib", "yaml", "applr_ros1.planner"}
-        | {"applr_ros1.policy", "sim_bridge", "worlds", "training.evaluation", "training.experience", "training.mdp"}
+        | {"applr_ros1.policy", "applr_ros1.robots", "sim_bridge", "worlds", "training.evaluation"}
+        | {"training.experience", "training.mdp"}
         | {"training.storage", "training.td3", "training.workers"},
     ),
-    ("training/", LEARNING | {"applr_ros1.monitor", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}),
+    (
+        "training/",
+        LEARNING
+        | {
+            "applr_ros1.monitor",
+            "applr_ros1.planner",
+            "applr_ros1.policy",
+            "applr_ros1.robots",
+            "sim_bridge",
+            "worlds",
+        },
+    ),
 )
 
 

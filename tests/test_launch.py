@@ -69,7 +69,7 @@ def test_arguments_for_another_robot(tmp_path):
     """Names, frames, parameter files, the clock and the cap reach the nodes that need them."""
     import shutil
 
-    shutil.copytree(os.path.join(ROOT, "applr_ros1", "params"), tmp_path / "params")
+    shutil.copytree(os.path.join(ROOT, "applr_ros1", "robots", "jackal"), tmp_path / "params")
     file = tmp_path / "params" / "base_local_planner_params.yaml"
     file.write_text(file.read_text().replace("max_vel_x: 0.5", "max_vel_x: 0.4"))
     arguments = (

@@ -1,0 +1,247 @@
+"""What a robot description holds: the sections of robot.yaml as frozen dataclasses.
+
+reader.py fills them. Lengths [m], masses [kg], angles [rad], times [s]; places are in the robot's base frame, x ahead.
+Fields without a default have to be given.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, field
+from typing import Any, Dict, Optional, Tuple
+
+from applr_ros1.robots.kinds import RobotError, choice, points, real, ros_name, vector, whole
+
+
+@dataclass(frozen=True)
+class Base:
+    """Wheels, their places, and what the base's controller allows.
+
+    drive: skid_steer (four wheels, the two of a side turn together) or two_wheel (two driven wheels on the base frame's
+    y axis, and casters). track: distance between left and right wheels' middles. wheelbase: between front and rear
+    axle, 0 for two_wheel. axle_height: of the axles above the base frame. wheel_inertia: about x, y (the axle), z;
+    without it that of a full cylinder. wheel_friction, caster_friction: Coulomb coefficients on the ground. casters:
+    where they touch the ground. command_timeout: the base stops when no command has come for this long; 0 where it
+    never does.
+    """
+
+    drive: str = choice("skid_steer", "two_wheel")
+    max_speed: float = real(0.01, 20.0)  # m/s, ahead and back
+    max_yaw_rate: float = real(0.01, 20.0)  # rad/s
+    max_acceleration: float = real(0.01, 100.0)  # m/s^2
+    max_yaw_acceleration: float = real(0.01, 200.0)  # rad/s^2
+    wheel_radius: float = real(0.005, 2.0)
+    wheel_width: float = real(0.001, 2.0)
+    track: float = real(0.01, 10.0)
+    axle_height: float = real(-2.0, 2.0)
+    wheelbase: float = real(0.0, 10.0, 0.0)
+    wheel_mass: float = real(0.001, 500.0, 0.5)
+    wheel_inertia: Optional[Tuple[float, float, float]] = vector(3, 1e-9, 100.0, None)
+    wheel_friction: float = real(0.01, 3.0, 0.5)
+    casters: Tuple[Tuple[float, float], ...] = points(())
+    caster_friction: float = real(0.0, 3.0, 0.1)
+    command_timeout: float = real(0.0, 60.0, 0.0)
+
+    @property
+    def wheels(self) -> int:
+        """How many wheels are driven."""
+        return 4 if self.drive == "skid_steer" else 2
+
+
+@dataclass(frozen=True)
+class Body:
+    """The box that meets obstacles beside the wheels.
+
+    size: length, width, height. centre: of the box along x and y; bottom: its underside above the base frame. com:
+    centre of mass, without it the middle of the box. inertia: about x, y, z through it, without it that of the full
+    box. friction: against obstacles.
+    """
+
+    size: Tuple[float, float, float] = vector(3, 0.01, 10.0)
+    mass: float = real(0.01, 5000.0)
+    centre: Tuple[float, float] = vector(2, -10.0, 10.0, (0.0, 0.0))
+    bottom: float = real(-2.0, 2.0, 0.0)
+    com: Optional[Tuple[float, float, float]] = vector(3, -10.0, 10.0, None)
+    inertia: Optional[Tuple[float, float, float]] = vector(3, 1e-9, 1e5, None)
+    friction: float = real(0.01, 3.0, 0.5)
+
+
+@dataclass(frozen=True)
+class Laser:
+    """A planar scanner. pose: x, y, yaw. height: above the base frame. Beams are evenly spread between both angles."""
+
+    frame: str = ros_name()
+    pose: Tuple[float, float, float] = vector(3, -10.0, 10.0)
+    height: float = real(-2.0, 5.0)
+    beams: int = whole(2, 8192)
+    first_angle: float = real(-6.2832, 6.2832)
+    last_angle: float = real(-6.2832, 6.2832)
+    range_min: float = real(0.0, 10.0)
+    range_max: float = real(0.1, 200.0)
+    rate: float = real(0.5, 200.0)  # Hz
+    noise: float = real(0.0, 1.0, 0.0)  # standard deviation
+
+    @property
+    def increment(self) -> float:
+        """Angle from one beam to the next [rad]."""
+        return (self.last_angle - self.first_angle) / (self.beams - 1)
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Names that the robot publishes and listens on, relative to its namespace."""
+
+    scan: str = ros_name("scan")
+    odometry: str = ros_name("odom")
+    cmd_vel: str = ros_name("cmd_vel")
+    imu: str = ros_name("imu")
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Names of frames in tf."""
+
+    base: str = ros_name()
+    odom: str = ros_name("odom")
+    map: str = ros_name("map")
+
+
+@dataclass(frozen=True)
+class OdometryErrors:
+    """How the odometry errs: wheels for the distance, IMU for the heading. Standard deviations.
+
+    scale_error: of the wheels' scale, drawn at a start. heading_drift: of the heading's slow error, heading_time its
+    correlation time, heading_noise what changes from one reading to the next. speed_noise: of the speed given with the
+    pose. gyro_noise, accelerometer_noise: of the IMU. rate: of the messages [Hz].
+    """
+
+    rate: float = real(1.0, 240.0, 50.0)
+    scale_error: float = real(0.0, 0.5, 0.005)
+    heading_drift: float = real(0.0, 1.0, 0.002)
+    heading_time: float = real(0.1, 1e4, 60.0)
+    heading_noise: float = real(0.0, 1.0, 0.003)
+    speed_noise: float = real(0.0, 1.0, 0.005)
+    gyro_noise: float = real(0.0, 1.0, 0.005)
+    accelerometer_noise: float = real(0.0, 5.0, 0.005)
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """What the collision monitor relies on; see MonitorSettings."""
+
+    margin: float = real(0.0, 1.0, 0.03)
+    reaction_time: float = real(0.01, 2.0, 0.15)
+    deceleration: float = real(0.01, 100.0, 4.0)  # m/s^2
+    yaw_deceleration: float = real(0.01, 200.0, 12.0)  # rad/s^2
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """Numbers of both simulators that are chosen or fitted, not measured on the robot.
+
+    grip_limit: the tyres hold curves up to this v w [m/s^2]. tyre_creep: slip speed at which a tyre has .7 of its full
+    friction [m/s]. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's friction and its
+    correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute deviation while
+    it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one wheel against
+    obstacles [N m]. wheel_rub, body_rub, undo: fitted by `python -m sim_bridge.fit_kinematic`: friction of a wheel and
+    of the body along an obstacle, and the share of an overlap that is undone in a step.
+    """
+
+    grip_limit: float = real(0.05, 50.0)
+    tyre_creep: float = real(1e-4, 0.5, 0.02)
+    grip_noise: float = real(0.0, 1.0, 0.10)
+    grip_time: float = real(0.01, 60.0, 0.5)
+    wheel_noise: float = real(0.0, 0.5, 0.005)
+    wheel_time: float = real(0.01, 60.0, 0.5)
+    wheel_shake: float = real(0.0, 0.5, 0.01)
+    ground_stiffness: float = real(100.0, 1e7, 3.0e4)
+    ground_damping: float = real(1.0, 1e5, 400.0)
+    motor_torque: float = real(0.01, 1000.0, 10.0)
+    wheel_rub: float = real(0.0, 1.0, 0.66)
+    body_rub: float = real(0.0, 1.0, 0.94)
+    undo: float = real(0.02, 1.0, 0.51)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One dynamic_reconfigure value of move_base that follows a parameter of the space.
+
+    server: below move_base's name, such as DWAPlannerROS. names: accepted names, the newest first (servers differ:
+    path_distance_bias was pdist_scale before). mirrored: it takes the negative value.
+    """
+
+    server: str
+    names: Tuple[str, ...]
+    mirrored: bool = False
+
+
+@dataclass(frozen=True)
+class SpaceParameter:
+    """One parameter that a policy or a search sets, within low to high. The first setting is where it is read back."""
+
+    name: str
+    low: float
+    high: float
+    integer: bool
+    settings: Tuple[Setting, ...]
+
+
+@dataclass(frozen=True)
+class MoveBaseSetup:
+    """The robot's move_base parameters, as its launch file loads them: nested dicts, {name: value or dict}."""
+
+    with_map: Optional[Dict[str, Any]]  # None where robot.yaml describes no setup with a map
+    without_map: Dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A robot as its folder describes it. name: of the folder. world_scale: size of its worlds beside the Jackal's."""
+
+    name: str
+    folder: str
+    base: Base
+    body: Body
+    laser: Laser
+    topics: Topics
+    frames: Frames
+    odometry: OdometryErrors
+    monitor: Monitoring
+    simulation: Simulation
+    world_scale: float
+    space: Tuple[SpaceParameter, ...]
+    move_base: MoveBaseSetup = field(repr=False, hash=False, compare=False)
+
+    def parameters(self, with_map: bool = False) -> Dict[str, Any]:
+        """The nested move_base parameters of its files, a copy; RobotError where there is no setup with a map."""
+        tree = self.move_base.with_map if with_map else self.move_base.without_map
+        if tree is None:
+            raise RobotError("robot %s: robot.yaml has no move_base.with_map: give its files for a map" % self.name)
+        return copy.deepcopy(tree)
+
+    def start_value(self, parameter: SpaceParameter) -> Optional[float]:
+        """The value of a parameter of the space in the files; None where these leave the planner's default."""
+        first = parameter.settings[0]
+        return find(self.move_base.without_map, first.server, first.names)
+
+
+def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
+    """A value of a server in a nested parameter tree under the first of `names` that is there, else None.
+
+    Files without a list of layers ("plugins") give a layer's values beside those of its costmap, as before ROS hydro.
+    """
+    branches = [branch(tree, server)]
+    costmap, _, layer = server.rpartition("/")
+    if layer and costmap and "plugins" not in branch(tree, costmap):
+        branches.append(branch(tree, costmap))
+    values = [branch[name] for branch in branches for name in names if name in branch]
+    numbers = [value for value in values if isinstance(value, (int, float)) and not isinstance(value, bool)]
+    return float(numbers[0]) if numbers else None
+
+
+def branch(tree: Dict[str, Any], path: str) -> Dict[str, Any]:
+    """The part of a nested parameter tree at "a/b"; {} where there is none."""
+    here: Any = tree
+    for part in path.split("/"):
+        here = here.get(part, {}) if isinstance(here, dict) else {}
+    return here if isinstance(here, dict) else {}

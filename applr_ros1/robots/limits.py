@@ -1,0 +1,117 @@
+"""What a description may not say against itself: ranges beyond the base's limits, a laser that sees nothing.
+
+reader.py calls `check` last.
+"""
+
+from __future__ import annotations
+
+from math import pi
+from typing import Iterator, Tuple
+
+from applr_ros1.robots.description import Robot, Setting, branch, find
+from applr_ros1.robots.kinds import RobotError
+
+# the last part of a server's name is that of a local planner; its speeds by the base's limits
+_SPEEDS = ("max_vel_x", "min_vel_x", "max_vel_trans", "min_vel_trans", "max_trans_vel", "min_trans_vel", "escape_vel")
+_TURNS = (
+    ("max_vel_theta", "min_vel_theta", "max_rot_vel", "min_rot_vel", "max_rotational_vel", "min_in_place_vel_theta")
+    + ("min_in_place_rotational_vel",)
+)  # fmt: skip
+_PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
+
+
+def check(robot: Robot) -> None:
+    """Raise RobotError, one line, for the first contradiction in a description."""
+    for problem in _problems(robot):
+        raise RobotError(problem)
+
+
+def _problems(robot: Robot) -> Iterator[str]:
+    yield from _base(robot)
+    yield from _laser(robot)
+    yield from _space(robot)
+    yield from _files(robot)
+    for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
+        asked, most = getattr(robot.monitor, name), getattr(robot.base, limit)
+        if asked > most:
+            yield "monitor.%s is %g: the base brakes with base.%s %g, give at most that" % (name, asked, limit, most)
+
+
+def _base(robot: Robot) -> Iterator[str]:
+    base = robot.base
+    if base.drive == "skid_steer" and base.wheelbase == 0.0:
+        yield "base.wheelbase is missing: a skid_steer base has two axles, give their distance"
+    if base.drive == "two_wheel" and base.wheelbase != 0.0:
+        yield "base.wheelbase is %g: a two_wheel base has one axle, leave it out" % base.wheelbase
+    if base.drive == "skid_steer" and base.casters:
+        yield "base.casters: a skid_steer base has none, leave them out"
+    if base.drive == "two_wheel" and not base.casters:
+        yield "base.casters is missing: a two_wheel base stands on one at least, give where they touch the ground"
+
+
+def _laser(robot: Robot) -> Iterator[str]:
+    laser = robot.laser
+    if not laser.first_angle < laser.last_angle:
+        yield "laser.last_angle is %g: give more than first_angle %g" % (laser.last_angle, laser.first_angle)
+    elif laser.last_angle - laser.first_angle > 2 * pi + 1e-3:
+        yield "laser.last_angle is %g: from first_angle %g that is more than a full turn" % (
+            laser.last_angle,
+            laser.first_angle,
+        )
+    if not laser.range_min < laser.range_max:
+        yield "laser.range_max is %g: give more than range_min %g" % (laser.range_max, laser.range_min)
+
+
+def _space(robot: Robot) -> Iterator[str]:
+    for parameter in robot.space:
+        label = "parameter_space.%s" % parameter.name
+        for setting in parameter.settings:
+            limit, most = _limit(robot, setting)
+            if limit and max(abs(parameter.low), abs(parameter.high)) > most:
+                yield "%s.range is [%g, %g]: %s of this base is %g, stay within it" % (
+                    label,
+                    parameter.low,
+                    parameter.high,
+                    limit,
+                    most,
+                )
+        start = robot.start_value(parameter)
+        if start is not None and not parameter.low <= start <= parameter.high:
+            yield "%s.range is [%g, %g]: the parameter files start with %g, include it" % (
+                label,
+                parameter.low,
+                parameter.high,
+                start,
+            )
+        elif start is not None and parameter.integer and not start.is_integer():
+            yield "%s is an integer, but the parameter files start with %g: give a whole number" % (label, start)
+
+
+def _limit(robot: Robot, setting: Setting) -> Tuple[str, float]:
+    """Name and value of the base's limit that bounds a setting; ("", 0) where none does."""
+    if setting.server.rpartition("/")[2] in _PLANNERS:
+        if setting.names[0] in _SPEEDS:
+            return "base.max_speed", robot.base.max_speed
+        if setting.names[0] in _TURNS:
+            return "base.max_yaw_rate", robot.base.max_yaw_rate
+    return "", 0.0
+
+
+def _files(robot: Robot) -> Iterator[str]:
+    """Speeds in the parameter files that the base cannot drive, and frames that differ."""
+    tree = robot.move_base.without_map
+    planner = str(tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2]
+    for names, limit in ((_SPEEDS, "max_speed"), (_TURNS, "max_yaw_rate")):
+        most = getattr(robot.base, limit)
+        for name in names:
+            value = find(tree, planner, (name,))
+            if value is not None and abs(value) > most:
+                yield "%s/%s is %g in the parameter files: base.%s is %g" % (planner, name, value, limit, most)
+    for costmap in ("local_costmap", "global_costmap"):
+        frame = branch(tree, costmap).get("robot_base_frame", robot.frames.base)
+        if frame != robot.frames.base:
+            yield "%s/robot_base_frame is %s in the parameter files: frames.base is %s" % (
+                costmap,
+                frame,
+                robot.frames.base,
+            )
