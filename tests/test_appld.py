@@ -67,7 +67,16 @@ def test_changepoints_are_found_where_they_are():
     ranges = np.where(slow[:, None], 0.5, 3.0) * np.ones((n, 720)) + rng.normal(0, 0.01, (n, 720))
     command = np.column_stack([np.where(slow, 0.3, 1.0), rng.normal(0, 0.02, n)])
     d = demonstration.Demonstration(
-        "made", np.arange(n) * 0.05, ranges.astype(np.float32), np.zeros((n, 3)), command, command, (0.0, 0.0, 0.0), {}
+        "made",
+        np.arange(n) * 0.05,
+        (-2.35619, 2 * 2.35619 / 719, 0.1, 30.0),
+        ranges.astype(np.float32),
+        ranges.astype(np.float32),
+        np.zeros((n, 3)),
+        command,
+        command,
+        (0.0, 0.0, 0.0),
+        {},
     )
     found = contexts.find([d])
     assert [
@@ -138,7 +147,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     method = methods.make("appld:%s" % out)
     mode = methods.make_mode("appld", str(out))
     d = demonstration.read(bag)
-    obs = np.concatenate([appld_classifier.inputs(d.ranges[:1])[0], np.zeros(9, np.float32)])
+    obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
     theta = method.policy.theta(obs)
     assert np.array_equal(theta, mode.policy.theta(obs))
     assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])

@@ -331,7 +331,10 @@ def test_unusable_scans_are_counted_in_words(tmp_path):
             super().step(t, k)
             self.writer.scan(t, np.full(720, np.nan))
 
-    for name, kind, reason in (("coarse", Coarse, "scan has 360 beams"), ("blind", Blind, "beams of the scan are NaN")):
+    for name, kind, reason in (
+        ("coarse", Coarse, "scan of 360 beams covers"),
+        ("blind", Blind, "beams of the scan are NaN"),
+    ):
         with BagWriter(tmp_path / (name + ".bag")) as writer:
             kind(writer, node=False, seconds=4.5)
         found, report = rebuild(tmp_path / (name + ".bag"))

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from applr_ros1.policy import actor as actor_module
-from applr_ros1.policy import methods, observation
+from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor, ActorError, save
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.observation import ObservationError, check_scan, goal_angle, local_goal, observe, smooth
+from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import ROLES, SPACE, THETA_0, Space, SpaceError
 from training.evaluation import trials
 from worlds import builtin
@@ -140,7 +140,6 @@ def test_observation_layout_and_scale():
     obs = observe(ranges, np.pi / 2, THETA_0)
     assert obs.shape == (729,)
     assert obs.dtype == np.float32
-    assert observation.SIZE == 729
     np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
     assert obs[720] == pytest.approx(0.5)
     np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0), atol=1e-6)
@@ -182,14 +181,6 @@ def test_unusable_scans_are_refused_in_one_line(ranges, phi):
     assert "\n" not in str(e.value)
 
 
-def test_scan_geometry():
-    check_scan(720, -2.35619, 2 * 2.35619 / 719)
-    with pytest.raises(ObservationError, match="1080 beams"):
-        check_scan(1080, -2.35619, 2 * 2.35619 / 1079)
-    with pytest.raises(ObservationError, match="covers"):
-        check_scan(720, -np.pi, 2 * np.pi / 719)
-
-
 def test_actor_round_trip_and_equality_with_torch(tmp_path):
     torch = pytest.importorskip("torch")
     weights = make_weights(hidden=(512, 512, 512))
@@ -225,7 +216,7 @@ def _raw(weights, **metadata):
 
 def _damaged_files():
     good = make_weights()
-    space, layout = SPACE.to_json(), json.dumps(observation.LAYOUT)
+    space, layout = SPACE.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE)))
     header = dict(format=actor_module.FORMAT, space=space, layout=layout, sha256=actor_module.checksum(good))
     whole = _raw(good, **header)
     changed = bytearray(whole)
@@ -246,7 +237,8 @@ def _damaged_files():
         "checksum": (bytes(changed), "checksum"),
         "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
         "no space": (_raw(good, format=actor_module.FORMAT, sha256=header["sha256"]), "metadata"),
-        "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "beams is 360"),
+        "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "size is 729"),
+        "half a layout": (_raw(good, **dict(header, layout="{}")), "beams, angle_min_rad"),
         "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
         "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
@@ -391,11 +383,7 @@ def test_the_robot_is_described_alike_on_both_sides():
     from applr_ros1.planner.parameters.declarations import JACKAL
     from sim_bridge import jackal
 
-    assert (jackal.BEAMS, jackal.ANGLE_MIN, jackal.ANGLE_MAX) == (
-        observation.BEAMS,
-        observation.ANGLE_MIN,
-        -observation.ANGLE_MIN,
-    )
+    assert Layout(jackal.BEAMS, jackal.ANGLE_MIN, jackal.ANGLE_MAX) == LAYOUT
     np.testing.assert_allclose(footprint.parse(JACKAL["local_costmap"]["footprint"]), jackal.FOOTPRINT, atol=1e-6)
     half = jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH
     np.testing.assert_allclose(np.abs(JACKAL_BODY), [half] * 4, atol=5e-4)

@@ -42,7 +42,7 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
         say("%s %5.1f to %5.1f s: context %s" % (d.name, d.time[s.first], d.time[s.last - 1], found.names[s.context]))
     fits = _fits(demonstrations, found, options, say)
     labels = [np.full(s.last - s.first, s.context) for s in found.segments]
-    scans = [demonstrations[s.demonstration].ranges[s.first : s.last] for s in found.segments]
+    scans = [demonstrations[s.demonstration].seen[s.first : s.last] for s in found.segments]
     weights, classifier = appld_classifier.train(
         appld_classifier.inputs(np.concatenate(scans)),
         np.concatenate(labels),

@@ -16,7 +16,7 @@ from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.policy.observation import ObservationError, check_scan
+from applr_ros1.policy.observation import LAYOUT, ObservationError
 
 MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
 STATUS_AGE = 2.0  # s: without a status for so long, move_base counts as gone
@@ -27,8 +27,8 @@ _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 class Snapshot:
     """The inputs of one decision.
 
-    ranges (720,) m; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps (rospy.Time) say which messages
-    these were, so that a bag's reader can find them.
+    ranges (beams,) m as the layout has them; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps
+    (rospy.Time) say which messages these were, so that a bag's reader can find them.
     """
 
     ranges: np.ndarray
@@ -83,8 +83,11 @@ class Inputs:
         with self._lock:
             return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE
 
-    def snapshot(self, now):
-        """A Snapshot at ROS time `now`. Raises ObservationError with one line about what is missing or odd."""
+    def snapshot(self, now, layout=LAYOUT):
+        """A Snapshot at ROS time `now`; the scan is resampled to `layout`.
+
+        Raises ObservationError with one line about what is missing or odd.
+        """
         with self._lock:
             packed_scan, packed_plan, since = self._scan, self._plan, self._goal_since
             odometry = list(self._odometry)
@@ -92,7 +95,7 @@ class Inputs:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
         scan = _unpack(packed_scan, LaserScan)
         _check_age("scan", self._names["scan"], now, scan.header.stamp)
-        check_scan(len(scan.ranges), scan.angle_min, scan.angle_increment)
+        ranges = layout.resample(scan.ranges, scan.angle_min, scan.angle_increment)
         if not odometry:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
         nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))
@@ -104,7 +107,7 @@ class Inputs:
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
         pose = self._pose(nearest, frame, scan.header.stamp)
         return Snapshot(
-            np.array(scan.ranges, dtype=np.float32),
+            ranges,
             pose,
             points,
             frame,

@@ -151,10 +151,11 @@ class ApplrNode:
         try:
             if theta_prev is None:
                 raise ObservationError("the planner's parameters are not known yet")
-            seen = self.inputs.snapshot(now)
-            target = local_goal(seen.plan, seen.pose)
+            layout = self.method.layout
+            seen = self.inputs.snapshot(now, layout)
+            target = local_goal(seen.plan, seen.pose, layout.lookahead)
             phi = goal_angle(target)
-            obs = observe(seen.ranges, phi, theta_prev)
+            obs = observe(seen.ranges, phi, theta_prev, layout=layout)
         except ObservationError as e:
             if (now - self._due).to_sec() >= self.period:  # tried for a whole period
                 self._due = now

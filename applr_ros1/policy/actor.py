@@ -13,9 +13,10 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
-from applr_ros1.policy import observation
 from applr_ros1.policy.decision import period_of
+from applr_ros1.policy.layout import Layout, ObservationError
 from applr_ros1.policy.network import forward, layers_of
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
 
 FORMAT = "applr-actor-1"
@@ -29,31 +30,32 @@ class ActorError(ApplrError):
 class Actor:
     """A deterministic policy: ReLU layers and tanh at the end (the paper's has three hidden layers of 512).
 
-    weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
+    weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32. layout: the Layout of
+    its observations; those have 729 numbers for the Jackal.
     """
 
-    def __init__(self, weights, space=SPACE, metadata=None):
-        self.layers = _layers(weights, space, "actor")
-        self.space = space
+    def __init__(self, weights, space=SPACE, metadata=None, layout=LAYOUT):
+        self.layers = _layers(weights, space, layout, "actor")
+        self.space, self.layout = space, layout
         self.metadata = metadata or {}
         self.period = period_of(self.metadata)
 
     @classmethod
     def load(cls, path, space=SPACE):
-        """Read an actor file.
+        """Read an actor file. How it sees a scan is its own: see `layout`.
 
         Raises:
-            ActorError: It is absent, damaged, too big, of other shapes, made for another parameter space or
-                observation, or its checksum is wrong.
+            ActorError: It is absent, damaged, too big, of other shapes, made for another parameter space, or its
+                checksum is wrong.
         """
         path = os.fspath(path)
         weights, metadata = _read(path)
         _compare(path, "parameter space", metadata.get("space"), json.loads(space.to_json()))
-        _compare(path, "observation", metadata.get("layout"), observation.LAYOUT)
-        _layers(weights, space, path)
         try:
-            return cls(weights, space, metadata)
-        except ValueError as e:
+            layout = Layout.from_dict(_named(path, "layout", metadata.get("layout")), len(space))
+            _layers(weights, space, layout, path)
+            return cls(weights, space, metadata, layout)
+        except (ValueError, ObservationError) as e:
             raise ActorError(f"{path}: {e}") from None
 
     def action(self, obs):
@@ -65,16 +67,17 @@ class Actor:
         return self.space.to_theta(self.action(obs))
 
 
-def save(path, weights, metadata=None, space=SPACE):
+def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """Writes an actor file, whole or not at all (a temporary file beside it, then renamed).
 
     weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Space, layout and
     checksum are added. Raises ActorError.
     """
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
-    _layers(weights, space, "actor to save")
+    _layers(weights, space, layout, "actor to save")
     header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
-    header.update(format=FORMAT, space=space.to_json(), layout=json.dumps(observation.LAYOUT), sha256=checksum(weights))
+    described = json.dumps(layout.to_dict(len(space)))
+    header.update(format=FORMAT, space=space.to_json(), layout=described, sha256=checksum(weights))
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header), ActorError)
 
 
@@ -101,15 +104,21 @@ def _value(text):
         return text
 
 
-def _layers(weights, space, name):
-    return layers_of(weights, observation.BEAMS + 1 + len(space), len(space), name, ActorError)
+def _layers(weights, space, layout, name):
+    return layers_of(weights, layout.beams + 1 + len(space), len(space), name, ActorError)
 
 
-def _compare(path, what, found, expected):
+def _named(path, what, found):
+    """An entry of the metadata that is a JSON object; ActorError where it is absent."""
     if not isinstance(found, dict):
         raise ActorError(
             f"{path}: its metadata name no {what}; it was not written by this package, give a file that train.py wrote"
         )
+    return found
+
+
+def _compare(path, what, found, expected):
+    found = _named(path, what, found)
     for key, value in expected.items():
         if found.get(key) != value:
             raise ActorError(

@@ -4,6 +4,7 @@ Called by policy/methods/registry.py; training/appld.py writes the file.
 """
 
 import json
+import math
 import os
 
 import numpy as np
@@ -13,9 +14,10 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.network import forward, layers_of
-from applr_ros1.policy.observation import AHEAD, BEAMS, LEFT, RIGHT
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
+AHEAD, LEFT, RIGHT = (LAYOUT.sector(bearing, math.radians(45.0)) for bearing in (0.0, 1.442, -1.442))
 FORMAT = "applr-appld-1"
 MAX_BYTES = 64 * 2**20
 MAX_CONTEXTS = 64
@@ -63,7 +65,7 @@ class Appld:
 
     def context(self, obs):
         """The index of the context that an observation (729,), or its first 720 entries, shows."""
-        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[:BEAMS])))
+        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[: LAYOUT.beams])))
 
     def theta(self, obs):
         """The parameters (8,) float64 for an observation (729,) float32."""
@@ -89,7 +91,7 @@ class Published:
 
     def context(self, obs):
         """The index into `names` for an observation (729,)."""
-        ranges = np.asarray(obs, dtype=np.float64)[:BEAMS] + 1.0
+        ranges = np.asarray(obs, dtype=np.float64)[: LAYOUT.beams] + 1.0
         ahead, right, left = (ranges[beams].min() for beams in (AHEAD, RIGHT, LEFT))
         if ahead > self.FREE:
             return self.names.index("open")
@@ -114,7 +116,7 @@ def save(path, contexts, weights, metadata=None):
 def _layers(weights, outputs):
     if not 1 <= outputs <= MAX_CONTEXTS:
         raise AppldError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
-    return layers_of(weights, BEAMS, outputs, "APPLD's network", AppldError)
+    return layers_of(weights, LAYOUT.beams, outputs, "APPLD's network", AppldError)
 
 
 __all__ = ["Appld", "AppldError", "Published", "PUBLISHED", "SpaceError", "save"]

@@ -17,7 +17,8 @@ class Context:
 
     Attributes:
         observation: (729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, parameters in force.
-        ranges: (720,) float32 [m], +inf where nothing returned.
+        ranges: (720,) float32 [m], +inf where nothing returned. Scans of other lasers are resampled to this: see
+            Layout in layout.py.
         phi: Angle to the local goal [rad].
         theta: (8,) float64, the parameters that the planner has now.
         time: Time since the goal was sent [s].

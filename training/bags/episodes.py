@@ -16,7 +16,7 @@ import numpy as np
 from applr_ros1.common.angles import place
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tally import Tally
-from applr_ros1.policy.observation import SIZE, ObservationError, check_scan, goal_angle, local_goal, observe
+from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
@@ -168,13 +168,13 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         return
     try:
         scan, (frame, points) = scans[moment.scan], plans[moment.plan]
-        check_scan(len(scan.ranges), scan.angle_min, scan.angle_increment)
+        ranges = LAYOUT.resample(scan.ranges, scan.angle_min, scan.angle_increment)
         phi = goal_angle(local_goal(points, _pose(recording, moment.pose, frame, moment.at)))
         theta = _chosen(recording, goal, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
-        moment.observation = observe(scan.ranges, phi, theta)
+        moment.observation = observe(ranges, phi, theta)
         near = max(NEAREST, float(nearest[moment.scan]))
         moment.outcome = Outcome(
-            np.asarray(scan.ranges, np.float32),
+            ranges,
             phi,
             theta,
             last_scan_min=near,
@@ -281,7 +281,7 @@ def _had(recording, moment) -> np.ndarray:
         except Skipped:
             if not lag and not found:
                 raise
-    if moment.seen is not None and moment.seen.shape[-1:] == (SIZE,):
+    if moment.seen is not None and moment.seen.shape == (LAYOUT.beams + 1 + len(SPACE),):
         for theta in found:
             if np.allclose(SPACE.to_action(theta), moment.seen[-len(SPACE) :], rtol=0.0, atol=CLOSE):
                 return theta

@@ -147,6 +147,7 @@ class TrialRunner:
         method.reset(task.seed)
         episode = self.episode(task.weights, task.planner)
         episode.set_period(self.period or method.period)
+        episode.layout = method.layout
         outcome = episode.reset(world, task.seed)
         changes: List[float] = []
         total = 0.0

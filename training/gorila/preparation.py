@@ -11,7 +11,7 @@ import torch
 
 import sim_bridge
 from applr_ros1.common.errors import reason
-from applr_ros1.policy import observation
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
 from training.evaluation.trials import TRIAL_RUNNER, evenly_spaced, world_list
 from training.experience.dataset import Dataset
@@ -83,7 +83,7 @@ def prepare(config: TrainConfig) -> Preparation:
         ),
         worlds,
         evenly_spaced(held_out, config.eval_count),
-        Layout(ApplrEnv.scan_beams, observation.SIZE - ApplrEnv.scan_beams, len(SPACE)),
+        Layout(LAYOUT.beams, 1 + len(SPACE), len(SPACE)),
     )
 
 

@@ -18,8 +18,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
-from applr_ros1.policy import observation
 from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
 from training.mdp.episode import Episode
 from training.mdp.reward import Reward, failed
@@ -46,7 +46,7 @@ class ApplrEnv(gymnasium.Env):
     """
 
     metadata = {"render_modes": []}
-    scan_beams = observation.BEAMS  # of the observation, its first numbers; the replay stores them in coarser steps
+    scan_beams = LAYOUT.beams  # of the observation, its first numbers; the replay stores them in coarser steps
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class ApplrEnv(gymnasium.Env):
             simulator, move_base, limit=limit, period=period, end_on_contact=end_on_contact, record=record
         )
         self.space = self.episode.space
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (observation.SIZE,), np.float32)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (LAYOUT.beams + 1 + len(SPACE),), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(SPACE),), np.float32)
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):

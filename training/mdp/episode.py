@@ -18,7 +18,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.observation import LAYOUT, Layout, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 
@@ -33,7 +33,7 @@ class Outcome:
     """What a trial is after a decision (or after reset, when most fields are zero).
 
     The inputs of the next observation:
-      ranges (720,) float32 [m], phi [rad], theta (8,) what the planner really has
+      ranges (720,) float32 [m], resampled to the layout; phi [rad]; theta (8,) what the planner really has
     Of this decision:
       progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
       last_scan_min         smallest range of the scan at its end [m], never under NEAREST
@@ -97,6 +97,7 @@ class Episode:
     period          decision period [s]; the paper's is 2 s
     end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
     record          keep .trace
+    layout          how the policy sees a scan; can be set anew between two trials
     monitor         a CollisionMonitor between the planner and the base; None: commands reach the base as they are
 
     The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
@@ -113,9 +114,10 @@ class Episode:
         record: bool = False,
         period: float = PERIOD,
         monitor: Optional[CollisionMonitor] = None,
+        layout: Layout = LAYOUT,
     ):
         self.simulator, self.move_base, self.monitor = simulator, move_base, monitor
-        self.space = space
+        self.space, self.layout = space, layout
         self.end_on_contact, self.record = end_on_contact, record
         self.set_period(period)
         self.time_limit = TIME_LIMIT if limit is None else limit * period
@@ -170,7 +172,7 @@ class Episode:
         ranges = self.simulator.scan()
         near = nearest(ranges)
         self.outcome = Outcome(
-            ranges, self._phi(plan), theta, last_scan_min=near, decision_min=near, min_clearance_m=near
+            self._resampled(ranges), self._phi(plan), theta, last_scan_min=near, decision_min=near, min_clearance_m=near
         )
         return self.outcome
 
@@ -198,8 +200,8 @@ class Episode:
             now.timeout = True
         if now.timeout:
             now.time_s = self.time_limit
-        now.ranges = self.simulator.scan()
-        now.last_scan_min = nearest(now.ranges)
+        ranges = self.simulator.scan()
+        now.ranges, now.last_scan_min = self._resampled(ranges), nearest(ranges)
         now.decision_min = min(now.decision_min, now.last_scan_min)
         now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
         now.phi = self._phi(self.move_base.global_plan)
@@ -210,10 +212,10 @@ class Episode:
         return now
 
     def observation(self, outcome: Optional[Outcome] = None) -> np.ndarray:
-        """(729,) float32 in [-1, 1]: what the policy sees."""
+        """(729,) float32 in [-1, 1]: what the policy sees; another number of values in another space or layout."""
         o = outcome or self.outcome
         assert o is not None, "reset() comes first"
-        return observe(o.ranges, o.phi, o.theta, self.space)
+        return observe(o.ranges, o.phi, o.theta, self.space, self.layout)
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
@@ -282,11 +284,15 @@ class Episode:
             now.aborted, now.reason = True, "planner %s: %s" % (status, text)
 
     # -- what is seen ------------------------------------------------------------------------------
+    def _resampled(self, ranges: np.ndarray) -> np.ndarray:
+        """A scan of the simulated laser as the layout has it."""
+        return self.layout.resample(ranges, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT)
+
     def _phi(self, plan) -> float:
-        """Angle to the local goal 1 m along the plan [rad]; to the goal itself where there is no plan."""
+        """Angle to the local goal along the plan [rad]; to the goal itself where there is no plan."""
         pose = self.simulator.state.odom_pose
         if plan is not None and len(plan):
-            return goal_angle(local_goal(plan, pose))
+            return goal_angle(local_goal(plan, pose, self.layout.lookahead))
         dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
         return wrapped(math.atan2(dy, dx) - yaw)
 

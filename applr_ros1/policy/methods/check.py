@@ -15,7 +15,7 @@ from applr_ros1.common.errors import reason
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method, MethodError
-from applr_ros1.policy.observation import BEAMS, observe
+from applr_ros1.policy.observation import LAYOUT, observe
 from applr_ros1.policy.parameter_space import SPACE
 
 DECISIONS = 8
@@ -52,8 +52,8 @@ def scenes(count: int) -> List[Context]:
     draw = np.random.default_rng(0)
     found = []
     for k in range(count):
-        ranges = draw.uniform(0.1, 0.4 + k, BEAMS).astype(np.float32)
-        ranges[draw.random(BEAMS) < k / count] = np.inf
+        ranges = draw.uniform(0.1, 0.4 + k, LAYOUT.beams).astype(np.float32)
+        ranges[draw.random(LAYOUT.beams) < k / count] = np.inf
         phi, theta = float(draw.uniform(-np.pi, np.pi)), SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
         found.append(Context(observe(ranges, phi, theta), ranges, phi, theta, 2.0 * k))
     return found

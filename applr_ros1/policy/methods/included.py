@@ -10,6 +10,7 @@ import numpy as np
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
 
 
@@ -57,13 +58,14 @@ class ObservationPolicy(Method):
     """A function of the observation: an actor, or APPLD's contexts.
 
     Args:
-        policy: Has theta(observation) and, where it states one, a period [s].
+        policy: Has theta(observation) and, where it states them, a period [s] and a layout.
         path: The file that it was read from; "" for none.
     """
 
     def __init__(self, policy: Any, path: str = ""):
         self.policy, self.path = policy, path
         self.period = float(getattr(policy, "period", PERIOD))
+        self.layout = getattr(policy, "layout", LAYOUT)
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The policy's parameters for the observation."""
@@ -91,7 +93,7 @@ class FrozenParameter(Method):
         if name not in SPACE.names:
             raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(SPACE.names)))
         self.inner, self.index, self.name = inner, SPACE.names.index(name), name
-        self.static, self.period = inner.static, inner.period
+        self.static, self.period, self.layout = inner.static, inner.period, inner.layout
 
     def reset(self, seed: int) -> None:
         """Begin a course with the inner method."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.observation import LAYOUT, Layout
 
 
 class MethodError(ApplrError):
@@ -22,11 +23,13 @@ class Method:
         static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
             what a person changes later stands.
         period: Time [s] between two decisions.
+        layout: How it sees a scan: what Context.ranges and Context.observation are made with.
     """
 
     name = ""
     static = False
     period = PERIOD
+    layout: Layout = LAYOUT
 
     def reset(self, seed: int) -> None:
         """Begin a course. Everything random is drawn from this seed only."""

@@ -10,8 +10,9 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from applr_ros1.policy.network import forward
-from applr_ros1.policy.observation import BEAMS, RANGE_CAP
+from applr_ros1.policy.observation import LAYOUT
 
+BEAMS, RANGE_CAP = LAYOUT.beams, LAYOUT.range_cap
 HIDDEN = 64
 SHIFT = 24  # beams by which a scan is turned at most: 9 degrees
 NOISE = 0.02  # m

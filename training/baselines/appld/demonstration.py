@@ -15,7 +15,7 @@ from typing import Any, Dict, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.policy.observation import ObservationError, check_scan
+from applr_ros1.policy.observation import LAYOUT, ObservationError
 from training.bags.reader import SECOND, BagError, TopicNames, open_bag, stamp
 from training.mdp.episode import CONTROL_PERIOD
 
@@ -33,7 +33,10 @@ class Demonstration:
 
     Attributes:
         time: (n,) [s].
-        ranges: (n, 720) float32 [m].
+        scan: the geometry of the scans: angle of the first range and between ranges [rad], smallest and largest range
+            [m].
+        ranges: (n, m) float32 [m], as the laser gave them.
+        seen: (n, 720) float32 [m], as a policy sees them.
         pose: (n, 3) x, y [m], yaw [rad] of the odometry.
         twist: (n, 2) v [m/s], w [rad/s] of the odometry.
         command: (n, 2) v [m/s], w [rad/s].
@@ -43,7 +46,9 @@ class Demonstration:
 
     name: str
     time: np.ndarray
+    scan: Tuple[float, float, float, float]
     ranges: np.ndarray
+    seen: np.ndarray
     pose: np.ndarray
     twist: np.ndarray
     command: np.ndarray
@@ -99,10 +104,14 @@ def _scan(heard, at, message):
     if when < due - period // 5:
         return
     heard["due"] = max(due + period, when + period // 2)
-    check_scan(len(message.ranges), message.angle_min, message.angle_increment)
+    ranges = np.asarray(message.ranges, np.float32)
+    geometry = message.angle_min, message.angle_increment, message.range_min, message.range_max
+    if heard.setdefault("geometry", (len(ranges), geometry)) != (len(ranges), geometry):
+        raise BagError("its scans have different beams; a demonstration needs one scanner with fixed settings")
+    seen = LAYOUT.resample(ranges, message.angle_min, message.angle_increment)
     if len(heard["scan"]) >= MAX_INSTANTS:
         raise BagError("longer than %d minutes of scans; cut it (rosbag filter)" % (MAX_INSTANTS / 1200))
-    heard["scan"].append((when, np.asarray(message.ranges, np.float32)))
+    heard["scan"].append((when, ranges, seen))
 
 
 def _odometry(heard, at, message):
@@ -159,7 +168,9 @@ def _instants(path, heard) -> Demonstration:
     return Demonstration(
         path.name,
         (when[span] - when[span[0]]) / SECOND,
+        heard["geometry"][1],
         np.array([heard["scan"][i][1] for i in span]),
+        np.array([heard["scan"][i][2] for i in span]),
         pose,
         states[nearest[span], 3:],
         command[span],

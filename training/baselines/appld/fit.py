@@ -16,7 +16,6 @@ from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS
 from applr_ros1.policy.parameter_space import SPACE
-from sim_bridge import jackal
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
 from training.mdp.episode import CONTROL_PERIOD, laser_pose
@@ -62,9 +61,7 @@ def step(planner: MoveBase, d: Demonstration, i: int):
     The planner gets the pose, twist and scan of the demonstration, and a clock of its own.
     """
     now, pose = clock(i), tuple(d.pose[i].tolist())
-    scan = LaserScan(
-        now, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX, d.ranges[i], laser_pose(pose)
-    )
+    scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose))
     cycle = planner.step(now, pose, tuple(d.twist[i].tolist()), scan)
     return cycle.command or (0.0, 0.0)
 

@@ -6,6 +6,7 @@ are alike make one context.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import List, NamedTuple
 
@@ -13,10 +14,13 @@ import numpy as np
 import ruptures
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from applr_ros1.policy.observation import AHEAD
+from applr_ros1.policy.observation import LAYOUT
 from training.baselines.appld.demonstration import Demonstration
 from training.mdp.episode import CONTROL_PERIOD
 
+AHEAD, LEFT, RIGHT = (
+    LAYOUT.sector(bearing, math.radians(width)) for bearing, width in ((0.0, 45.0), (1.311, 75.0), (-1.311, 75.0))
+)
 CAP = 2.0  # m; what is farther away is open
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
 SMOOTHED = 15  # instants that a feature is averaged over
@@ -43,9 +47,9 @@ class Contexts:
 
 def features(demonstration: Demonstration) -> np.ndarray:
     """(n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot (FEATURES)."""
-    ranges = np.nan_to_num(np.asarray(demonstration.ranges, np.float64), nan=CAP, posinf=CAP, neginf=0.0)
+    ranges = np.nan_to_num(np.asarray(demonstration.seen, np.float64), nan=CAP, posinf=CAP, neginf=0.0)
     ranges = np.minimum(ranges, CAP)
-    beside = np.sort(np.column_stack([ranges[:, 60:260].min(axis=1), ranges[:, 460:660].min(axis=1)]), axis=1)
+    beside = np.sort(np.column_stack([ranges[:, RIGHT].min(axis=1), ranges[:, LEFT].min(axis=1)]), axis=1)
     raw = np.column_stack([np.abs(demonstration.command), ranges[:, AHEAD].min(axis=1), beside])
     kernel = np.ones(min(SMOOTHED, len(raw)))
     weight = np.convolve(np.ones(len(raw)), kernel, mode="same")

@@ -1,0 +1,174 @@
+"""How a policy sees the world: the beams of its scan, their cap, and the distance of its local goal.
+
+The layout belongs to the policy's file, not to the laser. Any planar scan that covers it is resampled to it, so a
+policy drives with scanners of other beams than it was trained with. The applr node, the training environment and the
+bag reader call it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Dict, Mapping, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+
+ANGLE_TOLERANCE = 0.02  # [rad] by which a scan may end before the layout does
+COARSEST = math.radians(3.0)  # between two beams of a scan; posts of .15 m are 4 degrees wide at 2 m
+MAX_BEAMS = 8192
+ORDER = ["scan", "phi", "theta"]  # of the parts of an observation
+TURN = 2.0 * math.pi
+
+
+class ObservationError(ApplrError):
+    """A scan or plan that no observation can be made of; one line says what, which value and what to do."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What an observation consists of, beside the parameters of the space.
+
+    Attributes:
+        beams: Sectors of the scan, evenly spaced.
+        angle_min: Direction of the first one's middle [rad], counted from straight ahead to the left.
+        angle_max: Direction of the last one's middle [rad]; more than angle_min.
+        range_cap: Ranges [m] beyond it count as free.
+        lookahead: The local goal is the first point of the global plan farther away than this [m].
+    """
+
+    beams: int = 720
+    angle_min: float = -2.35619
+    angle_max: float = 2.35619
+    range_cap: float = 2.0
+    lookahead: float = 1.0
+
+    def __post_init__(self):
+        if isinstance(self.beams, bool) or not isinstance(self.beams, int) or not 2 <= self.beams <= MAX_BEAMS:
+            raise ObservationError("layout: beams is %r; give 2 to %d" % (self.beams, MAX_BEAMS))
+        for name in ("angle_min", "angle_max", "range_cap", "lookahead"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+                raise ObservationError("layout: %s is %r; give a finite number" % (name, value))
+        if not 0.0 < self.angle_max - self.angle_min <= TURN:
+            raise ObservationError(
+                "layout: angles go from %g to %g rad; give growing ones, a full turn at most"
+                % (self.angle_min, self.angle_max)
+            )
+        if self.range_cap <= 0.0 or self.lookahead <= 0.0:
+            raise ObservationError(
+                "layout: range_cap is %g, lookahead %g; give metres above 0" % (self.range_cap, self.lookahead)
+            )
+
+    @property
+    def step(self) -> float:
+        """Angle between two beams [rad]."""
+        return (self.angle_max - self.angle_min) / (self.beams - 1)
+
+    def to_dict(self, parameters: int) -> Dict[str, Any]:
+        """What a policy's file holds of it, JSON values. parameters: how many numbers theta has."""
+        return {
+            "beams": self.beams,
+            "range_cap_m": self.range_cap,
+            "angle_min_rad": self.angle_min,
+            "angle_max_rad": self.angle_max,
+            "order": ORDER,
+            "lookahead_m": self.lookahead,
+            "size": self.beams + 1 + parameters,
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], parameters: int) -> "Layout":
+        """The layout that to_dict described. Raises ObservationError for one that cannot be."""
+        names = ("beams", "angle_min_rad", "angle_max_rad", "range_cap_m", "lookahead_m")
+        missing = [name for name in names if name not in values]
+        if missing:
+            raise ObservationError("layout: %s is missing" % ", ".join(missing))
+        layout = cls(*(values[name] for name in names))
+        for name, value in (("order", ORDER), ("size", layout.beams + 1 + parameters)):
+            if values.get(name) != value:
+                raise ObservationError("layout: %s is %r; %r is needed" % (name, values.get(name), value))
+        return layout
+
+    def sector(self, bearing: float, width: float) -> np.ndarray:
+        """Indices of the beams within width / 2 of a bearing [rad]."""
+        angles = self.angle_min + self.step * np.arange(self.beams)
+        return np.flatnonzero(np.abs(_wrapped(angles - bearing)) <= 0.5 * width)
+
+    def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> np.ndarray:
+        """A scan as this layout has it: (beams,) float32 [m]; a scan of exactly this geometry comes back as it is.
+
+        Each of the layout's beams is a sector of `step` radians and takes the smallest of the scan's ranges in it, so
+        that no obstacle is lost; a sector between two beams of a coarser scan takes the nearer one. By REP 117 -inf
+        (too near) is smaller than every range, +inf (no return) larger, and NaN (no measurement) is left where a sector
+        has nothing else. 0, by which older drivers mean that nothing was measured, counts as NaN.
+
+        Args:
+            ranges: (n,) [m].
+            angle_min: Direction of the first range [rad], counted from straight ahead to the left.
+            angle_increment: From one range to the next [rad]; less than 0 where the scanner turns clockwise.
+
+        Raises:
+            ObservationError: The scan does not cover the layout, is coarser than COARSEST, or has no geometry.
+        """
+        ranges = np.asarray(ranges, dtype=np.float32)
+        source, starts = _sectors(self, len(ranges), float(angle_min), float(angle_increment))
+        if len(source):
+            ranges = np.fmin.reduceat(ranges[source], starts)
+        zero = ranges == 0.0
+        return np.where(zero, np.float32(np.nan), ranges) if zero.any() else ranges
+
+
+@lru_cache(maxsize=32)
+def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Which of a scan's ranges each of the layout's beams takes.
+
+    Returns:
+        (source, starts): beam i takes source[starts[i] : starts[i + 1]]; both are empty where the geometry is the same.
+    """
+    if count < 2 or not (math.isfinite(first) and math.isfinite(step)) or step == 0.0:
+        raise ObservationError(
+            "scan has %d beams from %g rad every %g rad: no geometry; check the laser's driver" % (count, first, step)
+        )
+    if abs(step) > COARSEST:
+        raise ObservationError(
+            "scan has a beam every %.3f rad: at most %.3f are needed; use a finer scanner or setting"
+            % (abs(step), COARSEST)
+        )
+    last, half = first + step * (count - 1), 0.5 * layout.step
+    if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    # each range once in every turn, and by direction; turns beside the layout's own are in its sectors too
+    turns = TURN * np.arange(-2, 3)
+    angles = (first + step * np.arange(count) + turns[:, None]).ravel()
+    order = np.argsort(angles, kind="stable")
+    angles, source = angles[order], np.tile(np.arange(count), len(turns))[order]
+    middles = layout.angle_min + layout.step * np.arange(layout.beams)
+    right = np.clip(np.searchsorted(angles, middles), 1, len(angles) - 1)
+    nearest = right - (middles - angles[right - 1] <= angles[right] - middles)
+    covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE
+    if not covered.all():
+        raise ObservationError(
+            "scan of %d beams covers %.3f to %.3f rad: the policy looks from %.3f to %.3f; missing: %s"
+            % (count, min(first, last), max(first, last), layout.angle_min, layout.angle_max, _gaps(middles, covered))
+        )
+    begins, ends = (np.searchsorted(angles, middles + offset) for offset in (-half, half))
+    empty = begins == ends
+    begins, ends = np.where(empty, nearest, begins), np.where(empty, nearest + 1, ends)
+    lengths = ends - begins
+    starts = np.concatenate([[0], np.cumsum(lengths)[:-1]])
+    taken = np.repeat(begins - starts, lengths) + np.arange(lengths.sum())
+    return source[taken], starts
+
+
+def _gaps(middles: np.ndarray, covered: np.ndarray) -> str:
+    """The directions [rad] that are not covered, as "-2.356 to -1.571 and 1.571 to 2.356"."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
+    pairs = zip(middles[edges[::2]], middles[edges[1::2] - 1])
+    return " and ".join("%.3f to %.3f" % pair for pair in pairs)
+
+
+def _wrapped(angles: np.ndarray) -> np.ndarray:
+    return (angles + math.pi) % TURN - math.pi

@@ -1,0 +1,88 @@
+"""A scan of any planar laser in a policy's layout, against an implementation that looks at one beam at a time."""
+
+import numpy as np
+import pytest
+
+from applr_ros1.policy.actor import Actor, save
+from applr_ros1.policy.layout import ANGLE_TOLERANCE, Layout, ObservationError
+from applr_ros1.policy.methods import make
+
+JACKAL = Layout()
+WIDE = 2.3562
+SCANNERS = {  # first and last angle, number of ranges
+    "541": (-WIDE, WIDE, 541),
+    "1081": (-WIDE, WIDE, 1081),
+    "720, a little turned": (-2.34, 2.35, 720),
+    "360, 0 to 2 pi": (0.0, 6.28319, 360),
+    "a full turn and more": (-np.pi, 3.3, 1500),
+    "clockwise": (WIDE, -WIDE, 541),
+}
+
+
+def plain(layout, ranges, first, step):
+    """Each of the layout's beams: the smallest range in its sector, else that of the nearest direction."""
+    angles = first + step * np.arange(len(ranges))
+    result = []
+    for middle in layout.angle_min + layout.step * np.arange(layout.beams):
+        off = (angles - middle + np.pi) % (2 * np.pi) - np.pi
+        inside = (off >= -layout.step / 2) & (off < layout.step / 2)
+        chosen = ranges[inside] if inside.any() else ranges[[np.argmin(np.abs(off))]]
+        result.append(np.fmin.reduce(chosen))
+    return np.array(result, np.float32)
+
+
+def scan_of(kind, seed=0):
+    first, last, count = SCANNERS[kind]
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(0.1, 30.0, count).astype(np.float32)
+    odd = rng.random(count) < 0.3
+    ranges[odd] = rng.choice([np.inf, -np.inf, np.nan], odd.sum())
+    return ranges, first, (last - first) / (count - 1)
+
+
+@pytest.mark.parametrize("kind", SCANNERS)
+@pytest.mark.parametrize("layout", [JACKAL, Layout(90, -2.3, 2.3, 3.0)], ids=["720", "90"])
+def test_resampling_equals_the_plain_way(kind, layout):
+    scan = scan_of(kind)
+    np.testing.assert_array_equal(layout.resample(*scan), plain(layout, *scan))
+
+
+def test_a_scan_of_the_layout_itself_comes_back_bit_by_bit():
+    ranges = scan_of("541", 1)[0].repeat(2)[:720]
+    first, step = np.float32(JACKAL.angle_min), np.float32(JACKAL.step)
+    assert JACKAL.resample(ranges, first, step).tobytes() == ranges.tobytes()
+    assert JACKAL.resample(ranges[::-1], -first, -step).tobytes() == ranges.tobytes()
+
+
+def test_zeros_of_older_drivers_are_no_measurement():
+    ranges = np.full(720, 1.0, np.float32)
+    ranges[5] = 0.0
+    assert np.isnan(JACKAL.resample(ranges, JACKAL.angle_min, JACKAL.step)[5])
+
+
+@pytest.mark.parametrize(
+    ("count", "first", "last", "line"),
+    [
+        (541, -1.57, 1.57, "missing: -2.356 to -1.59. and 1.59. to 2.356"),
+        (360, 0.0, 3.14, "missing: -2.356 to -0.0"),
+        (720, -2.356 + 2 * ANGLE_TOLERANCE, 2.356, "missing: -2.356 to -2.3"),
+        (100, -np.pi, np.pi, "finer scanner"),
+        (1, 0.0, 0.0, "no geometry"),
+        (0, 0.0, 0.0, "no geometry"),
+        (720, np.nan, np.nan, "no geometry"),
+    ],
+)
+def test_a_scan_that_does_not_cover_the_layout_is_refused_with_what_is_missing(count, first, last, line):
+    step = (last - first) / max(1, count - 1)
+    with pytest.raises(ObservationError, match=line) as refusal:
+        JACKAL.resample(np.ones(count), first, step)
+    assert "\n" not in str(refusal.value)
+
+
+def test_an_actor_brings_its_own_layout(tmp_path):
+    layout, rng = Layout(60, -1.5, 1.5, 3.0, 0.5), np.random.default_rng(0)
+    weights = {"0.weight": rng.normal(size=(8, 69)).astype(np.float32), "0.bias": np.zeros(8, np.float32)}
+    save(tmp_path / "a.safetensors", weights, layout=layout)
+    assert Actor.load(tmp_path / "a.safetensors").layout == layout
+    assert make(str(tmp_path / "a.safetensors")).layout == layout
+    assert make("applr").layout == make("dwa").layout == JACKAL
