@@ -131,7 +131,7 @@ def test_other_names_of_the_cpp_move_base(robot, stack, fake):
 def test_another_local_planner_is_named_in_one_line(robot, stack):
     node, _, _ = stack(fake=("--without", "vtheta_samples"), ready=False)
     line = f"{PLANNER} has no parameter vtheta_samples"
-    wait_for(lambda: line in node.text, 8.0, "one line")
+    wait_for(lambda: line in node.text, 14.0, "one line")
     assert node.alive()
     assert node.text.count(line) == 1
 
@@ -341,7 +341,7 @@ def test_mode_and_file_change_while_driving(robot, stack, tmp_path):
     count = len(robot.decisions)
     assert service("set_mode", SetMode, "random", "", "").success
     wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "decisions")
-    assert robot.values["method"] == "random"
+    wait_for(lambda: robot.values["method"] == "random", 2.0, "diagnostics, which come once a second")
 
 
 def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
@@ -389,3 +389,38 @@ def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
         robot.now -= 3.0
         time.sleep(0.4)
     assert node.text.count("jumped back") == 1
+
+
+def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_path):
+    """A set meant per metre, on a planner that counts per cell; without a cost_cloud the set is sent as it is."""
+    import rospy
+    from sensor_msgs.msg import PointCloud2
+
+    from applr_ros1.nodes import conversions
+
+    publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
+    node, _, client = stack(period=0.3)
+    robot.goal = "one"
+    wait_for(lambda: as_set(robot, client), 5.0, "decisions")
+    wait_for(lambda: "no cost_cloud on" in robot.values["weights"], 5.0, "says that it found nothing")
+    rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
+    rows[:, 0] = 0.05 * rows[:, 0]
+    wait_for(lambda: publisher.get_num_connections(), 5.0, "the node listens")
+    values = client.values()
+    rows[:, 6] = rows[:, 3:6] @ values[[5, 6, 4]]
+    publisher.publish(conversions.cost_cloud(rows, "odom", rospy.Time.now()))
+    wait_for(lambda: "pdist_scale x 0.05" in robot.values["weights"], 5.0, "what is sent instead")
+    factors = np.where([name in ("pdist_scale", "gdist_scale") for name in SPACE.names], 0.05, 1.0)
+
+    def made_up_for():
+        return np.array_equal(client.values(), factors * list(robot.decisions[-1]["theta"].values()))
+
+    count = len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) > count + 1 and made_up_for(), 5.0, "the next sets mean the same")
+    assert robot.decisions[-1]["theta_prev"] == robot.decisions[-2]["theta"]
+    assert not publisher.get_num_connections()
+    assert node.text.count("count per cell") == 1
+    robot.goal = None
+    wait_for(lambda: client.values()[5] == 0.75 * 0.05, 3.0, "theta_0 is made up for, too")
+    assert node.end() == 0
+    assert np.array_equal(client.theta(), THETA_0)

@@ -108,6 +108,7 @@ def test_arguments_for_another_robot(tmp_path):
         "simulator:=gazebo",
         "move_base:=fortran",
         "weights:=heavy",
+        "planner_weights:=heavy",
         "goal:=1 2",
         "goal:=1e300 0 0",
         "record:=/no/such/folder/a.bag",

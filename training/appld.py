@@ -55,7 +55,7 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     sets = {name: f.theta for name, f in zip(found.names, fits)}
     make_folder(Path(out).parent)
     short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
-    runtime.save(out, sets, weights, {"training": json.dumps(short)})
+    runtime.save(out, sets, weights, {"training": json.dumps(dict(short, weights=options.weights))})
     stem = str(Path(out).with_suffix(""))
     write_json(stem + "_log.json", log)
     write_bytes(stem + ".md", card(log).encode())

@@ -94,8 +94,8 @@ def parser() -> Parser:
     p.add_argument(
         "--out",
         default="applr_ros1/models/static.json",
-        help="JSON file for the best set, {name: value}. The log is written beside it as NAME_log.json. "
-        "Default: %(default)s.",
+        help='JSON file for the best set: {"weights": WHAT, "parameters": {NAME: VALUE}}, where WHAT says what its '
+        "distance weights count. The log is written beside it as NAME_log.json. Default: %(default)s.",
     )
     return p
 
@@ -137,7 +137,7 @@ def run(arguments: List[str]) -> None:
         ) from None
     finally:
         trials.close()
-    write_json(options.out, found["theta"])
+    write_json(options.out, {"weights": options.weights, "parameters": found["theta"]})
     write_json(log, dict(found, command=command))
     partial.unlink(missing_ok=True)
     print("%s: %s" % (options.out, found["theta"]))

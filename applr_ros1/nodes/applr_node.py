@@ -20,10 +20,12 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_services import Services
 from applr_ros1.nodes.applr_topics import ApplrTopics
+from applr_ros1.nodes.planner_weights import PlannerWeights, multipliers
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.distance_weights import CHOICES, FIT, Compensation
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
 
@@ -45,9 +47,12 @@ class ApplrNode:
         namespace: Of move_base.
         max_speed: Largest max_vel_x [m/s] that is set, whatever the method chooses.
         seed: Of what a method draws; the courses have seed, seed + 1 ...
+        weights: How the node knows what the planner's distance weights count (planner_weights.CHOICES).
     """
 
-    def __init__(self, method, inputs, topics, period=None, namespace="/move_base", max_speed=math.inf, seed=0):
+    def __init__(
+        self, method, inputs, topics, period=None, namespace="/move_base", max_speed=math.inf, seed=0, weights=FIT
+    ):
         self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
         self._own_period = period
         self.enabled = True
@@ -63,6 +68,7 @@ class ApplrNode:
         self._deciding = threading.Lock()  # of method, enabled and the course's state
         self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
         self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
+        self.weights = PlannerWeights(self.client, weights)
 
     @property
     def period(self):
@@ -115,6 +121,7 @@ class ApplrNode:
         """Let another method decide from now on; in the middle of a course it decides at once."""
         with self._deciding:
             self.method, self.degraded = method, ""
+            self._compensate()
             if self._goal is None or method.static:
                 self._base_set = False
             else:
@@ -141,11 +148,40 @@ class ApplrNode:
             else:
                 self._begin_course(now)
             self._goal, self._last = goal, None
+        if self.client.connected and self.weights.look(now, goal is not None):
+            self._compensate()
+            self._resend()
         if goal is not None and now >= self._due:
             self._decide(now, goal)
 
+    def _compensate(self):
+        """Have sent what means to this planner what the sets mean, and say so."""
+        self.client.compensation = self.weights.compensation(self.method.weights)
+        line = self._weights_line(rospy.Time.now())
+        if line:
+            rospy.loginfo("applr: %s", line)
+        self.topics.weights(multipliers(self.client.compensation))
+
+    def _weights_line(self, now):
+        changes = multipliers(self.client.compensation)
+        sent = ", ".join("%s x %.6g" % change for change in changes.items())
+        meant = (self.method.weights or "").replace("_", " ")
+        parts = [
+            self.weights.line(now),
+            sent and "the set is made for weights %s, so what is sent is %s" % (meant, sent),
+        ]
+        return "; ".join(filter(None, parts))
+
+    def _resend(self):
+        """What the planner has was sent before it was known what its weights count."""
+        if self._last is None or self.method.static or self.worker.applied is None:
+            self._base()
+        else:
+            self.worker.reapply()
+
     def _decide(self, now, goal):
-        if self._last is None and self.worker.busy and (now - self._due).to_sec() < self.period:
+        unsettled = self.worker.busy or self.weights.waits(now)
+        if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
             return  # every course starts on theta_0, which is still on its way
         theta_prev = self.client.theta()
         try:
@@ -211,12 +247,17 @@ class ApplrNode:
         """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
         self.worker.stop()
         theta = self._capped(SPACE.theta0)
-        if self.worker.applied is not None and not np.array_equal(self.worker.applied, theta):
+        if self.worker.applied is None:
+            return
+        if self.client.compensation.needed or not np.array_equal(self.worker.applied, theta):
+            self.client.compensation = Compensation()  # as the planner was before this node came
             self.client.apply(theta)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
+        self.weights.forget()  # another process may count otherwise
+        self.client.compensation = Compensation()
         self.worker.reapply()
 
     def _on_report(self, report):
@@ -266,6 +307,7 @@ class ApplrNode:
                 {name: self.counts[name] for name in COUNTS},
                 method=self.method.name if self.enabled else "off",
                 max_speed=f"{self._cap.min():g}",
+                weights=self._weights_line(now) or "not known before the first goal",
                 goal=self._goal or "none",
                 decision_age_s=f"{age:.2f}",
                 servers=", ".join(sorted(self.client.servers.values())) or "none",
@@ -319,14 +361,16 @@ def main():
             _text("plan_topic", namespace + "/NavfnROS/plan"),
         )
         base_frame = _text("base_frame", "base_link")
-        mode = _text("mode", "applr")
+        mode, weights = _text("mode", "applr"), _text("weights", FIT)
+        if weights not in CHOICES:
+            raise SpaceError(f"weights is {weights!r}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
         method, trouble = make_method(mode, _text("policy", ""), _text("parameters", ""))
     except ApplrError as e:
         print(f"applr: {e}", file=sys.stderr)
         return 1
     inputs = Inputs(*topics, namespace)
     topics = ApplrTopics(base_frame=base_frame)
-    node = ApplrNode(method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed))
+    node = ApplrNode(method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed), weights)
     Services(node)
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")

@@ -34,6 +34,7 @@ class ApplrTopics:
         self._decision = rospy.Publisher(prefix + "/decision", String, queue_size=5)
         self._local_goal = rospy.Publisher(prefix + "/local_goal", PoseStamped, queue_size=1)
         self._parameters = rospy.Publisher(prefix + "/parameters", Float64MultiArray, queue_size=1, latch=True)
+        self._weights = rospy.Publisher(prefix + "/weights", String, queue_size=1, latch=True)
         self._typed_decision = rospy.Publisher(prefix + "/typed/decision", Decision, queue_size=5)
         self._typed_parameters = rospy.Publisher(prefix + "/typed/parameters", Parameters, queue_size=1, latch=True)
         self._text = rospy.Publisher(prefix + "/parameters_text", Marker, queue_size=1, latch=True)
@@ -74,6 +75,13 @@ class ApplrTopics:
         typed.local_goal_x, typed.local_goal_y = target
         typed.before, typed.after = parameters_message(theta_prev, now), parameters_message(theta, now)
         self._typed_decision.publish(typed)
+
+    def weights(self, multipliers):
+        """Publish {name: factor} of the parameters that the planner gets multiplied, as JSON; {} for none.
+
+        What the planner's parameter_updates say, divided by these, is the parameter set.
+        """
+        self._weights.publish(json.dumps(multipliers))
 
     def parameters(self, theta, now):
         """Publish theta (8,), the parameters in force at ROS time `now`, as numbers and as text above the robot."""

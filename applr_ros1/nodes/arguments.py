@@ -14,6 +14,7 @@ import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
+from applr_ros1.policy.distance_weights import CHOICES
 from applr_ros1.policy.parameter_space import SPACE
 
 MAX_GOAL = 1e5  # m; farther than any costmap
@@ -79,7 +80,10 @@ def check(values):
     if not sim_bridge.is_name(values["simulator"]):
         one_of("simulator", values["simulator"], sim_bridge.NAMES)
     one_of("move_base", values["move_base"], MOVE_BASES)
-    one_of("weights", values["weights"], WEIGHTS + (DRAWN,))
+    one_of("planner_weights", values["planner_weights"], WEIGHTS + (DRAWN,))
+    if values["weights"] in WEIGHTS + (DRAWN,):
+        raise ArgumentError("weights is %s: what the Python move_base does is planner_weights now" % values["weights"])
+    one_of("weights", values["weights"], CHOICES)
     factor = number("real_time_factor", values["real_time_factor"])
     if factor < 0:
         raise ArgumentError("real_time_factor is %g: give 0 (as fast as it goes) or more" % factor)

@@ -24,6 +24,7 @@ from dynamic_reconfigure.msg import (
 from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 
 from applr_ros1.nodes.service_call import Deadline, Master, ServiceCaller, ServiceError
+from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.parameter_space import ROLES, SPACE
 
 DEADLINE = 1.0  # s of wall time for one call of all servers
@@ -96,6 +97,11 @@ class Server:
             value = min(max(value, self._low.get(name, value)), self._high.get(name, value))
             return _KINDS[self._kinds[name]][1](value)
 
+    def upper_bound(self, name):
+        """The largest value that the server declares for a parameter; inf where it declares none."""
+        with self._lock:
+            return self._high.get(name, np.inf)
+
     def set(self, values, deadline):
         """One set_parameters call. Returns (values in force, names that are not as asked). Raises ServiceError."""
         request = ReconfigureRequest()
@@ -139,6 +145,8 @@ class ReconfigureClient:
         self._on_restart = on_restart
         self._servers = {}  # role -> Server
         self._names = {}  # role -> [(index in theta, sign, name)]
+        self.compensation = Compensation()  # what is sent instead of theta, and back
+        self._sent = None  # (theta, values) of the last apply
         self._pool = ThreadPoolExecutor(3, thread_name_prefix="reconfigure")
         self._lock = threading.Lock()  # one apply at a time
 
@@ -206,23 +214,47 @@ class ReconfigureClient:
             if self._servers.get(role) is not server:
                 server.close()
 
-    def theta(self):
+    def values(self):
         """(8,) float64: what the planner has, as last heard (inflation: the local costmap's).
 
         None before `connect` has succeeded.
         """
         if not self.connected:
             return None
-        theta = np.array(self.space.theta0)
+        found = np.array(self.space.theta0)
         for role in reversed(tuple(ROLES)):  # of the two costmaps, the local one counts
             values = self._servers[role].values()
             for i, sign, name in self._names[role]:
                 if sign > 0:
-                    theta[i] = values[name]
-        return theta
+                    found[i] = values[name]
+        return found
+
+    def theta(self):
+        """(8,) float64: what the planner's values mean as a parameter set; None before `connect` has succeeded."""
+        values, sent = self.values(), self._sent
+        if values is None:
+            return None
+        if sent is not None and np.array_equal(values, sent[1]):
+            return sent[0].copy()
+        return self.compensation.incoming(values)
+
+    def upper_bound(self, *indices):
+        """The smallest upper bound that the servers declare for these parameters of theta; inf for none."""
+        names = [(role, name) for role in self._names for i, sign, name in self._names[role] if i in indices]
+        return min((self._servers[role].upper_bound(name) for role, name in names), default=np.inf)
+
+    def holds(self, values):
+        """Whether values (8,) lie within the bounds that the servers declare."""
+        return all(
+            self._servers[role].clamp(name, sign * values[i]) == sign * values[i]
+            for role, names in self._names.items()
+            for i, sign, name in names
+        )
 
     def apply(self, theta, seconds=DEADLINE):
         """Sets theta (8,) on all servers, one call each and side by side, and verifies the answers.
+
+        What is sent is `compensation`.outgoing(theta), within the servers' bounds.
 
         Raises SpaceError before anything is sent when a value is not finite. Otherwise never raises and ends within
         `seconds` (twice that where values have to be put back): see ApplyReport. If one server refuses, is gone or
@@ -233,8 +265,10 @@ class ReconfigureClient:
         with self._lock:
             if not self.connected:
                 return ApplyReport(False, theta, f"no parameter servers below {self.namespace} yet")
+            values = self.compensation.outgoing(theta)
+            self._sent = theta, values
             wanted = {
-                role: {name: self._servers[role].clamp(name, sign * theta[i]) for i, sign, name in names}
+                role: {name: self._servers[role].clamp(name, sign * values[i]) for i, sign, name in names}
                 for role, names in self._names.items()
             }
             former = {role: self._servers[role].values() for role in wanted}

@@ -14,6 +14,7 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy.decision import period_of
+from applr_ros1.policy.distance_weights import stated_weights
 from applr_ros1.policy.layout import Layout, ObservationError
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT
@@ -39,6 +40,7 @@ class Actor:
         self.space, self.layout = space, layout
         self.metadata = metadata or {}
         self.period = period_of(self.metadata)
+        self.weights = stated_weights(self.metadata)
 
     @classmethod
     def load(cls, path, space=SPACE):

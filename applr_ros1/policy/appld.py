@@ -13,6 +13,7 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.distance_weights import stated_weights
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
@@ -48,6 +49,7 @@ class Appld:
         self.sets = np.array([space.clip(theta) for theta in contexts.values()])
         self.layers = _layers(weights, len(self.names))
         self.metadata = metadata or {}
+        self.weights = stated_weights({"training": _training(self.metadata)})
 
     @classmethod
     def load(cls, path, space=SPACE):
@@ -111,6 +113,14 @@ def save(path, contexts, weights, metadata=None):
     header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries))
     tensors = {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()}
     files.write_bytes(path, safetensors.numpy.save(tensors, metadata=header), AppldError)
+
+
+def _training(metadata):
+    """What a file says of how it was made, a JSON object in its metadata; None where it says nothing of use."""
+    try:
+        return json.loads(metadata.get("training", ""))
+    except ValueError:
+        return None
 
 
 def _layers(weights, outputs):

@@ -135,7 +135,8 @@ class Space:
     def read(self, path):
         """The parameters (n,) in a JSON file: {name: value}, or {"parameters": {name: value}, ...}.
 
-        Names left out keep theta_0. Raises SpaceError.
+        Names left out keep theta_0. "weights" beside "parameters" says what the set's distance weights count
+        (distance_weights.weights_of_set). Raises SpaceError.
         """
         values = files.read_json(path, MAX_SET_BYTES, SpaceError)
         values = values.get("parameters", values) if isinstance(values, dict) else values

@@ -7,7 +7,6 @@ each: success rate, mean time of the successes, the ratio of it to 20 Hz, and th
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from time import process_time
@@ -28,7 +27,7 @@ MODELS = Path(__file__).resolve().parents[2] / "applr_ros1" / "models"
 def policies():
     """{name: function from an observation (729,) to an action (8,)}."""
     default = SPACE.to_action(SPACE.theta0)
-    static = SPACE.to_action(SPACE.from_dict(json.loads((MODELS / "static.json").read_text())))
+    static = SPACE.to_action(SPACE.read(MODELS / "static.json"))
     actor = Actor.load(MODELS / "applr.safetensors")
     return {"dwa": lambda observation: default, "static": lambda observation: static, "applr": actor.action}
 

@@ -59,6 +59,7 @@ class Recording:
     plan_at: np.ndarray = field(init=False)  # (m,) plans that are not empty
     plan_stamp: np.ndarray = field(init=False)
     parameters: Dict[str, List[Tuple[int, Dict[str, float]]]] = field(default_factory=dict)  # role → updates
+    multipliers: Dict[str, float] = field(default_factory=dict)  # of parameters that the applr node sent multiplied
     status: List[Tuple[int, str]] = field(default_factory=list)  # (at, id of the running goal or "")
     results: Dict[str, Tuple[int, int]] = field(default_factory=dict)  # goal id → (at, actionlib status)
     goals: List[Tuple[int, str, float, float]] = field(default_factory=list)  # (at, frame, x, y)
@@ -165,6 +166,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         topics.applr + "/decision": _decision,
         topics.applr + "/typed/decision": _typed_decision,
         topics.applr + "/observation": _observation,
+        topics.applr + "/weights": _weights,
     }
     updates = re.compile(re.escape(base) + r"/(?:[^/]+|(?:local|global)_costmap/[^/]+)/parameter_updates")
     heavy: Dict[str, List[Tuple[int, int]]] = {topics.scan: [], topics.plan: []}
@@ -271,6 +273,16 @@ def _observation(recording, at, message, rows):
         recording.observations.setdefault(number, []).append((at, np.array(message.data, dtype=np.float32)))
 
 
+def _weights(recording, at, message, rows):
+    """What the planner has from now on are a set's values multiplied by these."""
+    try:
+        given = {str(name): float(factor) for name, factor in json.loads(message.data).items()}
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        return
+    if set(given) <= set(SPACE.names) and all(0.0 < factor < np.inf for factor in given.values()):
+        recording.multipliers = given
+
+
 def _parameters(recording, at, message, topic):
     values = {p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(message, kind)}
     base = recording.topics.move_base
@@ -280,6 +292,8 @@ def _parameters(recording, at, message, topic):
     else:
         role = "planner"
         known = all(any(n in values for n in t.names) for _, t in SPACE.targets_of(role))
+    for name, factor in recording.multipliers.items():
+        values.update((n, values[n] / factor) for n in SPACE.targets[name][0].names if n in values)
     if known:
         recording.parameters.setdefault(role, []).append((at, values))
 

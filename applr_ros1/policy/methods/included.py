@@ -19,12 +19,13 @@ class FixedParameters(Method):
 
     Args:
         values: (8,); clipped to the ranges.
+        weights: What their distance weights count, as Method says.
     """
 
     static = True
 
-    def __init__(self, values: np.ndarray):
-        self.values = SPACE.clip(values)
+    def __init__(self, values: np.ndarray, weights: Optional[str] = None):
+        self.values, self.weights = SPACE.clip(values), weights
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The set."""
@@ -58,7 +59,7 @@ class ObservationPolicy(Method):
     """A function of the observation: an actor, or APPLD's contexts.
 
     Args:
-        policy: Has theta(observation) and, where it states them, a period [s] and a layout.
+        policy: Has theta(observation) and, where it states them, a period [s], a layout and the weights of its sets.
         path: The file that it was read from; "" for none.
     """
 
@@ -66,6 +67,7 @@ class ObservationPolicy(Method):
         self.policy, self.path = policy, path
         self.period = float(getattr(policy, "period", PERIOD))
         self.layout = getattr(policy, "layout", LAYOUT)
+        self.weights = getattr(policy, "weights", None)
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The policy's parameters for the observation."""
@@ -93,7 +95,7 @@ class FrozenParameter(Method):
         if name not in SPACE.names:
             raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(SPACE.names)))
         self.inner, self.index, self.name = inner, SPACE.names.index(name), name
-        self.static, self.period, self.layout = inner.static, inner.period, inner.layout
+        self.static, self.period, self.layout, self.weights = inner.static, inner.period, inner.layout, inner.weights
 
     def reset(self, seed: int) -> None:
         """Begin a course with the inner method."""

@@ -14,7 +14,7 @@ from applr_ros1.policy.parameter_space import SPACE
 
 
 class OwnMethod(Method):
-    """Wraps an object that has theta(context) and, if it likes, reset(seed), describe(), static and period.
+    """Wraps an object that has theta(context) and, if it likes, reset(seed), describe(), static, period and weights.
 
     What comes back is clipped to the ranges; whatever the object raises becomes a MethodError of one line.
 
@@ -29,6 +29,7 @@ class OwnMethod(Method):
             raise MethodError("method %s has no theta(context); see docs/extending.md for an example" % spec)
         self.static = bool(getattr(made, "static", False))
         self.period = float(getattr(made, "period", PERIOD))
+        self.weights = getattr(made, "weights", None)
 
     def reset(self, seed: int) -> None:
         """Begin a course, if the object wants to know."""

@@ -24,12 +24,15 @@ class Method:
             what a person changes later stands.
         period: Time [s] between two decisions.
         layout: How it sees a scan: what Context.ranges and Context.observation are made with.
+        weights: What the distance weights of its sets count: per_metre, per_cell, or drawn, which had both; None where
+            they mean whatever the planner makes of them. See policy/distance_weights.py.
     """
 
     name = ""
     static = False
     period = PERIOD
     layout: Layout = LAYOUT
+    weights: Optional[str] = None
 
     def reset(self, seed: int) -> None:
         """Begin a course. Everything random is drawn from this seed only."""

@@ -8,6 +8,7 @@ from typing import Callable, Dict, List, Tuple
 
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.appld import Appld, Published
+from applr_ros1.policy.distance_weights import weights_of_set
 from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
 from applr_ros1.policy.methods.own import make_own
 from applr_ros1.policy.methods.protocol import Method, MethodError
@@ -40,7 +41,7 @@ def _appld(path: str) -> Method:
 def _fixed(path: str) -> Method:
     if not path:
         raise MethodError('method fixed has no set of parameters: give a JSON file such as {"max_vel_x": 1.0}')
-    return FixedParameters(SPACE.read(path))
+    return FixedParameters(SPACE.read(path), weights_of_set(path))
 
 
 METHODS: Dict[str, Tuple[Callable[[], Method], str]] = {

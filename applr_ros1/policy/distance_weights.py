@@ -1,0 +1,165 @@
+"""What a planner's distance weights count, found from its cost_cloud, and what makes a parameter set mean the same.
+
+In C++, TrajectoryPlannerROS reads `meter_scoring` from memory that nobody sets: the same robot may multiply
+path_distance_bias and goal_distance_bias by the costmap's resolution ("per_metre") or not ("per_cell"), and drives
+differently. The applr node (nodes/planner_weights.py) finds out which, and sends biases that make a set mean what it
+meant where it was learned. No ROS here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Mapping, NamedTuple, Optional
+
+import numpy as np
+
+from applr_ros1.common import files
+from applr_ros1.planner.variant import DRAWN, PER_CELL, PER_METRE
+from applr_ros1.policy.parameter_space import MAX_SET_BYTES, SPACE, SpaceError
+
+BIASES = ("pdist_scale", "gdist_scale")  # what meter_scoring multiplies ...
+OBSTACLES = "occdist_scale"  # ... and the third weight of a trajectory's cost, which it leaves alone
+PATH, GOAL = (SPACE.names.index(name) for name in BIASES)
+OCC = SPACE.names.index(OBSTACLES)
+FIT, TRUST, SCALED, UNSCALED = "fit", "trust", "scaled", "unscaled"
+CHOICES = (FIT, TRUST, SCALED, UNSCALED)  # how the applr node knows what the planner does
+CLOSE = 0.01  # relative error with which a fitted factor counts as 1 or as the resolution; float32 gives 1e-6
+FEWEST = 20  # cells that a fit needs
+
+
+class Effective(NamedTuple):
+    """The weights with which a planner really sums up a trajectory's cost, from one cost_cloud.
+
+    path, goal: per cell of distance; occ: per unit of costmap cost, NaN where no cell of the cloud has any.
+    spacing: between neighbouring cells [m].
+    """
+
+    path: float
+    goal: float
+    occ: float
+    spacing: float
+
+
+def fit(rows: np.ndarray) -> Optional[Effective]:
+    """Fit total = path_weight path + goal_weight goal + occ_weight occ by least squares of the relative error.
+
+    Args:
+        rows: (n, 7) x, y [m], z, path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
+            C++ fills its clouds up, are left out.
+
+    Returns:
+        None where the cells do not determine the weights: too few, or path and goal distances that are proportional.
+    """
+    rows = np.asarray(rows, dtype=np.float64)
+    rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]
+    columns = np.array([True, True, rows[:, 5].any()])
+    if len(rows) < FEWEST:
+        return None
+    terms = rows[:, 3:6][:, columns] / rows[:, 6:7]
+    solution, _, rank, _ = np.linalg.lstsq(terms, np.ones(len(rows)), rcond=1e-9)
+    steps = np.diff(np.unique(rows[:, 0]))
+    if rank < len(solution) or not len(steps):
+        return None
+    path, goal = float(solution[0]), float(solution[1])
+    return Effective(path, goal, float(solution[2]) if columns[2] else math.nan, float(steps.min()))
+
+
+def factor_of(effective: Effective, path_bias: float, goal_bias: float) -> Optional[float]:
+    """By what the planner multiplies the two biases: 1.0 (per cell), or the resolution [m] (per metre).
+
+    Args:
+        effective: of a cloud that was made with the biases below.
+        path_bias: path_distance_bias in force.
+        goal_bias: goal_distance_bias in force.
+
+    Returns:
+        None where it is neither, or not the same for both: for instance where the biases have just been changed.
+    """
+    factors = [
+        weight / bias for weight, bias in ((effective.path, path_bias), (effective.goal, goal_bias)) if bias > 0.0
+    ]
+    for candidate in (1.0, effective.spacing):
+        if factors and all(abs(factor - candidate) <= CLOSE * candidate for factor in factors):
+            return 1.0 if candidate == 1.0 else round(factors[0], 6)
+    return None
+
+
+def kind_of(factor: float) -> str:
+    """The word for a factor: per_cell for 1, per_metre for a resolution."""
+    return PER_CELL if factor == 1.0 else PER_METRE
+
+
+class Compensation:
+    """What is sent instead of a parameter set, so that it means what it was learned with.
+
+    Args:
+        meant: what the set's distance weights count: per_metre or per_cell; drawn or None where either is as good.
+        factor: by what the planner multiplies its two biases, 1.0 or the resolution [m].
+        resolution: of the local costmap [m].
+        largest: the upper bound of the planner's biases.
+
+    A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
+    their bound are therefore sent, together with occdist_scale, as a half, a quarter ... of what they should be.
+
+    Attributes:
+        multipliers: (8,), of the parameters on their way to the planner; ones where nothing has to be changed.
+    """
+
+    def __init__(self, meant: Optional[str] = None, factor: float = 1.0, resolution: float = 0.05, largest=5.0):
+        self.multipliers = np.ones(len(SPACE))
+        self._factor = factor
+        wanted = {PER_METRE: resolution / factor, PER_CELL: 1.0 / factor}.get(meant or "", 1.0)
+        if wanted != 1.0:
+            excess = wanted * max(SPACE.high[PATH], SPACE.high[GOAL]) / largest
+            self.multipliers[OCC] = 0.5 ** max(0, math.ceil(math.log2(excess)))
+            self.multipliers[[PATH, GOAL]] = wanted * self.multipliers[OCC]
+
+    @property
+    def needed(self) -> bool:
+        """Whether anything is sent otherwise than it stands in the set."""
+        return bool((self.multipliers != 1.0).any())
+
+    def outgoing(self, theta: np.ndarray) -> np.ndarray:
+        """The values (8,) to be sent for parameters (8,).
+
+        Where the planner multiplies them once more, the neighbouring number is taken that gives the wanted weight
+        exactly, if there is one.
+        """
+        sent = theta * self.multipliers
+        if self._factor != 1.0 and self.needed:
+            for i in (PATH, GOAL):
+                weight = theta[i] * self.multipliers[OCC]
+                near = sent[i], np.nextafter(sent[i], np.inf), np.nextafter(sent[i], -np.inf)
+                sent[i] = next((value for value in near if value * self._factor == weight), sent[i])
+        return sent
+
+    def incoming(self, values: np.ndarray) -> np.ndarray:
+        """What values (8,) of the planner mean as parameters (8,)."""
+        return values / self.multipliers
+
+
+def stated_weights(metadata: Mapping[str, Any]) -> str:
+    """What the distance weights of a policy file's sets count: per_metre, per_cell or drawn.
+
+    The metadata's "weights", else those of the "training" or of its "options". Files that state nothing are older than
+    the choice: they were made with a planner that counted per metre.
+    """
+    training = metadata.get("training")
+    options = training.get("options") if isinstance(training, Mapping) else None
+    for place in (metadata, training, options):
+        word = place.get("weights") if isinstance(place, Mapping) else None
+        if word in (PER_METRE, PER_CELL, DRAWN):
+            return word
+    return PER_METRE
+
+
+def weights_of_set(path) -> Optional[str]:
+    """What the distance weights in a JSON file with a parameter set count; None where it states nothing.
+
+    Raises SpaceError, one line, for a word that does not exist.
+    """
+    content = files.read_json(path, MAX_SET_BYTES, SpaceError)
+    word = content.get("weights") if isinstance(content, dict) and "parameters" in content else None
+    if word not in (PER_METRE, PER_CELL, DRAWN, None):
+        raise SpaceError("%s: weights is %r: give %s, %s or %s" % (path, word, PER_METRE, PER_CELL, DRAWN))
+    return word
