@@ -47,8 +47,8 @@ TOY = [
     "cpu",
     "--threads",
     "1",
-    "--actor-lr",
-    "1e-3",
+    "--actor-lr=1e-3",
+    "--period=0.5",
 ]
 
 
@@ -87,7 +87,9 @@ def test_learns_and_leaves_everything_behind(whole):
         "curves.png",
     }
     assert len((whole / "episodes.csv").read_text().splitlines()) == 81
-    policy = PolicyWeights((whole / "best.safetensors").read_bytes())
+    best = (whole / "best.safetensors").read_bytes()
+    assert unpack(best, "best", LearnerError)[1]["period_s"] == "0.5"  # nodes and evaluations decide as often
+    policy = PolicyWeights(best)
     assert policy(np.array([0.9]))[0] < -0.3 < 0.3 < policy(np.array([-0.9]))[0]
 
 

@@ -242,6 +242,7 @@ class TrainingRun:
         """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
         options = {k: v for k, v in asdict(self.config).items() if k not in ("out", "resume", "ray_address")}
         metadata = {
+            "period_s": self.config.period,
             "training": {
                 "steps": self.steps,
                 "updates": self.learner.td3.updates,
