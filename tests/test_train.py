@@ -43,10 +43,8 @@ TOY = [
     "--eval-every",
     "200",
     "--no-tensorboard",
-    "--device",
-    "cpu",
-    "--threads",
-    "1",
+    "--device=cpu",
+    "--threads=1",
     "--actor-lr=1e-3",
     "--period=0.5",
 ]
