@@ -94,9 +94,9 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert elapsed / 1e9 == pytest.approx(4 * PERIOD, abs=PERIOD)
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
-    planner = client._servers["planner"].values()
+    planner = client._servers[PLANNER.split("/")[-1]].values()
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
-    inflation = {client._servers[role].values()["inflation_radius"] for role in ("local_inflation", "global_inflation")}
+    inflation = {client._servers[role].values()["inflation_radius"] for role in client.servers if "inflater" in role}
     assert inflation == {client.theta()[7]} != {0.3}
     assert len(robot.beats) >= 4
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", 3.0, "diagnostics")
@@ -123,9 +123,11 @@ def test_other_names_of_the_cpp_move_base(robot, stack, fake):
     _, _, client = stack(fake=fake)
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
-    names = dict(n for n in [(i, name) for i, _, name in client._names["planner"]])
+    names = dict(n for n in [(i, name) for i, _, name in client._names[PLANNER.split("/")[-1]]])
     assert names[5] == ("pdist_scale" if "kinetic" in fake else "path_distance_bias")
-    assert client.servers["local_inflation"].endswith(fake[1] if fake[0] == "--layer" else "inflater_layer")
+    assert client.servers["local_costmap/inflater_layer"].endswith(
+        fake[1] if fake[0] == "--layer" else "inflater_layer"
+    )
 
 
 def test_another_local_planner_is_named_in_one_line(robot, stack):

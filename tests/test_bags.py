@@ -19,12 +19,6 @@ from training.experience.dataset import Dataset
 from training.experience.trajectory import Layout
 from training.mdp.reward import Reward
 
-SERVERS = {
-    "planner": "TrajectoryPlannerROS",
-    "local_inflation": "local_costmap/inflater_layer",
-    "global_inflation": "global_costmap/inflater_layer",
-}
-
 
 class Drive:
     """A synthetic drive of 50 Hz along x: what was written, and what a node would have seen."""
@@ -91,12 +85,8 @@ class Drive:
     def announce(self, t):
         if "parameters" in self.without:
             return
-        values = {role: {} for role in SERVERS}
-        for name, value in SPACE.as_dict(self.theta).items():
-            for target in SPACE.targets[name]:
-                values[target.server][target.names[0]] = target.sign * value
-        for role, server in SERVERS.items():
-            self.writer.parameters(t, server, values[role])
+        for server, values in SPACE.requests(self.theta).items():
+            self.writer.parameters(t, server, values)
 
 
 def record(path, **options):

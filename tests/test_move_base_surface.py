@@ -173,9 +173,9 @@ def test_watch_over_the_policy():
     assert watch.is_lost(15.1)
     from applr_ros1.planner.parameters.check import complete
     from applr_ros1.planner.parameters.configuration import Configuration
-    from applr_ros1.planner.parameters.declarations import JACKAL
+    from applr_ros1.planner.parameters.declarations import JACKAL, SERVERS
 
-    requests = heartbeat_watchdog.start_up_requests(Configuration(complete(JACKAL)).start_up)
+    requests = heartbeat_watchdog.start_up_requests(Configuration(complete(JACKAL)).start_up, tuple(SERVERS))
     assert requests == {
         "TrajectoryPlannerROS": {
             "max_vel_x": 0.5,

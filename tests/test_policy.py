@@ -15,10 +15,11 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor, ActorError, save
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
-from applr_ros1.policy.parameter_space import ROLES, SPACE, THETA_0, Space, SpaceError
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space, SpaceError
 from training.evaluation import trials
 from worlds import builtin
 
+PLANNER, INFLATION = "TrajectoryPlannerROS", ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
 
 
@@ -84,7 +85,7 @@ def test_space_errors_are_one_line():
 
 def test_every_parameter_has_a_server():
     servers = {t.server for targets in SPACE.targets.values() for t in targets}
-    assert servers == {"planner", "local_inflation", "global_inflation"}
+    assert servers == {PLANNER, *INFLATION}
     assert [t.sign for t in SPACE.targets["max_vel_theta"]] == [1.0, -1.0]
     assert SPACE.targets["pdist_scale"][0].names == ("path_distance_bias", "pdist_scale")
 
@@ -92,14 +93,9 @@ def test_every_parameter_has_a_server():
 def test_ranges_lie_within_the_servers_bounds():
     from applr_ros1.planner.parameters.declarations import SERVERS
 
-    names = {
-        "planner": "TrajectoryPlannerROS",
-        "local_inflation": "local_costmap/inflater_layer",
-        "global_inflation": "global_costmap/inflater_layer",
-    }
     for name, low, high in zip(SPACE.names, SPACE.low, SPACE.high):
         for target in SPACE.targets[name]:
-            (p,) = [p for p in SERVERS[names[target.server]] if p.name == target.names[0]]
+            (p,) = [p for p in SERVERS[target.server] if p.name == target.names[0]]
             assert p.min <= min(low * target.sign, high * target.sign)
             assert max(low * target.sign, high * target.sign) <= p.max
 
@@ -292,11 +288,11 @@ def test_another_space_is_another_space(tmp_path):
 def test_one_request_for_each_server():
     theta = SPACE.from_dict({"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4})
     requests = SPACE.requests(theta)
-    assert list(requests) == list(ROLES.values())
-    assert requests[ROLES["planner"]]["min_vel_theta"] == -requests[ROLES["planner"]]["max_vel_theta"] == -2.0
-    assert requests[ROLES["planner"]]["path_distance_bias"] == 0.5
-    assert isinstance(requests[ROLES["planner"]]["vx_samples"], int)
-    assert requests[ROLES["local_inflation"]] == requests[ROLES["global_inflation"]] == {"inflation_radius": 0.4}
+    assert list(requests) == [PLANNER, *INFLATION]
+    assert requests[PLANNER]["min_vel_theta"] == -requests[PLANNER]["max_vel_theta"] == -2.0
+    assert requests[PLANNER]["path_distance_bias"] == 0.5
+    assert isinstance(requests[PLANNER]["vx_samples"], int)
+    assert requests[INFLATION[0]] == requests[INFLATION[1]] == {"inflation_radius": 0.4}
     assert [requests[server][name] for server, name in SPACE.places()] == theta.tolist()
     with pytest.raises(SpaceError, match="not finite"):
         SPACE.requests(np.full(8, np.nan))

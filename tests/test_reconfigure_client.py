@@ -50,7 +50,9 @@ def test_values_are_read_back(client):
     assert report.error == ""
     assert np.array_equal(client.theta(), SPACE.high)
     assert set(client.servers.values()) == {PLANNER, *LAYERS}
-    wait_for(lambda: client._servers["planner"].values()["min_vel_theta"] == -3.14, 1.0, "the other direction")
+    wait_for(
+        lambda: client._servers["TrajectoryPlannerROS"].values()["min_vel_theta"] == -3.14, 1.0, "the other direction"
+    )
 
 
 def test_fault_1_nan_never_goes_out(client):

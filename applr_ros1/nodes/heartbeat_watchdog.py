@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, Optional, Sequence
 
-from applr_ros1.policy.parameter_space import ROLES, SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 PERIODS = 2.5  # heartbeats that stay away: theta_0 is back within three of them of the node's death
 
@@ -40,20 +40,18 @@ class HeartbeatWatchdog:
 
 
 def start_up_requests(
-    start_up_configuration: Callable[[str], Dict[str, Any]], servers: Sequence[str] = tuple(ROLES.values())
+    start_up_configuration: Callable[[str], Dict[str, Any]], servers: Sequence[str], space: Space = SPACE
 ) -> Dict[str, Dict[str, Any]]:
-    """What each server has to be sent to give the eight learned parameters their values of the node's start.
+    """What each server has to be sent to give the learned parameters their values of the node's start.
 
     Args:
         start_up_configuration: Maps a server's name to its values {name: value} at the start.
         servers: The names of the servers that there are; what others would have to be sent is left out.
+        space: The parameters that are learned.
 
     Returns:
         {server: {name: value}}.
     """
-    start_up = {server: start_up_configuration(server) for server in servers if server in ROLES.values()}
-    return {
-        server: {name: start_up[server][name] for name in names}
-        for server, names in SPACE.requests(SPACE.theta0).items()
-        if server in start_up
-    }
+    wanted = {server: names for server, names in space.requests(space.theta0).items() if server in servers}
+    start_up = {server: start_up_configuration(server) for server in wanted}
+    return {server: {name: start_up[server][name] for name in names} for server, names in wanted.items()}

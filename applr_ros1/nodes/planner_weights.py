@@ -16,9 +16,7 @@ from sensor_msgs.msg import PointCloud2
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.distance_weights import (
     FIT,
-    GOAL,
-    OCC,
-    PATH,
+    PLANNER,
     SCALED,
     TRUST,
     UNSCALED,
@@ -26,9 +24,10 @@ from applr_ros1.policy.distance_weights import (
     Effective,
     factor_of,
     fit,
+    indices_of,
     kind_of,
 )
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
 CLOUDS = 20  # clouds that fit no kind of weights, after which the search is given up
@@ -46,7 +45,8 @@ class PlannerWeights:
 
     def __init__(self, client: ReconfigureClient, choice: str = FIT):
         self.choice = choice
-        self._client = client
+        self._client, self._space = client, client.space
+        self._at = indices_of(client.space)  # None: a robot whose space has nothing to make up for
         self._lock = threading.Lock()  # of what the callback writes
         self._subscriber: Optional[rospy.Subscriber] = None
         self._since: Optional[rospy.Time] = None
@@ -62,6 +62,8 @@ class PlannerWeights:
 
     def look(self, now: rospy.Time, driving: bool) -> bool:
         """Listen while there is something to find; True when what is known has changed since the last call."""
+        if self._at is None:
+            return False
         if self.choice in (SCALED, UNSCALED) and self._factor is None:
             self._factor = self._resolution() if self.choice == SCALED else 1.0
         wanted = self.choice == FIT and driving and self._factor is None and self._odd < CLOUDS
@@ -96,17 +98,19 @@ class PlannerWeights:
 
     def compensation(self, meant: Optional[str]) -> Compensation:
         """What is to be sent for sets whose distance weights count `meant` (policy.methods.protocol.Method.weights)."""
-        if self._factor is None:
-            return Compensation()
+        nothing = Compensation(space=self._space)
+        if self._factor is None or self._at is None:
+            return nothing
         resolution = self._factor if self._factor != 1.0 else self._resolution()
-        found = Compensation(meant, self._factor, resolution, self._client.upper_bound(PATH, GOAL))
-        if self._client.holds(found.outgoing(SPACE.low)) and self._client.holds(found.outgoing(SPACE.high)):
+        largest = self._client.upper_bound(self._at.path, self._at.goal)
+        found = Compensation(meant, self._factor, resolution, largest, self._space)
+        if all(self._client.holds(found.outgoing(bound)) for bound in (self._space.low, self._space.high)):
             return found
         rospy.logwarn("applr: the planner's bounds do not allow biases that make up for what its weights count")
-        return Compensation()
+        return nothing
 
     def _topic(self) -> str:
-        return self._client.servers["planner"] + "/cost_cloud"
+        return self._client.servers[PLANNER] + "/cost_cloud"
 
     def _resolution(self) -> float:
         """Of the local costmap [m]: as the cloud shows it, else as the parameter server says."""
@@ -119,9 +123,10 @@ class PlannerWeights:
         rows = rows_of(message)
         effective = None if rows is None else fit(rows)
         values = self._client.values()
-        if values is None:
+        if values is None or self._at is None:
             return
-        factor = None if effective is None else factor_of(effective, values[PATH], values[GOAL])
+        biases = values[self._at.path], values[self._at.goal]
+        factor = None if effective is None else factor_of(effective, *biases)
         with self._lock:
             if factor is None:
                 self._odd += 1
@@ -138,7 +143,6 @@ def rows_of(message: PointCloud2) -> Optional[np.ndarray]:
     return np.frombuffer(message.data, ">f4" if message.is_bigendian else "<f4").reshape(-1, len(FIELDS))
 
 
-def multipliers(compensation: Compensation) -> Dict[str, float]:
+def multipliers(compensation: Compensation, space: Space = SPACE) -> Dict[str, float]:
     """{parameter: factor} of those that are sent otherwise than they stand in a set."""
-    factors = compensation.multipliers
-    return {SPACE.names[i]: float(factors[i]) for i in (PATH, GOAL, OCC) if factors[i] != 1.0}
+    return {name: float(factor) for name, factor in zip(space.names, compensation.multipliers) if factor != 1.0}

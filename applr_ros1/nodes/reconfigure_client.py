@@ -1,10 +1,11 @@
-"""Sets the eight parameters of a running TrajectoryPlannerROS move_base, ours or the C++ one, all or none.
+"""Sets the parameters of a space in a running move_base, ours or the C++ one, all or none.
 
 The applr node's worker calls `apply`; the node reads `theta()`, what the planner really has. Only what every
 dynamic_reconfigure server offers is used: the topics parameter_descriptions and parameter_updates (both latched)
 and the service set_parameters. Which names, bounds and layers exist is found out, not assumed.
 """
 
+import os
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -25,7 +26,7 @@ from dynamic_reconfigure.srv import Reconfigure, ReconfigureRequest
 
 from applr_ros1.nodes.service_call import Deadline, Master, ServiceCaller, ServiceError
 from applr_ros1.policy.distance_weights import Compensation
-from applr_ros1.policy.parameter_space import ROLES, SPACE
+from applr_ros1.policy.parameter_space import SPACE
 
 DEADLINE = 1.0  # s of wall time for one call of all servers
 _KINDS = {
@@ -40,7 +41,7 @@ _KINDS = {
 class ApplyReport:
     """What came of one `apply`.
 
-    ok: every value is in force, read back; theta: (8,) asked for; error: one line; put_back: servers returned to their
+    ok: every value is in force, read back; theta: (n,) asked for; error: one line; put_back: servers returned to their
     former values; uncertain: servers that may still carry it out; seconds: wall time it took.
     """
 
@@ -135,30 +136,30 @@ class Server:
 class ReconfigureClient:
     """The parameters of one move_base.
 
-    namespace: of move_base. on_restart(server): called when a server came back after a restart, from a callback's
-    thread. Make it after rospy.init_node.
+    namespace: of move_base. space: which parameters, and the servers that hold them. on_restart(server): called when a
+    server came back after a restart, from a callback's thread. Make it after rospy.init_node.
     """
 
     def __init__(self, namespace="/move_base", space=SPACE, on_restart=None):
         self.namespace, self.space = namespace.rstrip("/"), space
         self.master = Master(rosgraph.get_master_uri(), rospy.get_name())
         self._on_restart = on_restart
-        self._servers = {}  # role -> Server
-        self._names = {}  # role -> [(index in theta, sign, name)]
-        self.compensation = Compensation()  # what is sent instead of theta, and back
+        self._servers = {}  # server as the space names it -> Server
+        self._names = {}  # the same -> [(index in theta, sign, name)]
+        self.compensation = Compensation(space=space)  # what is sent instead of theta, and back
         self._sent = None  # (theta, values) of the last apply
-        self._pool = ThreadPoolExecutor(3, thread_name_prefix="reconfigure")
+        self._pool = ThreadPoolExecutor(max(3, len(space.servers)), thread_name_prefix="reconfigure")
         self._lock = threading.Lock()  # one apply at a time
 
     @property
     def connected(self):
-        """Whether all three servers have been found."""
-        return len(self._names) == len(ROLES)
+        """Whether all servers of the space have been found."""
+        return len(self._names) == len(self.space.servers)
 
     @property
     def servers(self):
-        """{role: full server name} as found."""
-        return {role: server.name for role, server in self._servers.items()}
+        """{server as the space names it: its full name as found}."""
+        return {wanted: server.name for wanted, server in self._servers.items()}
 
     def connect(self, seconds=3.0):
         """Finds the servers. Returns "" when all are known, else one line saying what is missing."""
@@ -169,68 +170,73 @@ class ReconfigureClient:
             return str(e)
         tail = "/set_parameters"
         found = [name[: -len(tail)] for name, _ in services if name.endswith(tail)]
-        for role, candidates in self._candidates(found).items():
-            if role in self._names:
+        for wanted in self.space.servers:
+            if wanted in self._names:
                 continue
-            error = f"no parameter server for {role} below {self.namespace}: is move_base up?"
-            for name in candidates:
-                error = self._try(role, name, deadline)
+            error = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
+            for name in self._candidates(wanted, found):
+                error = self._try(wanted, name, deadline)
                 if not error:
                     break
             if error:
                 return error
         return ""
 
-    def _candidates(self, found):
-        """{role: [server names, likeliest first]}. The C++ costmap names its layers freely."""
+    def _candidates(self, wanted, found):
+        """Names of servers that may be the one that the space calls `wanted`, likeliest first.
 
-        def below(prefix, likely):
-            names = [n for n in found if n.startswith(prefix) and "/" not in n[len(prefix) :]]
-            return sorted(names, key=lambda n: (likely not in n[len(prefix) :].lower(), n))
+        move_base names its layers as its parameter files do: every server in the same place is tried, beginning with
+        the names that begin most alike.
+        """
+        place, _, last = f"{self.namespace}/{wanted}".rstrip("/").rpartition("/")
+        there = [name for name in found if name.rpartition("/")[0] == place]
+        if not wanted:
+            return [name for name in there if name == self.namespace]
+        if "/" not in wanted and not wanted.endswith("_costmap"):
+            there = [name for name in there if not name.endswith("_costmap")]
 
-        planners = [n for n in below(self.namespace + "/", "trajectoryplanner") if not n.endswith("_costmap")]
-        return {
-            "planner": planners,
-            "local_inflation": below(self.namespace + "/local_costmap/", "inflat"),
-            "global_inflation": below(self.namespace + "/global_costmap/", "inflat"),
-        }
+        def alike(name):
+            return len(os.path.commonprefix([name.rpartition("/")[2].lower(), last.lower()]))
 
-    def _try(self, role, name, deadline):
-        """Takes server `name` for `role` if it has the parameters. Returns "" or one line why not."""
+        return sorted(there, key=lambda name: (-alike(name), name))
+
+    def _try(self, wanted, name, deadline):
+        """Takes server `name` for `wanted` if it has the parameters. Returns "" or one line why not."""
         server = Server(name, self.master, self._on_restart)
         try:
             known = server.wait(max(0.0, min(1.0, deadline.at - time.monotonic())))
             names, missing = [], []
-            for i, target in self.space.targets_of(role):
+            for i, target in self.space.targets_of(wanted):
                 chosen = next((n for n in target.names if server.knows(n)), None)
                 (names.append((i, target.sign, chosen)) if chosen else missing.append(target.names[0]))
             if not known:
                 return f"{name} does not publish its parameters: is it stopped?"
             if missing:
-                return f"{name} has no parameter {missing[0]}: a TrajectoryPlannerROS move_base is needed"
-            self._servers[role], self._names[role] = server, names
+                return (
+                    f"{name} has no parameter {missing[0]}: the {wanted or 'move_base'} of a {self.space.robot} has it"
+                )
+            self._servers[wanted], self._names[wanted] = server, names
             return ""
         finally:
-            if self._servers.get(role) is not server:
+            if self._servers.get(wanted) is not server:
                 server.close()
 
     def values(self):
-        """(8,) float64: what the planner has, as last heard (inflation: the local costmap's).
+        """(n,) float64: what the planner has, as last heard; of a value that several servers hold, the first counts.
 
         None before `connect` has succeeded.
         """
         if not self.connected:
             return None
-        found = np.array(self.space.theta0)
-        for role in reversed(tuple(ROLES)):  # of the two costmaps, the local one counts
-            values = self._servers[role].values()
-            for i, sign, name in self._names[role]:
-                if sign > 0:
-                    found[i] = values[name]
-        return found
+        values = {wanted: server.values() for wanted, server in self._servers.items()}
+        return np.array([values[server][self._name(i, server)] for i, (server, _) in enumerate(self.space.places())])
+
+    def _name(self, index, wanted):
+        """What the server `wanted` calls the parameter with this index in theta."""
+        return next(name for i, sign, name in self._names[wanted] if i == index and sign > 0)
 
     def theta(self):
-        """(8,) float64: what the planner's values mean as a parameter set; None before `connect` has succeeded."""
+        """(n,) float64: what the planner's values mean as a parameter set; None before `connect` has succeeded."""
         values, sent = self.values(), self._sent
         if values is None:
             return None
@@ -240,19 +246,19 @@ class ReconfigureClient:
 
     def upper_bound(self, *indices):
         """The smallest upper bound that the servers declare for these parameters of theta; inf for none."""
-        names = [(role, name) for role in self._names for i, sign, name in self._names[role] if i in indices]
-        return min((self._servers[role].upper_bound(name) for role, name in names), default=np.inf)
+        names = [(server, name) for server in self._names for i, _, name in self._names[server] if i in indices]
+        return min((self._servers[server].upper_bound(name) for server, name in names), default=np.inf)
 
     def holds(self, values):
-        """Whether values (8,) lie within the bounds that the servers declare."""
+        """Whether values (n,) lie within the bounds that the servers declare."""
         return all(
-            self._servers[role].clamp(name, sign * values[i]) == sign * values[i]
-            for role, names in self._names.items()
+            self._servers[server].clamp(name, sign * values[i]) == sign * values[i]
+            for server, names in self._names.items()
             for i, sign, name in names
         )
 
     def apply(self, theta, seconds=DEADLINE):
-        """Sets theta (8,) on all servers, one call each and side by side, and verifies the answers.
+        """Sets theta (n,) on all servers, one call each and side by side, and verifies the answers.
 
         What is sent is `compensation`.outgoing(theta), within the servers' bounds.
 
@@ -267,21 +273,21 @@ class ReconfigureClient:
                 return ApplyReport(False, theta, f"no parameter servers below {self.namespace} yet")
             values = self.compensation.outgoing(theta)
             self._sent = theta, values
-            wanted = {
-                role: {name: self._servers[role].clamp(name, sign * values[i]) for i, sign, name in names}
-                for role, names in self._names.items()
+            requests = {
+                wanted: {name: self._servers[wanted].clamp(name, sign * values[i]) for i, sign, name in names}
+                for wanted, names in self._names.items()
             }
-            former = {role: self._servers[role].values() for role in wanted}
-            errors = self._set_all(wanted, Deadline(seconds))
+            former = {wanted: self._servers[wanted].values() for wanted in requests}
+            errors = self._set_all(requests, Deadline(seconds))
             put_back = ()
             if errors:
                 again = {
-                    role: {name: former[role][name] for name in wanted[role]}
-                    for role in wanted
-                    if role not in errors or errors[role].answered
+                    wanted: {name: former[wanted][name] for name in requests[wanted]}
+                    for wanted in requests
+                    if wanted not in errors or errors[wanted].answered
                 }
                 failed = self._set_all(again, Deadline(seconds))
-                put_back = tuple(self._servers[role].name for role in again if role not in failed)
+                put_back = tuple(self._servers[wanted].name for wanted in again if wanted not in failed)
         return ApplyReport(
             not errors,
             theta,
@@ -291,14 +297,16 @@ class ReconfigureClient:
             time.monotonic() - began,
         )
 
-    def _set_all(self, wanted, deadline):
-        """{role: {name: value}} set side by side. Returns {role: ServiceError} of those that failed."""
-        futures = {role: self._pool.submit(self._set, role, values, deadline) for role, values in wanted.items()}
-        results = {role: future.result() for role, future in futures.items()}
-        return {role: error for role, error in results.items() if error}
+    def _set_all(self, requests, deadline):
+        """{server: {name: value}} set side by side. Returns {server: ServiceError} of those that failed."""
+        futures = {
+            wanted: self._pool.submit(self._set, wanted, values, deadline) for wanted, values in requests.items()
+        }
+        results = {wanted: future.result() for wanted, future in futures.items()}
+        return {wanted: error for wanted, error in results.items() if error}
 
-    def _set(self, role, values, deadline):
-        server = self._servers[role]
+    def _set(self, wanted, values, deadline):
+        server = self._servers[wanted]
         try:
             got, other = server.set(values, deadline)
         except ServiceError as e:

@@ -15,16 +15,29 @@ import numpy as np
 
 from applr_ros1.common import files
 from applr_ros1.planner.variant import DRAWN, PER_CELL, PER_METRE
-from applr_ros1.policy.parameter_space import MAX_SET_BYTES, SPACE, SpaceError
+from applr_ros1.policy.parameter_space import MAX_SET_BYTES, SPACE, Space, SpaceError
 
-BIASES = ("pdist_scale", "gdist_scale")  # what meter_scoring multiplies ...
-OBSTACLES = "occdist_scale"  # ... and the third weight of a trajectory's cost, which it leaves alone
-PATH, GOAL = (SPACE.names.index(name) for name in BIASES)
-OCC = SPACE.names.index(OBSTACLES)
+PLANNER = "TrajectoryPlannerROS"  # DWAPlannerROS always counts per metre
+# what meter_scoring multiplies, and the third weight of a trajectory's cost, which it leaves alone
+WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 FIT, TRUST, SCALED, UNSCALED = "fit", "trust", "scaled", "unscaled"
 CHOICES = (FIT, TRUST, SCALED, UNSCALED)  # how the applr node knows what the planner does
 CLOSE = 0.01  # relative error with which a fitted factor counts as 1 or as the resolution; float32 gives 1e-6
 FEWEST = 20  # cells that a fit needs
+
+
+class Indices(NamedTuple):
+    """Where the weights of TrajectoryPlannerROS stand in theta."""
+
+    path: int
+    goal: int
+    occ: int
+
+
+def indices_of(space: Space) -> Optional[Indices]:
+    """The indices of the three weights in a space; None where it does not set them all, and nothing can be made up."""
+    found = {name: i for i, target in space.targets_of(PLANNER) for name in target.names}
+    return Indices(*(found[name] for name in WEIGHTS)) if set(WEIGHTS) <= set(found) else None
 
 
 class Effective(NamedTuple):
@@ -97,22 +110,31 @@ class Compensation:
         factor: by what the planner multiplies its two biases, 1.0 or the resolution [m].
         resolution: of the local costmap [m].
         largest: the upper bound of the planner's biases.
+        space: the parameters; nothing is changed in one that does not set all three weights.
 
     A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
     their bound are therefore sent, together with occdist_scale, as a half, a quarter ... of what they should be.
 
     Attributes:
-        multipliers: (8,), of the parameters on their way to the planner; ones where nothing has to be changed.
+        multipliers: (n,), of the parameters on their way to the planner; ones where nothing has to be changed.
     """
 
-    def __init__(self, meant: Optional[str] = None, factor: float = 1.0, resolution: float = 0.05, largest=5.0):
-        self.multipliers = np.ones(len(SPACE))
-        self._factor = factor
+    def __init__(
+        self,
+        meant: Optional[str] = None,
+        factor: float = 1.0,
+        resolution: float = 0.05,
+        largest: float = 5.0,
+        space: Space = SPACE,
+    ):
+        self.multipliers = np.ones(len(space))
+        self._factor, self._at = factor, indices_of(space)
         wanted = {PER_METRE: resolution / factor, PER_CELL: 1.0 / factor}.get(meant or "", 1.0)
-        if wanted != 1.0:
-            excess = wanted * max(SPACE.high[PATH], SPACE.high[GOAL]) / largest
-            self.multipliers[OCC] = 0.5 ** max(0, math.ceil(math.log2(excess)))
-            self.multipliers[[PATH, GOAL]] = wanted * self.multipliers[OCC]
+        if wanted != 1.0 and self._at is not None:
+            path, goal, occ = self._at
+            excess = wanted * max(space.high[path], space.high[goal]) / largest
+            self.multipliers[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
+            self.multipliers[[path, goal]] = wanted * self.multipliers[occ]
 
     @property
     def needed(self) -> bool:
@@ -120,21 +142,21 @@ class Compensation:
         return bool((self.multipliers != 1.0).any())
 
     def outgoing(self, theta: np.ndarray) -> np.ndarray:
-        """The values (8,) to be sent for parameters (8,).
+        """The values (n,) to be sent for parameters (n,).
 
         Where the planner multiplies them once more, the neighbouring number is taken that gives the wanted weight
         exactly, if there is one.
         """
         sent = theta * self.multipliers
-        if self._factor != 1.0 and self.needed:
-            for i in (PATH, GOAL):
-                weight = theta[i] * self.multipliers[OCC]
+        if self._factor != 1.0 and self.needed and self._at is not None:
+            for i in (self._at.path, self._at.goal):
+                weight = theta[i] * self.multipliers[self._at.occ]
                 near = sent[i], np.nextafter(sent[i], np.inf), np.nextafter(sent[i], -np.inf)
                 sent[i] = next((value for value in near if value * self._factor == weight), sent[i])
         return sent
 
     def incoming(self, values: np.ndarray) -> np.ndarray:
-        """What values (8,) of the planner mean as parameters (8,)."""
+        """What values (n,) of the planner mean as parameters (n,)."""
         return values / self.multipliers
 
 

@@ -8,13 +8,38 @@ from math import atan2, cos, pi, sin
 
 import numpy as np
 
+from applr_ros1 import robots
 from applr_ros1.policy.layout import Layout, ObservationError
 from applr_ros1.policy.parameter_space import SPACE
 
-LAYOUT = Layout()  # the Jackal's: 720 beams over 270 degrees, capped at 2 m as in the paper
+MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
+RANGE_CAP = 2.0  # [m] at the Jackal's scale; the paper caps the scan there
+LOOKAHEAD = 1.0  # [m] at the Jackal's scale
 WINDOW, ORDER = 19, 3  # Savitzky-Golay filter that smooths the plan
 
-__all__ = ["LAYOUT", "Layout", "ObservationError", "goal_angle", "local_goal", "observe", "smooth"]
+
+@lru_cache(maxsize=32)
+def layout_of(robot):
+    """The Layout that a new policy for a robots.Robot has: as its laser looks, with the paper's distances scaled.
+
+    Its beams are symmetric about straight ahead, as many as the laser has but MOST_BEAMS at most. Cap and lookahead are
+    2 m and 1 m times the scale of the robot's worlds.
+    """
+    laser, scale = robot.laser, robot.world_scale
+    step = laser.increment
+    beams = min(laser.beams, MOST_BEAMS)
+    first, last = laser.first_angle + laser.pose[2], laser.last_angle + laser.pose[2]
+    if last - first + 1.5 * step >= 2.0 * pi:
+        half = pi - pi / beams
+    else:
+        half = min(-first, last)
+        if half <= step:
+            raise ObservationError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
+        beams = min(MOST_BEAMS, int(round(2.0 * half / step)) + 1)
+    return Layout(beams, -half, half, RANGE_CAP * scale, LOOKAHEAD * scale)
+
+
+LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m
 
 
 def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):

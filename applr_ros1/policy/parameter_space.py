@@ -1,25 +1,23 @@
-"""The action space of APPLR: the eight planner parameters theta, their ranges and theta_0.
+"""The action space of APPLR: the planner parameters theta that a policy sets, their ranges and theta_0.
 
-Called by the applr node (actions to parameters), the meta-environment and the trainer. Ranges and theta_0 are
-those of the authors' final code and of Clearpath's Jackal; types, aliases and theta_0 come from the planner's
-declarations.
+`space_of` makes it from a robot's description: names, ranges and servers stand in its robot.yaml, theta_0 in its
+parameter files, types and bounds in the planner's declarations. SPACE is the Jackal's, with the paper's eight
+parameters. The applr node (actions to parameters), the meta-environment, the searches and the trainer call it.
 """
 
 import json
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Dict, Tuple
 
 import numpy as np
 
+from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.parameters import check
 from applr_ros1.planner.parameters.declarations import SERVERS
 
-ROLES = {  # the servers of move_base that hold the parameters, below its name
-    "planner": "TrajectoryPlannerROS",
-    "local_inflation": "local_costmap/inflater_layer",
-    "global_inflation": "global_costmap/inflater_layer",
-}
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
 
 
@@ -31,7 +29,7 @@ class SpaceError(ApplrError):
 class Target:
     """One dynamic_reconfigure value that follows a parameter of theta.
 
-    server: a key of ROLES; names: accepted names, the newest first
+    server: below move_base's name, such as "local_costmap/inflater_layer"; names: accepted names, the newest first
     (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is mirrored.
     """
 
@@ -45,12 +43,13 @@ class Space:
     """A box of n planner parameters.
 
     Attributes:
-        names: The paper's names.
+        names: What the parameters are called; for the Jackal the paper's names.
         low: (n,) smallest values, in each parameter's own unit.
         high: (n,) largest values.
         integer: (n,) bool, True for sample counts.
-        theta0: (n,) the Jackal's defaults.
-        targets: Which servers' values each parameter sets.
+        theta0: (n,) the robot's own values, with which its move_base starts.
+        targets: Which servers' values each parameter sets; the first one is where it is read back.
+        robot: Name of the robot that it belongs to.
     """
 
     names: Tuple[str, ...]
@@ -59,6 +58,7 @@ class Space:
     integer: np.ndarray
     theta0: np.ndarray
     targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
+    robot: str = "jackal"
 
     def __len__(self):
         return len(self.names)
@@ -113,9 +113,14 @@ class Space:
             theta[i] = value
         return self.clip(theta)
 
-    def targets_of(self, role):
-        """[(index into theta, Target), ...] of the values that the server of a role holds."""
-        return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == role]
+    @property
+    def servers(self):
+        """The servers of move_base that hold the parameters, each once, in the order of the parameters."""
+        return tuple(dict.fromkeys(t.server for name in self.names for t in self.targets[name]))
+
+    def targets_of(self, server):
+        """[(index into theta, Target), ...] of the values that a server holds."""
+        return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == server]
 
     def requests(self, theta):
         """One request for each of move_base's servers, {server: {name: value}}, for parameters (n,), clipped.
@@ -124,13 +129,13 @@ class Space:
         """
         values = list(self.as_dict(self.clip(theta)).values())
         return {
-            server: {t.names[0]: type(values[i])(t.sign * values[i]) for i, t in self.targets_of(role)}
-            for role, server in ROLES.items()
+            server: {t.names[0]: type(values[i])(t.sign * values[i]) for i, t in self.targets_of(server)}
+            for server in self.servers
         }
 
     def places(self):
         """[(server, name), ...]: where the value of each parameter of theta is read back from move_base."""
-        return [(ROLES[self.targets[name][0].server], self.targets[name][0].names[0]) for name in self.names]
+        return [(self.targets[name][0].server, self.targets[name][0].names[0]) for name in self.names]
 
     def read(self, path):
         """The parameters (n,) in a JSON file: {name: value}, or {"parameters": {name: value}, ...}.
@@ -167,48 +172,52 @@ class Space:
             raise SpaceError(f"{what} {self.names[bad[-1]]} is {vector[tuple(bad)]}: refused, not finite")
 
 
-# ranges in the authors' final code; what else is to say of each parameter stands in planner/parameters
-_RANGES = {
-    "max_vel_x": (0.2, 2.0),
-    "max_vel_theta": (0.314, 3.14),
-    "vx_samples": (4, 20),
-    "vtheta_samples": (4, 60),
-    "occdist_scale": (0.05, 1.0),
-    "pdist_scale": (0.1, 1.5),
-    "gdist_scale": (0.1, 2.0),
-    "inflation_radius": (0.1, 0.6),
-}
+@lru_cache(maxsize=32)
+def space_of(robot):
+    """The parameter space that a robots.Robot describes.
 
-
-def _declared(server, name):
-    """The declaration of a parameter known to `server` under `name` or an alias."""
-    return next(p for p in SERVERS[server] if name == p.name or name in p.aliases)
-
-
-def _server(name):
-    return ROLES["local_inflation"] if name == "inflation_radius" else ROLES["planner"]
-
-
-def _targets(name):
-    if name == "inflation_radius":
-        return (Target("local_inflation", (name,)), Target("global_inflation", (name,)))
-    declared = _declared(_server(name), name)
-    targets: Tuple[Target, ...] = (Target("planner", (declared.name,) + declared.aliases),)
-    if name == "max_vel_theta":  # the planner takes the other direction apart: the same speed, mirrored
-        targets += (Target("planner", ("min_vel_theta",), -1.0),)
-    return targets
-
-
-def _space():
-    declared = [_declared(_server(name), name) for name in _RANGES]
-    low, high = np.array(list(_RANGES.values()), dtype=np.float64).T
-    integer = np.array([p.type == "int" for p in declared])
-    theta0 = np.array([p.value for p in declared], dtype=np.float64)
-    low, high = low.copy(), high.copy()
-    for array in (low, high, integer, theta0):
+    Raises:
+        SpaceError: A parameter that move_base does not have, a range that its server does not take, or a kind that
+            differs; one line.
+        ParameterError: The robot's parameter files cannot be used.
+    """
+    tree = check.complete(robot.parameters())
+    theta0 = [_start(robot, parameter, tree) for parameter in robot.space]
+    low, high = ([getattr(parameter, bound) for parameter in robot.space] for bound in ("low", "high"))
+    arrays = [np.array(column, dtype=np.float64) for column in (low, high, theta0)]
+    integer = np.array([parameter.integer for parameter in robot.space])
+    for array in (*arrays, integer):
         array.setflags(write=False)
-    return Space(tuple(_RANGES), low, high, integer, theta0, {name: _targets(name) for name in _RANGES})
+    targets = {
+        p.name: tuple(Target(s.server, s.names, -1.0 if s.mirrored else 1.0) for s in p.settings) for p in robot.space
+    }
+    return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name)
 
 
-SPACE = _space()
+def _start(robot, parameter, tree):
+    """The value of a parameter in a complete tree, after checking all that it sets against the declarations."""
+    label = f"robot {robot.name}: parameter_space.{parameter.name}"
+    for setting in parameter.settings:
+        where = f"server {setting.server} of move_base"
+        if setting.server not in SERVERS:
+            raise SpaceError(f"{label}: there is no {where}; give {', '.join(filter(None, SERVERS))}")
+        known = {name: p for p in SERVERS[setting.server] for name in (p.name,) + p.aliases}
+        declared = known.get(setting.names[0])
+        if declared is None:
+            raise SpaceError(f"{label}: {where} has no parameter {setting.names[0]}; docs/parameters.md lists them")
+        if declared.type not in ("double", "int"):
+            raise SpaceError(f"{label}: {setting.names[0]} is no number in {where}; take another parameter")
+        if (declared.type == "int") != parameter.integer:
+            raise SpaceError(f"{label}: give integer: {str(declared.type == 'int').lower()}, as in {where}")
+        ends = sorted((-parameter.low, -parameter.high) if setting.mirrored else (parameter.low, parameter.high))
+        if not declared.min <= ends[0] <= ends[1] <= declared.max:
+            raise SpaceError(f"{label}: {where} takes {declared.min:g} to {declared.max:g}; stay within it")
+    first = parameter.settings[0]
+    value = (check.branch(tree, first.server) or {})[first.names[0]]
+    if not parameter.low <= value <= parameter.high:
+        raise SpaceError(f"{label}: move_base starts with {value:g}; include it in the range")
+    return value
+
+
+SPACE = space_of(robots.JACKAL)
 THETA_0 = SPACE.theta0

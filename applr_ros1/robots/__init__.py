@@ -10,4 +10,6 @@ from applr_ros1.robots.description import Robot
 from applr_ros1.robots.kinds import RobotError
 from applr_ros1.robots.reader import NAMES, load
 
-__all__ = ["NAMES", "Robot", "RobotError", "load"]
+JACKAL = load("jackal")  # the robot where none is named
+
+__all__ = ["JACKAL", "NAMES", "Robot", "RobotError", "load"]

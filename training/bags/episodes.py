@@ -16,8 +16,7 @@ import numpy as np
 from applr_ros1.common.angles import place
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tally import Tally
-from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
@@ -54,7 +53,7 @@ class Moment:
 
     Attributes:
         at: ROS time [ns]. end: the course ends here, and no decision was made.
-        seen, said: the observation (729,) and the decision (8,) that the node itself published, if recorded.
+        seen, said: the observation (n,) and the decision (k,) that the node itself published, if recorded.
         scan, pose, plan: indices of the messages that the observation is made of; -1 for none.
         trouble: why it cannot be rebuilt (outcome is None), or why the transition that ends here cannot be used.
     """
@@ -142,7 +141,7 @@ def _moment(recording, goal, at, decision=None) -> Moment:
     if decision:
         published = recording.observations.get(decision["number"], ())  # numbers begin anew with each node
         moment.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
-        moment.said = _vector(decision["theta"] or decision["theta_prev"])
+        moment.said = _vector(recording, decision["theta"] or decision["theta_prev"])
         moment.scan = _exactly(recording.scan_stamp, decision["scan"])
         moment.pose = _exactly(recording.odometry.stamp, decision["odometry"])
         moment.plan = _exactly(recording.plan_stamp, decision["plan"])
@@ -168,10 +167,12 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         return
     try:
         scan, (frame, points) = scans[moment.scan], plans[moment.plan]
-        ranges = LAYOUT.resample(scan.ranges, scan.angle_min, scan.angle_increment)
-        phi = goal_angle(local_goal(points, _pose(recording, moment.pose, frame, moment.at)))
+        layout, turned = recording.layout, recording.robot.laser.pose[2]
+        ranges = layout.resample(scan.ranges, scan.angle_min + turned, scan.angle_increment)
+        pose = _pose(recording, moment.pose, frame, moment.at)
+        phi = goal_angle(local_goal(points, pose, layout.lookahead))
         theta = _chosen(recording, goal, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
-        moment.observation = observe(ranges, phi, theta)
+        moment.observation = observe(ranges, phi, theta, recording.space, layout)
         near = max(NEAREST, float(nearest[moment.scan]))
         moment.outcome = Outcome(
             ranges,
@@ -228,8 +229,8 @@ def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[T
 def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
     actions, rewards = [], []
     for before, after in zip(run, run[1:]):
-        action = SPACE.to_action(_chosen(recording, goal, before, after))
-        change = float(np.abs(action - SPACE.to_action(before.outcome.theta)).mean())
+        action = recording.space.to_action(_chosen(recording, goal, before, after))
+        change = float(np.abs(action - recording.space.to_action(before.outcome.theta)).mean())
         limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
         rewards.append(reward(after.outcome, change, limit, goal.period)[0])
         actions.append(action)
@@ -269,7 +270,7 @@ def _unusable(recording, goal, moments, i) -> str:
 
 
 def _had(recording, moment) -> np.ndarray:
-    """The parameters theta_{t-1} (8,) that the planner had when a decision was made.
+    """The parameters theta_{t-1} (k,) that the planner had when a decision was made.
 
     An update that was recorded within EARLIER of the decision is its result rather than its input, unless the
     observation that the node itself published says otherwise.
@@ -281,15 +282,17 @@ def _had(recording, moment) -> np.ndarray:
         except Skipped:
             if not lag and not found:
                 raise
-    if moment.seen is not None and moment.seen.shape == (LAYOUT.beams + 1 + len(SPACE),):
+    if moment.seen is not None and moment.seen.shape == (recording.layout.beams + 1 + len(recording.space),):
         for theta in found:
-            if np.allclose(SPACE.to_action(theta), moment.seen[-len(SPACE) :], rtol=0.0, atol=CLOSE):
+            if np.allclose(
+                recording.space.to_action(theta), moment.seen[-len(recording.space) :], rtol=0.0, atol=CLOSE
+            ):
                 return theta
     return found[0]
 
 
 def _chosen(recording, goal, before, after) -> np.ndarray:
-    """theta_t (8,): what the planner had between two moments. It arrives within half a period or not at all."""
+    """theta_t (k,): what the planner had between two moments. It arrives within half a period or not at all."""
     half = round(0.5 * goal.period * SECOND)
     if before.said is not None and after.at - before.at < half:
         return before.said
@@ -297,10 +300,10 @@ def _chosen(recording, goal, before, after) -> np.ndarray:
 
 
 def _theta(recording, at) -> np.ndarray:
-    """(8,) what the planner had at a time, as the servers announced it. Inflation: the local costmap's."""
-    theta = np.array(SPACE.theta0)
-    for i, name in enumerate(SPACE.names):
-        target = SPACE.targets[name][0]
+    """(k,) what the planner had at a time, as the servers announced it. Inflation: the local costmap's."""
+    theta = np.array(recording.space.theta0)
+    for i, name in enumerate(recording.space.names):
+        target = recording.space.targets[name][0]
         updates = recording.parameters.get(target.server, ())
         known = [values for time, values in updates if time <= at]
         theta[i] = next(known[-1][n] for n in target.names if n in known[-1]) if known else _said(recording, name, at)
@@ -317,10 +320,10 @@ def _said(recording, name, at) -> float:
     raise Skipped("the planner's parameters are not known")
 
 
-def _vector(values) -> Optional[np.ndarray]:
-    """{name: value} of a decision → theta (8,), None where it is not whole."""
+def _vector(recording, values) -> Optional[np.ndarray]:
+    """{name: value} of a decision → theta (k,), None where it is not whole."""
     try:
-        return np.array([float(values[name]) for name in SPACE.names])
+        return np.array([float(values[name]) for name in recording.space.names])
     except (KeyError, TypeError, ValueError):
         return None
 

@@ -16,9 +16,11 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
+from applr_ros1 import robots
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
 from training.bags.compression import bound_rosbags
 
 SECOND = 1_000_000_000
@@ -53,12 +55,14 @@ class Recording:
 
     path: Path
     topics: TopicNames
+    robot: robots.Robot = robots.JACKAL  # which parameters were recorded, and how a policy of it sees a scan
     odometry: "Poses" = field(init=False)  # this and the next four: set by _fill
     scan_at: np.ndarray = field(init=False)  # (n,)
     scan_stamp: np.ndarray = field(init=False)  # (n,)
     plan_at: np.ndarray = field(init=False)  # (m,) plans that are not empty
     plan_stamp: np.ndarray = field(init=False)
-    parameters: Dict[str, List[Tuple[int, Dict[str, float]]]] = field(default_factory=dict)  # role → updates
+    # {server as the space names it: [(at, {name: value}), ...]}
+    parameters: Dict[str, List[Tuple[int, Dict[str, float]]]] = field(default_factory=dict)
     multipliers: Dict[str, float] = field(default_factory=dict)  # of parameters that the applr node sent multiplied
     status: List[Tuple[int, str]] = field(default_factory=list)  # (at, id of the running goal or "")
     results: Dict[str, Tuple[int, int]] = field(default_factory=dict)  # goal id → (at, actionlib status)
@@ -69,6 +73,9 @@ class Recording:
     decisions: List[dict] = field(default_factory=list)  # /applr/decision, with "at"
     observations: Dict[int, List[tuple]] = field(default_factory=dict)  # decision number → [(at, (729,))]
     end: int = 0
+
+    def __post_init__(self):
+        self.space, self.layout = space_of(self.robot), layout_of(self.robot)
 
     def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, object]]:
         """Smallest range (n,) [m] of every scan, and {index: LaserScan} of those wanted. Reads the bag once more."""
@@ -110,14 +117,14 @@ class Poses:
     frame: str
 
 
-def read(path, topics: TopicNames = TopicNames()) -> Recording:
+def read(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.JACKAL) -> Recording:
     """Read a bag: everything but scans and plans, of which only the times are read.
 
     Raises:
         BagError: the bag is absent or damaged, or lacks messages that are needed.
     """
     path = Path(path)
-    recording = Recording(path, topics)
+    recording = Recording(path, topics, robot)
     try:
         with open_bag(path) as reader:
             _fill(recording, reader)
@@ -131,9 +138,9 @@ def read(path, topics: TopicNames = TopicNames()) -> Recording:
         raise BagError("%s: no odometry on %s" % (path, topics.odometry))
     if abs(np.median(recording.scan_at - recording.scan_stamp)) > SECOND:
         raise BagError("%s: recorded on another clock than its messages'; set use_sim_time where you record" % path)
-    for role in ("planner", "local_inflation"):
-        if role not in recording.parameters and not recording.decisions:
-            raise BagError("%s: no parameter_updates of the %s below %s" % (path, role, topics.move_base))
+    for server in dict(recording.space.places()):
+        if server not in recording.parameters and not recording.decisions:
+            raise BagError("%s: no parameter_updates of %s below %s" % (path, server or "it", topics.move_base))
     return recording
 
 
@@ -168,7 +175,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         topics.applr + "/observation": _observation,
         topics.applr + "/weights": _weights,
     }
-    updates = re.compile(re.escape(base) + r"/(?:[^/]+|(?:local|global)_costmap/[^/]+)/parameter_updates")
+    updates = re.compile(re.escape(base) + r"(?:/[^/]+){0,2}/parameter_updates")
     heavy: Dict[str, List[Tuple[int, int]]] = {topics.scan: [], topics.plan: []}
     rows: List[tuple] = []
     if any(c.topic == topics.applr + "/typed/decision" for c in reader.connections):  # the same as the JSON
@@ -279,23 +286,21 @@ def _weights(recording, at, message, rows):
         given = {str(name): float(factor) for name, factor in json.loads(message.data).items()}
     except (ValueError, TypeError, AttributeError, RecursionError):
         return
-    if set(given) <= set(SPACE.names) and all(0.0 < factor < np.inf for factor in given.values()):
+    if set(given) <= set(recording.space.names) and all(0.0 < factor < np.inf for factor in given.values()):
         recording.multipliers = given
 
 
 def _parameters(recording, at, message, topic):
     values = {p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(message, kind)}
-    base = recording.topics.move_base
-    if topic.startswith(base + "/local_costmap/") or topic.startswith(base + "/global_costmap/"):
-        role = "local_inflation" if topic.startswith(base + "/local_costmap/") else "global_inflation"
-        known = "inflation_radius" in values
-    else:
-        role = "planner"
-        known = all(any(n in values for n in t.names) for _, t in SPACE.targets_of(role))
+    space = recording.space
     for name, factor in recording.multipliers.items():
-        values.update((n, values[n] / factor) for n in SPACE.targets[name][0].names if n in values)
-    if known:
-        recording.parameters.setdefault(role, []).append((at, values))
+        values.update((n, values[n] / factor) for n in space.targets[name][0].names if n in values)
+    server = topic[len(recording.topics.move_base) : -len("/parameter_updates")].lstrip("/")
+    place = server.rpartition("/")[0]
+    for wanted in space.servers:  # layers have any name: one in the same place that knows the values
+        names = (target.names for _, target in space.targets_of(wanted))
+        if wanted.rpartition("/")[0] == place and all(any(n in values for n in known) for known in names):
+            recording.parameters.setdefault(wanted, []).append((at, values))
 
 
 def stamp(message) -> int:

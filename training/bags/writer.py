@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
-from applr_ros1.policy.parameter_space import ROLES
+from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
 from training.bags.reader import SECOND, TopicNames
 from training.mdp.episode import Episode, Outcome
@@ -300,7 +300,7 @@ class RecordingEpisode(Episode):
         )
 
     def _parameters(self, later: float = 0.0) -> None:
-        for server in ROLES.values():
+        for server in SPACE.servers:
             self.writer.parameters(self._now + later, server, self.move_base.configuration(server))
 
 
