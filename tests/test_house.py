@@ -87,11 +87,12 @@ MAY_KNOW = (
     (
         "training/evaluation/",
         {"numpy", "applr_ros1.monitor", "tqdm", "applr_ros1.planner", "applr_ros1.policy", "sim_bridge", "worlds"}
-        | {"applr_ros1.robots", "training.mdp", "training.storage", "training.workers"},
+        | {"applr_ros1.robots", "training.mdp", "training.provenance", "training.storage", "training.workers"},
     ),
     (
         "training/report/",
-        {"numpy", "scipy", "matplotlib", "worlds", "applr_ros1.policy", "training.evaluation", "training.storage"},
+        {"numpy", "scipy", "matplotlib", "worlds", "applr_ros1.policy", "training.evaluation", "training.provenance"}
+        | {"training.storage"},
     ),
     (
         "training/bags/",
@@ -115,7 +116,7 @@ MAY_KNOW = (
         "training/gorila/",
         {"numpy", "torch", "tensorboard", "safetensors", "gymnasium", "matplotlib", "yaml", "applr_ros1.planner"}
         | {"applr_ros1.policy", "applr_ros1.robots", "sim_bridge", "worlds", "training.evaluation"}
-        | {"training.experience", "training.mdp"}
+        | {"training.experience", "training.mdp", "training.provenance"}
         | {"training.storage", "training.td3", "training.workers"},
     ),
     (

@@ -24,6 +24,7 @@ class Trace:
     pose = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
     twist = np.zeros((200, 2))
     theta = np.tile([0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.3], (5, 1))
+    decided = np.arange(5) * 2.0
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +67,8 @@ def folder(tmp_path_factory):
         )
         traced = task.trace and task.world in ("generated:20",)
         store.append(task, result, trials.pack_trace(Trace) if traced else b"")
-    store.finish(75.0, workers=2)
+    session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
+    store.finish(75.0, dict(session, versions={"numpy": "2"}), workers=2)
     store.close()
     return out
 
@@ -198,6 +200,32 @@ def test_table_4_names_failures(results):
     assert column(table, "paper [s]")[0].startswith("72.8")
 
 
+def test_any_two_methods_are_compared_in_pairs(results):
+    table = tables_more.pairs(results)
+    rows = {row[0]: row for row in table.rows}
+    assert list(rows) == ["Training", "Test", "Physical course"]
+    row = dict(zip(table.columns, rows["Training"]))
+    assert (row["method"], row["other"]) == ("dwa", "applr")  # the ablation's are left out
+    worlds = results.of_set("Training")
+    differences = [results.cells["dwa"][w].time.mean() - results.cells["applr"][w].time.mean() for w in worlds]
+    assert row["difference, all trials [s]"] == "%.2f" % np.mean(differences)
+    assert row["p"] == row["p (Holm)"] == "< 0.0001"  # there is one pair
+    assert stats.wilcoxon(differences).pvalue < 1e-4
+    low, high = map(float, row["95 % interval"].split(" to "))
+    assert low < np.mean(differences) < high
+    assert row["method faster in"].startswith("0 (")
+    assert int(row["other faster in"].split()[0]) > 0.8 * len(worlds)
+    assert rows["Physical course"][table.columns.index("p")] == "–"  # one world is no sample of worlds
+
+
+def test_pairs_are_corrected_for_their_number(results):
+    assert statistics.holm_adjusted(np.array([0.01, np.nan, 0.04, 0.03])) == pytest.approx(
+        [0.03, np.nan, 0.06, 0.06], nan_ok=True
+    )
+    same = statistics.paired(results, "dwa", "dwa", results.of_set("Test"))
+    assert (same.difference, same.p) == (0.0, 1.0)
+
+
 def test_ablation(results):
     table = tables_more.ablation(results)
     assert [row[:2] for row in table.rows] == [["applr", "max_vel_x"]]
@@ -219,7 +247,7 @@ def test_report_is_whole(folder):
     page = write(folder)
     out = folder / "report"
     text = Path(page).read_text(encoding="utf-8")
-    for name in ("table_1", "table_2", "table_3", "table_4", "rates", "smoothness", "ablation", "methods"):
+    for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "smoothness", "ablation", "methods"):
         for ending in ("csv", "tex", "md"):
             assert (out / ("%s.%s" % (name, ending))).stat().st_size > 0
     pictures = ["times.png", "paths_generated-20.png", "profile_generated-20_applr.png"]
@@ -229,8 +257,10 @@ def test_report_is_whole(folder):
     assert "1 min 15 s" in text
     assert "kinematic" in text
     assert "nan" not in text
-    assert (out / "report.md").read_text().count("###") == 8
-    assert text.count("(weights per_metre, planner ours)") == 8  # an evaluation of before the choice
+    assert (out / "report.md").read_text().count("###") == 9
+    label = "(methods dwa, applr and 1 with one parameter held; weights per_metre; planner ours)"
+    assert text.count(label) == 9 + 2 * text.count("<img")  # an evaluation of before the choice
+    assert "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py" in text
 
 
 def test_report_of_one_method_and_one_world(tmp_path):
@@ -260,7 +290,7 @@ def test_each_kind_of_weights_has_its_rows_in_one_table(tmp_path):
         for kind, seconds in (("per_cell", 20), ("per_metre", 40))
         for method in ("dwa", "mine")
     ]
-    assert page.count("(weights per_cell and per_metre, planner cpp-like)") == page.count("<table>")
+    assert page.count("(methods dwa, mine; weights per_cell and per_metre; planner cpp-like)") == page.count("<table>")
     assert "8 trials of each kind of weights" in page
 
 

@@ -18,6 +18,7 @@ from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
 from training.evaluation.store import TRIALS, Store
 from training.evaluation.trials import TRIAL_RUNNER, plan, world_list
+from training.provenance import provenance
 from training.workers.pool import Pool, make_pool
 from training.workers.tasks import Answer, RunnerSpec, Trial, WorkerSettings
 from worlds import World
@@ -128,7 +129,8 @@ def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None
     finally:
         bar.close()
         pool.close()
-        store.finish(time.monotonic() - began, workers=workers, trials=options.trials)
+        seconds = time.monotonic() - began
+        store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)
 
 
 class Ordered:

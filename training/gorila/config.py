@@ -26,6 +26,7 @@ from training.td3.td3 import TD3Config
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 MOST_ROWS = 10**8
+PROVENANCE = "provenance"  # in config.json, beside the options (training/provenance.py)
 MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}  # of what is randomised
 
 
@@ -294,7 +295,10 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     path = Path(out) / "config.json"
     if not path.exists():
         raise ConfigError("--resume: %s holds no run (no config.json); check --out, or leave --resume out" % out)
-    stored = {"weights": PER_METRE, **from_dict(read_json(path), str(path))}  # older runs had no choice
+    kept = read_json(path)
+    if isinstance(kept, dict):
+        kept.pop(PROVENANCE, None)
+    stored = {"weights": PER_METRE, **from_dict(kept, str(path))}  # older runs had no choice
     for name in FIXED & set(given):
         if given[name] != stored[name]:
             raise ConfigError(

@@ -18,18 +18,19 @@ from typing import Any, Dict, Optional
 import numpy as np
 import safetensors.numpy
 
-from applr_ros1.common.files import write_bytes, write_json
+from applr_ros1.common.files import read_json, write_bytes, write_json
 from applr_ros1.common.tally import Tally
 from applr_ros1.policy import actor
 from training.evaluation.periodic import PeriodicEvaluation
 from training.experience.dataset import Dataset
 from training.experience.trajectory import Trajectory
-from training.gorila.config import ConfigError, TrainConfig
+from training.gorila.config import PROVENANCE, ConfigError, TrainConfig
 from training.gorila.curves import EpisodeLog, draw_curves
 from training.gorila.learner import Learner
 from training.gorila.preparation import OURS, learner_config, prepare, set_threads
 from training.gorila.progress import ProgressLine, TensorBoardLog, clock, describe, status
 from training.gorila.scheduler import TaskScheduler, easiest_first
+from training.provenance import provenance
 from training.storage import Lock, make_folder
 from training.workers.pool import PoolError, make_pool
 from training.workers.tasks import Answer, Trial
@@ -85,7 +86,13 @@ class TrainingRun:
             config.pool,
             config.ray_address,
         )
-        write_json(self.folder / "config.json", dict(asdict(config), resume=False))  # from now on it is a run
+        self._write_config()  # from now on it is a run
+
+    def _write_config(self) -> None:
+        """config.json: the options, and where each session of the run comes from."""
+        path, config = self.folder / "config.json", self.config
+        before = read_json(path).get(PROVENANCE, []) if config.resume else []
+        write_json(path, {**asdict(config), "resume": False, PROVENANCE: [*before, provenance(config.seed)]})
 
     def _resume(self) -> Dict[str, Any]:
         """Back to where the run was: the checkpoint, and every trajectory taken since."""

@@ -105,9 +105,9 @@ class Results:
     def _set_of(self, world: str) -> str:
         return "Other" if world in self._moving else set_of(world)  # DynaBARN's numbers are BARN's too
 
-    def both(self, method: str, worlds: List[str]) -> List[str]:
-        """Those of `worlds` that both the baseline and `method` have driven."""
-        return [w for w in worlds if w in self.cells[method] and w in self.cells[self.baseline]]
+    def both(self, method: str, worlds: List[str], other: str = "") -> List[str]:
+        """Those of `worlds` that both `method` and the other method, or the baseline, have driven."""
+        return [w for w in worlds if w in self.cells[method] and w in self.cells[other or self.baseline]]
 
     def by_difficulty(self, worlds: List[str]) -> List[str]:
         """Worlds by the baseline's mean time over all trials, a failed one counting as the limit; fastest first."""

@@ -119,8 +119,7 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     handles = [h for h in zip(*map_.get_legend_handles_labels()) if h[1] in [label for label, _ in REGIONS]]
     map_.legend(*zip(*handles), fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False)
     map_.set_title("%s, %s" % (name, method))
-    begins = 2.0 * np.arange(len(trace["theta"]) + 1)
-    begins[-1] = max(trace["time"][-1], begins[-2])
+    begins = np.append(trace["decided"], max(trace["time"][-1], trace["decided"][-1]))
     for i, ax in enumerate(axes[:, 1:].ravel()):
         ax.stairs(trace["theta"][:, i], begins, color="black", baseline=None, lw=1.4)
         ax.axhline(SPACE.theta0[i], color="grey", ls=":", lw=1)

@@ -15,6 +15,7 @@ from typing import List, Tuple
 
 from applr_ros1.common.files import write_bytes
 from training.evaluation.trials import PROTOCOLS
+from training.provenance import sentences
 from training.report import figures, paper
 from training.report.data import ReportError, Results
 from training.report.table import Table
@@ -29,7 +30,9 @@ TIMES = (
     "Traversal time against world index, ordered by %s's time, with linear fits (the paper's figure of "
     "training and test environments)."
 )
-PROFILE = "Parameters along %s: regions by the room around the robot; dotted: θ₀ (the paper's parameter profiles)."
+PROFILE = (
+    "Parameters of %s along %s: regions by the room around the robot; dotted: θ₀ (the paper's parameter profiles)."
+)
 
 STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1180px;padding:0 1em;color:#222}
 table{border-collapse:collapse;font-size:13px;margin:.6em 0}
@@ -69,7 +72,7 @@ def write(folder, training: str = "") -> str:
 def _joined(tables: List[Table], results: Results) -> Table:
     """One table of those of each kind of weights; its title or a column says which kind it is."""
     first = tables[0]
-    title = "%s (weights %s, planner %s)" % (first.title, " and ".join(results.weights), results.planner)
+    title = "%s (%s)" % (first.title, _label(results, results.weights))
     if all(table.rows == first.rows for table in tables):
         return replace(first, title=title)
     rows = [[row[0], kind, *row[1:]] for kind, table in zip(results.weights, tables) for row in table.rows]
@@ -77,15 +80,26 @@ def _joined(tables: List[Table], results: Results) -> Table:
     return Table(first.name, title, [first.columns[0], "weights", *first.columns[1:]], rows, notes)
 
 
+def _label(results: Results, kinds: List[str]) -> str:
+    """What every caption says: the methods, the kinds of weights, the planner."""
+    names = [m for m in results.methods if "-without-" not in m]
+    more = len(results.methods) - len(names)
+    methods = ", ".join(names) + (" and %d with one parameter held" % more if more else "")
+    return "methods %s; weights %s; planner %s" % (methods, " and ".join(kinds), results.planner)
+
+
 def _pictures(results: Results, out: Path, training: str) -> List[Tuple[str, str]]:
     """The pictures as a list of (file, caption)."""
     if importlib.util.find_spec("matplotlib") is None:
         raise ReportError("the report's pictures need matplotlib; install it, or give --no-report")
-    found = [(figures.times(results, out), TIMES % results.baseline)]
+    label = _label(results, [results.kind or results.weights[0]])
+    found = [(figures.times(results, out), "%s (%s)" % (TIMES % results.baseline, label))]
     for world in figures.chosen(results):
-        found.append((figures.paths(results, out, world), "Driven paths over the map of %s." % world))
+        found.append((figures.paths(results, out, world), "Driven paths over the map of %s (%s)" % (world, label)))
         deciding = [m for m in results.methods if not _fixed(results, m)][:3]
-        found += [(figures.profile(results, out, world, m), PROFILE % world) for m in deciding]
+        found += [
+            (figures.profile(results, out, world, m), "%s (%s)" % (PROFILE % (m, world), label)) for m in deciding
+        ]
     if training:
         found.append((_curves(Path(training), out), "Learning curves of %s. %s" % (training, paper.NOISE_SLIP)))
     return [(file, caption) for file, caption in found if file]
@@ -131,6 +145,7 @@ def _facts(results: Results) -> Tuple[str, List[str]]:
             "Wall time %s with %s workers; base seed %s, the same seeds for every method."
             % (_clock(s["wall_s"]), s.get("workers", "?"), s.get("seed", "?"))
         )
+    facts += sentences(s.get("provenance", []))
     return "APPLR: evaluation of %s" % ", ".join(results.methods), facts
 
 
