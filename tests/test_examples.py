@@ -66,3 +66,15 @@ def test_reading_a_trace(tmp_path):
     assert 5.0 < metres < 20.0
     assert seconds > 10.0
     assert (tmp_path / "out" / "trace.png").stat().st_size > 5000
+
+
+def test_own_controller(tmp_path):
+    lines = run("07_own_controller", tmp_path, "--worlds", "generated:7", "--trials", 1, "--out", "out")
+    times = {line.split()[0]: float(line.split()[-2]) for line in lines if " trial 0: goal after " in line}
+    assert times["pursuit"] < times["dwa"]
+
+
+def test_foreign_actor(tmp_path):
+    lines = run("06_foreign_actor", tmp_path, "--worlds", "generated:7", "--trials", 1, "--out", "out")
+    assert [line.split()[0] for line in lines[-2:]] == ["dwa", "barn"]
+    assert (tmp_path / "random_actor.safetensors").exists()

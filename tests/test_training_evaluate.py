@@ -5,6 +5,7 @@ one line. A toy runner stands in for the robot; the real one is driven at the en
 import csv
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -112,6 +113,14 @@ def test_csv_has_exactly_the_pinned_columns(tmp_path):
     settings = json.loads((tmp_path / "evaluation.json").read_text())
     assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5
     assert settings["wall_s"] > 0
+    (session,) = settings["provenance"]
+    assert session["trials"] == 24
+    assert session["seed"] == 0
+    assert session["versions"]["numpy"] == np.__version__
+    assert re.match(r"\d{4}-\d\d-\d\dT", session["date"])
+    assert re.match(r"[0-9a-f]{40}|unknown", session["commit"])
+    assert "--methods dwa,random" in session["command"]
+    assert session["cpu"]
 
 
 def test_killed_and_started_again_gives_the_same_rows(tmp_path):
@@ -388,6 +397,7 @@ def test_protocols():
 
 def test_store_and_traces(tmp_path):
     trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(8)])
+    trace.decided = [0.0]
     plan = trials.plan([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
     store = trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
     with pytest.raises(StorageError, match="another"):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Mapping, Tuple
 
 import numpy as np
 
 PERIOD = 2.0  # s between two decisions in the paper; files that state no other period have this one
+COMMAND_PERIOD = 0.05  # s between two commands of a method that commands velocities and states no period
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,10 @@ class Context:
         phi: Angle to the local goal [rad].
         theta: (8,) float64, the parameters that the planner has now.
         time: Time since the goal was sent [s].
+        pose: (x, y, yaw) [m, m, rad] of the robot as its odometry states it. Goal and plan are in the same frame.
+        twist: (v, w) [m/s, rad/s] of the robot by its odometry.
+        goal: (x, y, yaw) [m, m, rad] that was sent.
+        plan: (n, >= 2) x, y [m] of the newest global plan, from robot to goal; (0, 2) before the first one.
     """
 
     observation: np.ndarray
@@ -29,6 +34,10 @@ class Context:
     phi: float
     theta: np.ndarray
     time: float
+    pose: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    twist: Tuple[float, float] = (0.0, 0.0)
+    goal: Tuple[float, float, float] = (0.0, 0.0, 0.0)
+    plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def period_of(metadata: Mapping[str, Any]) -> float:

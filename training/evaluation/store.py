@@ -14,9 +14,12 @@ import re
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Optional, Sequence
 
+import numpy as np
+
 from applr_ros1.common.arrays import unpack_npz
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
+from applr_ros1.policy.decision import PERIOD
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, key_of
 from training.storage import Lock, make_folder
 from training.workers.tasks import Trial, TrialResult
@@ -40,7 +43,7 @@ class Store:
         more = (WEIGHTS_COLUMN,) if self._several else ()
         self._lock = Lock(self.folder, "evaluate.py")
         try:
-            self.done = self._check(settings, plan)
+            self.done = self._begun_with = self._check(settings, plan)
             self._files = [
                 _Table(self.folder / TRIALS, COLUMNS + more, self.done),
                 _Table(self.folder / MEASURES_FILE, MEASURES + more, self.done),
@@ -95,9 +98,12 @@ class Store:
             file.append([_cell(getattr(trial if hasattr(trial, name) else result, name)) for name in file.columns])
         self.done += 1
 
-    def finish(self, seconds: float, **more: Any) -> None:
-        """Notes how long was worked on it, in all sessions together."""
+    def finish(self, seconds: float, provenance: Optional[Dict[str, Any]] = None, **more: Any) -> None:
+        """Notes how long was worked on it, in all sessions together, and where this session's trials come from."""
         self._settings["wall_s"] = round(self._settings.get("wall_s", 0.0) + seconds, 1)
+        if provenance is not None:
+            session = dict(provenance, trials=self.done - self._begun_with, wall_s=round(seconds, 1))
+            self._settings["provenance"] = [*self._settings.get("provenance", []), session]
         self._settings.update(more)
         write_json(self.folder / SETTINGS, self._settings)
 
@@ -192,11 +198,15 @@ def trace_name(world: str, method: str, trial: int, weights: str = "") -> str:
 def read_trace(
     folder: os.PathLike | str, world: str, method: str, trial: int, weights: str = ""
 ) -> Optional[Dict[str, Any]]:
-    """{"time", "pose", "twist", "theta"} of a trial whose trace was kept, else None."""
+    """{"time", "pose", "twist", "theta", "decided"} of a trial whose trace was kept, else None.
+
+    decided: when each row of theta was chosen [s]; traces of older evaluations have one every 2 s.
+    """
     path = Path(folder) / TRACES / trace_name(world, method, trial, weights)
     try:
         arrays = unpack_npz(read_bytes(path, MAX_TRACE), str(path), MAX_TRACE, StorageError)
-        return {name: arrays[name] for name in ("time", "pose", "twist", "theta")}
+        found = {name: arrays[name] for name in ("time", "pose", "twist", "theta")}
+        return dict(found, decided=arrays.get("decided", PERIOD * np.arange(len(found["theta"]))))
     except (StorageError, KeyError):
         return None
 

@@ -149,12 +149,15 @@ class TrialRunner:
         episode.set_period(self.period or method.period)
         episode.layout = method.layout
         outcome = episode.reset(world, task.seed)
+        if method.commands:
+            episode.take_over()
         changes: List[float] = []
         total = 0.0
         while not outcome.over:
-            context = methods.Context(episode.observation(), outcome.ranges, outcome.phi, outcome.theta, outcome.time_s)
-            before = SPACE.to_action(outcome.theta)
-            outcome = episode.decide(method.theta(context))
+            context, before = episode.context(), SPACE.to_action(outcome.theta)
+            outcome = (
+                episode.drive(*method.command(context)) if method.commands else episode.decide(method.theta(context))
+            )
             changes.append(float(np.abs(SPACE.to_action(outcome.theta) - before).mean()))
             total += self.reward(outcome, changes[-1], episode.limit, episode.period)[0]
         result = TrialResult(
@@ -217,7 +220,7 @@ class _Learnt:
 
 
 def pack_trace(trace: Trace) -> bytes:
-    """A trial's trace as npz: time, pose, twist (a row per 50 ms), theta (a row per decision)."""
+    """A trial's trace as npz: time, pose, twist (a row per 50 ms), theta and decided [s] (a row per decision)."""
     buffer = io.BytesIO()
     np.savez_compressed(
         buffer,
@@ -225,6 +228,7 @@ def pack_trace(trace: Trace) -> bytes:
         pose=np.array(trace.pose, np.float32),
         twist=np.array(trace.twist, np.float32),
         theta=np.array(trace.theta, np.float32),
+        decided=np.array(trace.decided, np.float32),
     )
     return buffer.getvalue()
 

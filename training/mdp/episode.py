@@ -17,7 +17,7 @@ from applr_ros1.common.angles import place, wrapped
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
-from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.observation import LAYOUT, Layout, goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
@@ -85,7 +85,20 @@ class Trace:
     pose: List[Tuple[float, float, float]] = field(default_factory=list)  # true, world frame
     twist: List[Tuple[float, float]] = field(default_factory=list)
     command: List[Tuple[float, float]] = field(default_factory=list)
-    theta: List[np.ndarray] = field(default_factory=list)  # a row per decision
+    theta: List[np.ndarray] = field(default_factory=list)  # a row per decision over the parameters
+    decided: List[float] = field(default_factory=list)  # when it was made
+
+
+class _NoLocalPlanner:
+    """Stands in the planner's place while a method commands the base: it makes no command and is never stuck."""
+
+    goal_reached = remembers_reached = False
+
+    def set_plan(self, plan) -> None:
+        pass
+
+    def compute_velocity(self, pose, twist, costmap):
+        return True, (0.0, 0.0)
 
 
 class Episode:
@@ -162,6 +175,7 @@ class Episode:
         self._acceleration = None
         self._jerks = self._turns = 0.0
         self._cycles = 0
+        self._command: Optional[Tuple[float, float]] = None
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)
@@ -176,15 +190,37 @@ class Episode:
         )
         return self.outcome
 
+    def take_over(self) -> None:
+        """From now to the next reset drive() commands the base; MoveBase keeps maps and plan, and never gives up."""
+        self._command = (0.0, 0.0)
+        self.move_base.local_planner = _NoLocalPlanner()
+        self.move_base.reconfigure("", {"oscillation_timeout": 0.0, "planner_patience": TIME_LIMIT})
+
     def decide(self, theta) -> Outcome:
         """Drive one decision period (less where the course ends) with parameters theta (8,), and say how it went."""
-        if self.outcome is None or self.outcome.over:
-            raise RuntimeError("the trial is over: call reset() before decide()")
+        was = self._open()
         theta = self.apply(theta)
         if self.record:
             self.trace.theta.append(theta)
+            self.trace.decided.append(self.simulator.state.time - self.began)
+        return self._drive_period(was, theta)
+
+    def drive(self, v: float, w: float) -> Outcome:
+        """Drive one decision period with the velocity v [m/s], w [rad/s]; take_over() comes before the first."""
+        was = self._open()
+        if self._command is None:
+            raise RuntimeError("the planner drives: call take_over() after reset() and before drive()")
+        self._command = (float(v), float(w))
+        return self._drive_period(was, was.theta)
+
+    def _open(self) -> Outcome:
+        if self.outcome is None or self.outcome.over:
+            raise RuntimeError("the trial is over: call reset() before decide() or drive()")
+        return self.outcome
+
+    def _drive_period(self, was: Outcome, theta: np.ndarray) -> Outcome:
+        """Drive one decision period from where the trial is, with parameters theta (8,) in force."""
         since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
-        was = self.outcome
         now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf, jerk=0.0)
         jerks, cycles = self._jerks, self._cycles
         for _ in range(self.cycles):
@@ -217,6 +253,15 @@ class Episode:
         assert o is not None, "reset() comes first"
         return observe(o.ranges, o.phi, o.theta, self.space, self.layout)
 
+    def context(self) -> Context:
+        """What a method may look at for the next decision."""
+        o, state = self.outcome, self.simulator.state
+        assert o is not None, "reset() comes first"
+        plan = self.move_base.global_plan
+        return Context(
+            self.observation(), o.ranges, o.phi, o.theta, o.time_s, state.odom_pose, state.odom_twist, self.goal, plan
+        )
+
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
         """Set parameters theta (8,) through the same reconfigure servers as over ROS; returns what is in force."""
@@ -240,7 +285,7 @@ class Episode:
             laser_pose(state.odom_pose),
         )
         cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
-        command = cycle.command
+        command = cycle.command if self._command is None else self._command
         if self.monitor is not None:
             self.monitor.see(scan, state.odom_pose)
             if command is not None:
@@ -268,7 +313,7 @@ class Episode:
             self.trace.time.append(state.time - self.began)
             self.trace.pose.append(tuple(state.pose))
             self.trace.twist.append(tuple(state.twist))
-            self.trace.command.append(cycle.command or (0.0, 0.0))
+            self.trace.command.append(self._command or cycle.command or (0.0, 0.0))
         self._judge(now, cycle, state)
 
     def _judge(self, now: Outcome, cycle, state) -> None:

@@ -25,7 +25,7 @@ def check_method(method: Any) -> None:
     """Put a method to its contract. Returns nothing when it is kept.
 
     Args:
-        method: A Method, or an object of one's own with theta(context).
+        method: A Method, or an object of one's own with theta(context) or command(context).
 
     Raises:
         MethodError: One line with the promise that is broken.
@@ -35,7 +35,7 @@ def check_method(method: Any) -> None:
     _need(np.isfinite(used.period) and 0.05 <= used.period <= 60.0, name, "period is %r s, not .05 to 60" % used.period)
     contexts = scenes(DECISIONS)
     first = _course(used, contexts, 7, name)
-    _need(_course(used, contexts, 7, name) == first, name, "the same seed and contexts gave other parameters")
+    _need(_course(used, contexts, 7, name) == first, name, "the same seed and contexts gave other %s" % _what(used))
     _course(used, contexts[::-1], 8, name)
     _need(_course(used, contexts, 7, name) == first, name, "what it decides depends on an earlier course")
     if used.static:
@@ -55,8 +55,15 @@ def scenes(count: int) -> List[Context]:
         ranges = draw.uniform(0.1, 0.4 + k, LAYOUT.beams).astype(np.float32)
         ranges[draw.random(LAYOUT.beams) < k / count] = np.inf
         phi, theta = float(draw.uniform(-np.pi, np.pi)), SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
-        found.append(Context(observe(ranges, phi, theta), ranges, phi, theta, 2.0 * k))
+        pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
+        plan = np.linspace(pose[:2], goal[:2], 40)
+        seen = observe(ranges, phi, theta)
+        found.append(Context(seen, ranges, phi, theta, 2.0 * k, pose, (0.1 * k, 0.0), goal, plan[: 40 * (k > 0)]))
     return found
+
+
+def _what(method: Method) -> str:
+    return "velocities" if method.commands else "parameters"
 
 
 def _course(method: Method, contexts: List[Context], seed: int, name: str) -> List[bytes]:
@@ -65,19 +72,28 @@ def _course(method: Method, contexts: List[Context], seed: int, name: str) -> Li
 
 
 def _decide(method: Method, context: Any, name: str) -> bytes:
-    before = None if context is None else (context.observation.tobytes(), context.theta.tobytes())
+    before, asked = _content(context), "command" if method.commands else "theta"
     try:
-        theta = np.array(method.theta(context), dtype=np.float64)
+        decided = np.array(getattr(method, asked)(context), dtype=np.float64)
     except MethodError:
         raise
     except Exception as error:
-        raise MethodError("%s: theta(context) raised %s: %s" % (name, type(error).__name__, reason(error))) from None
-    _need(theta.shape == (len(SPACE),), name, "theta has shape %s, not (%d,)" % (theta.shape, len(SPACE)))
-    _need(bool(np.isfinite(theta).all()), name, "theta is not finite")
-    _need(bool(np.array_equal(SPACE.clip(theta), theta)), name, "theta lies outside the ranges, or a count is broken")
-    after = None if context is None else (context.observation.tobytes(), context.theta.tobytes())
-    _need(before == after, name, "it changed the context that it was given")
-    return theta.tobytes()
+        raise MethodError(
+            "%s: %s(context) raised %s: %s" % (name, asked, type(error).__name__, reason(error))
+        ) from None
+    size = 2 if method.commands else len(SPACE)
+    _need(decided.shape == (size,), name, "%s has shape %s, not (%d,)" % (asked, decided.shape, size))
+    _need(bool(np.isfinite(decided).all()), name, "%s is not finite" % asked)
+    inside = method.commands or np.array_equal(SPACE.clip(decided), decided)
+    _need(inside, name, "theta lies outside the ranges, or a count is broken")
+    _need(before == _content(context), name, "it changed the context that it was given")
+    return decided.tobytes()
+
+
+def _content(context: Any) -> Any:
+    if context is None:
+        return None
+    return [array.tobytes() for array in (context.observation, context.ranges, context.theta, context.plan)]
 
 
 def _need(holds: Any, name: str, problem: str) -> None:

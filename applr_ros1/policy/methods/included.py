@@ -94,6 +94,8 @@ class FrozenParameter(Method):
     def __init__(self, inner: Method, name: str):
         if name not in SPACE.names:
             raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(SPACE.names)))
+        if inner.commands:
+            raise MethodError("frozen:%s: the method commands velocities and has no parameters to hold" % name)
         self.inner, self.index, self.name = inner, SPACE.names.index(name), name
         self.static, self.period, self.layout, self.weights = inner.static, inner.period, inner.layout, inner.weights
 

@@ -1,22 +1,32 @@
-"""A person's own class as a method: `module:Class` or `module:Class:text`."""
+"""A person's own class as a method: `module:Class` or `my_file.py:Class`, `:text` behind it for its constructor."""
 
 from __future__ import annotations
 
 import importlib
-from typing import Any, Dict, Optional
+import importlib.util
+import math
+import os
+import sys
+from types import ModuleType
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import reason
-from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.common.files import read_bytes, sha256
+from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
 
 
 class OwnMethod(Method):
-    """Wraps an object that has theta(context) and, if it likes, reset(seed), describe(), static, period and weights.
+    """Wraps an object that has theta(context) or command(context).
 
-    What comes back is clipped to the ranges; whatever the object raises becomes a MethodError of one line.
+    It may have reset(seed), describe(), static, period, layout and weights as well.
+
+    Parameters that come back are clipped to the ranges, velocities must be two finite numbers; whatever the object
+    raises becomes a MethodError of one line.
 
     Args:
         made: The object.
@@ -25,11 +35,15 @@ class OwnMethod(Method):
 
     def __init__(self, made: Any, spec: str):
         self.made, self.spec = made, spec
-        if not callable(getattr(made, "theta", None)):
-            raise MethodError("method %s has no theta(context); see docs/extending.md for an example" % spec)
-        self.static = bool(getattr(made, "static", False))
-        self.period = float(getattr(made, "period", PERIOD))
+        self.commands = callable(getattr(made, "command", None))
+        if not self.commands and not callable(getattr(made, "theta", None)):
+            raise MethodError(
+                "method %s has no theta(context) and no command(context); see docs/extending.md for examples" % spec
+            )
+        self.static = not self.commands and bool(getattr(made, "static", False))
+        self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))
         self.weights = getattr(made, "weights", None)
+        self.layout = getattr(made, "layout", LAYOUT)
 
     def reset(self, seed: int) -> None:
         """Begin a course, if the object wants to know."""
@@ -41,21 +55,62 @@ class OwnMethod(Method):
         try:
             return SPACE.clip(self.made.theta(context))
         except Exception as error:
-            raise MethodError(
-                "method %s gave no parameters: %s: %s" % (self.spec, type(error).__name__, reason(error))
-            ) from error
+            raise self._gave_no("parameters", error) from error
+
+    def command(self, context: Context) -> Tuple[float, float]:
+        """The object's velocity (v [m/s], w [rad/s]), as two finite numbers."""
+        try:
+            v, w = (float(number) for number in self.made.command(context))
+            if not (math.isfinite(v) and math.isfinite(w)):
+                raise ValueError("(%g, %g) is not finite" % (v, w))
+            return v, w
+        except Exception as error:
+            raise self._gave_no("velocity", error) from error
 
     def describe(self) -> Dict[str, Any]:
-        """What the object says of itself, else its specification."""
-        return self.made.describe() if hasattr(self.made, "describe") else {"class": self.spec}
+        """What the object says of itself, else its specification; for a class in a file also the file's checksum."""
+        if hasattr(self.made, "describe"):
+            return self.made.describe()
+        path, colon, rest = self.spec.partition(".py:")
+        if not colon:
+            return {"class": self.spec}
+        file = path + ".py"
+        return {"class": rest, "file": os.path.basename(file), "sha256": sha256(read_bytes(file))}
+
+    def _gave_no(self, what: str, error: Exception) -> MethodError:
+        return MethodError("method %s gave no %s: %s: %s" % (self.spec, what, type(error).__name__, reason(error)))
 
 
 def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
-    """The class `name` of a module, made with `text` where there is one. Raises MethodError."""
+    """The class `name` of a module or of a .py file, made with `text` where there is one. Raises MethodError."""
     try:
-        made = getattr(importlib.import_module(module), name)
-        return OwnMethod(made(text) if text is not None else made(), spec)
+        made = getattr(_load(module), name)
+        made = made(text) if text is not None else made()
+        return made if isinstance(made, Method) else OwnMethod(made, spec)
     except MethodError:
         raise
     except Exception as error:  # whatever a person's module does wrong is theirs to hear in one line
         raise MethodError("method %s cannot be made: %s: %s" % (spec, type(error).__name__, reason(error))) from None
+
+
+def _load(module: str) -> ModuleType:
+    """A module by its name, the current folder included, or by its file. Both may import what lies beside them."""
+    path = os.path.realpath(module) if module.endswith(".py") else ""
+    folder = os.path.dirname(path) if path else os.getcwd()
+    if folder not in sys.path:
+        sys.path.append(folder)
+    if not path:
+        return importlib.import_module(module)
+    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")  # hides no other module
+    if name not in sys.modules:
+        found = importlib.util.spec_from_file_location(name, path)
+        assert found is not None
+        assert found.loader is not None
+        made = importlib.util.module_from_spec(found)
+        sys.modules[name] = made
+        try:
+            found.loader.exec_module(made)
+        except BaseException:
+            del sys.modules[name]
+            raise
+    return sys.modules[name]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
@@ -16,12 +16,14 @@ class MethodError(ApplrError):
 
 
 class Method:
-    """Chooses the planner's parameters at each decision.
+    """Chooses the planner's parameters at each decision, or commands the base's velocity in the planner's place.
 
     Attributes:
         name: What launch argument `mode` calls it, where it is a mode.
         static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
             what a person changes later stands.
+        commands: Whether it commands velocities: then command() is asked, theta() never, and the planner makes global
+            plans alone.
         period: Time [s] between two decisions.
         layout: How it sees a scan: what Context.ranges and Context.observation are made with.
         weights: What the distance weights of its sets count: per_metre, per_cell, or drawn, which had both; None where
@@ -30,6 +32,7 @@ class Method:
 
     name = ""
     static = False
+    commands = False
     period = PERIOD
     layout: Layout = LAYOUT
     weights: Optional[str] = None
@@ -39,6 +42,10 @@ class Method:
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The parameters (8,) until the next decision. Raises SpaceError where there are none to be had."""
+        raise NotImplementedError
+
+    def command(self, context: Context) -> Tuple[float, float]:
+        """The velocity (v [m/s], w [rad/s]) that the base is to have until the next decision."""
         raise NotImplementedError
 
     def describe(self) -> Dict[str, Any]:

@@ -15,7 +15,7 @@ from applr_ros1.policy.methods.protocol import Method, MethodError
 from applr_ros1.policy.parameter_space import SPACE
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
-OWN = re.compile(r"^([A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")
+OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
 MODES = ("applr", "dwa", "appld", "fixed", "random")  # launch modes; each other method is one, too
 
 
@@ -59,7 +59,7 @@ METHODS: Dict[str, Tuple[Callable[[], Method], str]] = {
 FILES: Dict[str, Callable[[str], Method]] = {"applr": _actor, "appld": _appld, "fixed": _fixed}  # KIND:FILE
 FORMS = (
     "%s, an actor (.safetensors), appld:FILE, a set (.json), frozen:PARAMETER:METHOD, ablation:METHOD, "
-    "module:Class, or NAME=any of these" % ", ".join(METHODS)
+    "module:Class or my_file.py:Class, or NAME=any of these" % ", ".join(METHODS)
 )
 
 
@@ -77,14 +77,14 @@ def make(spec: str) -> Method:
         return FrozenParameter(make(inner), name)
     if kind in FILES and (colon or kind == "fixed"):
         return FILES[kind](rest)
-    if spec.endswith(".safetensors"):
-        return _actor(spec)
-    if spec.endswith(".json"):
-        return _fixed(spec)
     match = OWN.match(spec)
     if match:
         module, name, text = match.groups()
         return make_own(spec, module, name, text)
+    if spec.endswith(".safetensors"):
+        return _actor(spec)
+    if spec.endswith(".json"):
+        return _fixed(spec)
     raise MethodError("method %r is not known: give %s" % (spec, FORMS))
 
 
@@ -96,6 +96,8 @@ def make_mode(mode: str, policy: str = "", parameters: str = "") -> Method:
     """
     file = {"applr": policy, "appld": policy, "fixed": parameters}.get(mode, "")
     method = make("%s:%s" % (mode, file) if file else mode)
+    if method.commands:
+        raise MethodError("mode %s commands velocities, not parameters; start it with velocity_method.launch" % mode)
     method.name = mode
     return method
 
@@ -123,9 +125,12 @@ def _name(spec: str) -> str:
     """What a method is called where the person gave no name."""
     if spec in METHODS:
         return spec
-    if spec.endswith((".safetensors", ".json")):
-        return os.path.splitext(os.path.basename(spec))[0]
     if spec.startswith("frozen:"):
         parameter, _, inner = spec[len("frozen:") :].partition(":")
         return "%s-without-%s" % (_name(inner), parameter)
+    own = OWN.match(spec)
+    if own and spec.partition(":")[0] not in FILES:
+        return own.group(2)
+    if spec.endswith((".safetensors", ".json")):
+        return os.path.splitext(os.path.basename(spec))[0]
     return spec.split(":")[1] if ":" in spec else spec

@@ -1,0 +1,127 @@
+"""The velocity node: a method that commands velocities drives the robot in the place of move_base's local planner.
+
+Run by scripts/velocity.py beside a move_base whose own commands go nowhere; launch/velocity_method.launch starts both.
+It commands while move_base pursues a goal, and stands otherwise. docs/extending.md describes such methods.
+"""
+
+import threading
+
+import rospy
+from geometry_msgs.msg import PoseStamped, Twist
+from nav_msgs.msg import Odometry
+
+from applr_ros1.common.angles import yaw_of
+from applr_ros1.common.arguments import number_within
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.progress import Throttled
+from applr_ros1.common.ros_master import require_master
+from applr_ros1.nodes.applr_inputs import Inputs
+from applr_ros1.policy import methods
+from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE
+
+
+class VelocityNode:
+    """Joins inputs and method, and publishes cmd_vel (geometry_msgs/Twist).
+
+    Args:
+        method: A Method that commands.
+        inputs: Scan, odometry, plan and goal (nodes/applr_inputs.py).
+        move_base: Namespace of move_base.
+        odom: Topic of the odometry.
+        seed: Of what the method draws; the courses have seed, seed + 1 ...
+    """
+
+    def __init__(self, method, inputs, move_base="move_base", odom="odometry/filtered", seed=0):
+        self.method, self.inputs, self.seed = method, inputs, seed
+        self._goal, self._began = None, None  # the goal's id, and when it was first seen
+        self._lock = threading.Lock()
+        self._target, self._twist = (0.0, 0.0, 0.0), (0.0, 0.0)
+        self._warn = Throttled(rospy.logwarn)
+        self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_goal, queue_size=1)
+        rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=1, tcp_nodelay=True)
+
+    def spin(self):
+        """A command every period of ROS time until shutdown, which ends with a stop."""
+        rospy.on_shutdown(self._stop)
+        while not rospy.is_shutdown():
+            try:
+                now = rospy.Time.now()
+                self._turn(now)
+                left = self.method.period - (rospy.Time.now() - now).to_sec()
+                rospy.sleep(max(left, 0.001))
+            except rospy.exceptions.ROSTimeMovedBackwardsException:
+                self._warn("velocity: the clock jumped back; starting afresh")
+                self.inputs.clear()
+                self._goal = None
+            except rospy.exceptions.ROSInterruptException:
+                return
+
+    def _turn(self, now):
+        """One decision, where there is a goal; a stop where the goal has ended or no decision can be made."""
+        goal = self.inputs.goal(now)
+        if goal != self._goal:
+            if goal is None:
+                self._stop()
+            else:
+                self.method.reset(self.seed)
+                self.seed, self._began = self.seed + 1, now
+            self._goal = goal
+        if goal is None:
+            return
+        try:
+            self._publish(*self.method.command(self._context(now)))
+        except (ApplrError, ObservationError) as problem:
+            self._warn("velocity: standing: %s" % problem)
+            self._stop()
+
+    def _context(self, now):
+        layout = self.method.layout
+        seen = self.inputs.snapshot(now, layout)
+        phi = goal_angle(local_goal(seen.plan, seen.pose, layout.lookahead))
+        observation = observe(seen.ranges, phi, SPACE.theta0, layout=layout)
+        with self._lock:
+            target, twist = self._target, self._twist
+        time = (now - self._began).to_sec()
+        return methods.Context(observation, seen.ranges, phi, SPACE.theta0, time, seen.pose, twist, target, seen.plan)
+
+    def _on_goal(self, message):
+        p, q = message.pose.position, message.pose.orientation
+        with self._lock:
+            self._target = p.x, p.y, yaw_of(q)
+
+    def _on_odometry(self, message):
+        with self._lock:
+            self._twist = message.twist.twist.linear.x, message.twist.twist.angular.z
+
+    def _stop(self):
+        self._publish(0.0, 0.0)
+
+    def _publish(self, v, w):
+        message = Twist()
+        message.linear.x, message.angular.z = v, w
+        self._out.publish(message)
+
+
+def main():
+    """The command; exit status 1, with one line, for parameters that cannot be used."""
+    return run_main(_run, "velocity")
+
+
+def _run():
+    require_master()
+    rospy.init_node("velocity")
+    spec, seed = str(rospy.get_param("~method", "")), number_within("seed", rospy.get_param("~seed", 0), 0, 2**31 - 1)
+    if not spec:
+        raise methods.MethodError("~method is empty: give my_file.py:Class or module:Class of a method that commands")
+    method = methods.make(spec)
+    if not method.commands:
+        raise methods.MethodError("method %s chooses parameters; start it as mode of jackal_applr.launch" % spec)
+    odom, move_base = "odometry/filtered", rospy.resolve_name("move_base")
+    node = VelocityNode(
+        method, Inputs(odom=odom, plan=move_base + "/NavfnROS/plan", move_base=move_base), move_base, odom, int(seed)
+    )
+    rospy.loginfo("velocity: ready, method %s, a command every %g s", spec, method.period)
+    node.spin()
+    return 0
