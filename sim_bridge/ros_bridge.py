@@ -9,13 +9,15 @@ Jackal; the robot stays where it is), ~world (changes the world). Services: ~res
 start, costmaps cleared), ~load_world (the world that the parameter ~world names). Parameters: ~world, ~simulator,
 ~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin
 with the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py); ~odom_frame, ~base_frame,
-~tf_prefix (in front of the names of all frames of the robot).
+~tf_prefix (in front of the names of all frames of the robot). For several robots in one world: ~clock (false follows
+the /clock that another one makes), ~others (namespaces of robots that this one detects and can touch: ros_others.py).
 
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 import sys
 import threading
@@ -35,12 +37,14 @@ from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
 
 from . import make
+from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError
 
 TICK = 0.01  # simulated seconds between clocks; data every second one
 CONTROL_PERIOD = 0.05  # the planner's, for the lock-step of real_time_factor 0
 PATIENCE = 0.25  # wall seconds that the lock-step waits for a command
+CAUGHT_UP = 2.0  # simulated seconds that a robot without a clock of its own may be behind or ahead of /clock
 IDLE_FACTOR = 1.0  # the factor used in place of 0 while no commands come, so that planning has its usual time
 
 
@@ -56,7 +60,10 @@ class Bridge:
             raise SimulatorError("randomisation is %r: give a dictionary such as {slip: 1.2}" % (options,))
         if rospy.get_param("~gui", False):
             options = dict(options, gui=True)
-        world = worlds.load(str(rospy.get_param("~world", "generated:0")))
+        self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
+        self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
+        self.makes_clock = bool(rospy.get_param("~clock", True))
+        world = self._with_others(worlds.load(str(rospy.get_param("~world", "generated:0"))))
         self.simulator = make(name, **options)
         self.start = _start(str(rospy.get_param("~start", "")))
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
@@ -68,16 +75,17 @@ class Bridge:
         self.driven = False  # whether velocity commands come in
         self.commanded_at = 0.0  # simulated time of the newest command
         self.refused = 0
-        self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
         self.touched = False
         self.running = threading.Event()  # simulated time goes on
         if not rospy.get_param("~paused", False):
             self.running.set()
-        self.topics = _topics()
+        self.topics = _topics(self.makes_clock)
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         self.front = _gazebos_front(self) if rospy.get_param("~gazebo", False) else None
         self._connect()
+        if not self.makes_clock:
+            self._await_clock()
         rospy.loginfo(
             "sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
             "real time factor %g",
@@ -107,6 +115,21 @@ class Bridge:
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
+    def _with_others(self, world):
+        """The world with the other robots as moving obstacles."""
+        return dataclasses.replace(world, movers=world.movers + self.others) if self.others else world
+
+    def _await_clock(self):
+        """Where another robot makes the clock: wait until it runs, and count from then on."""
+        with announced("waiting for another simulated robot's /clock (parameter ~clock is false)", rospy.loginfo):
+            while rospy.get_time() == 0.0 and not rospy.is_shutdown():
+                time.sleep(0.02)
+        self.base_time = rospy.get_time() - self.simulator.state.time
+
+    def sim_time(self, stamp: rospy.Time) -> float:
+        """Simulated time [s] of a ROS time."""
+        return stamp.to_sec() - self.base_time
+
     def stamp(self) -> rospy.Time:
         """ROS time of the simulator's present state."""
         return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
@@ -134,7 +157,9 @@ class Bridge:
                     if ticks % 10 == 0:
                         self.topics.publish_movers(self.simulator, stamp)
                 self.topics.publish_clock(stamp)
-            if self.factor == 0.0:
+            if not self.makes_clock:
+                self._follow_clock()
+            elif self.factor == 0.0:
                 self._lock_step()
                 if self.driven:
                     pace.begin()
@@ -157,6 +182,18 @@ class Bridge:
         if command is not None:
             self.simulator.command(*command)
             self.commanded_at = self.simulator.state.time
+
+    def _follow_clock(self):
+        """Wait until /clock has passed this simulator's time; a clock that has gone back or far ahead is caught up."""
+        while not rospy.is_shutdown() and self.running.is_set():
+            with self.lock:
+                ahead = self.sim_time(rospy.get_rostime()) - self.simulator.state.time
+                if abs(ahead) > CAUGHT_UP:
+                    self.base_time += ahead
+                    return
+            if ahead >= TICK - 1e-6:
+                return
+            time.sleep(0.001)
 
     def _lock_step(self):
         """Wait for the planner's next command once a control period has passed since its last one.
@@ -244,7 +281,7 @@ class Bridge:
     def _change_world(self, spec):
         """Load a world and restart in it. Returns "", or one line why the old world stays."""
         try:
-            world = worlds.load(spec)
+            world = self._with_others(worlds.load(spec))
         except (ValueError, OSError) as error:
             rospy.logerr("sim_bridge: world stays %s: %s", self.simulator.world.name, error)
             return str(error)
@@ -259,7 +296,7 @@ class Bridge:
                 world, self.seed = self.simulator.world, self.seed + 1
             else:
                 self.start = None  # that of the new world's course
-            self.base_time += self.simulator.state.time + TICK
+            self.base_time += self.simulator.state.time + (TICK if self.makes_clock else 0.0)
             with self.arrived:
                 self.newest, self.driven, self.commanded_at = None, False, 0.0
             state = self.simulator.reset(world, self.seed, self.start)
@@ -321,10 +358,10 @@ def _clear_costmaps(patience=2.0):
         rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
 
 
-def _topics():
+def _topics(clock):
     """The publishers, for the frames that ~odom_frame, ~base_frame and ~tf_prefix name."""
     prefix, odom, base = (str(rospy.get_param("~" + name, "")) for name in ("tf_prefix", "odom_frame", "base_frame"))
-    return BridgeTopics(prefix, odom or prefix + "odom", base or prefix + "base_link")
+    return BridgeTopics(prefix, odom or prefix + "odom", base or prefix + "base_link", clock)
 
 
 def _parameter(name, default, most):

@@ -38,11 +38,12 @@ class BridgeTopics:
         prefix: What the names of the robot's other frames begin with, for several robots on one master.
         odom: Frame of the odometry.
         base: Frame of the robot.
+        clock: Whether to publish /clock; otherwise another robot does.
     """
 
-    def __init__(self, prefix: str = "", odom: str = "odom", base: str = "base_link"):
+    def __init__(self, prefix: str = "", odom: str = "odom", base: str = "base_link", clock: bool = True):
         self.prefix, self.odom_frame, self.base_frame = prefix, odom, base
-        self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True) if clock else None
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=50, tcp_nodelay=True)
         self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         self.odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=10, tcp_nodelay=True)
@@ -58,8 +59,9 @@ class BridgeTopics:
         self._last = None
 
     def publish_clock(self, stamp: rospy.Time) -> None:
-        """Publish simulated time."""
-        self.clock.publish(stamp)
+        """Publish simulated time, if this robot makes the clock."""
+        if self.clock is not None:
+            self.clock.publish(stamp)
 
     def publish_state(self, state: RobotState, ranges: np.ndarray, stamp: rospy.Time, touched: bool) -> None:
         """Everything of one instant. ranges (720,) float32; touched: since the last call."""

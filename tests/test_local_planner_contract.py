@@ -85,8 +85,12 @@ def test_drives_along_the_plan_and_shows_what_it_chose(planner):
     costs = planner.cost_cloud(here)
     assert costs.shape[1] == 7
     assert len(costs) > 1000
-    assert costs.dtype == planner.trajectory_cloud().dtype == np.float32
-    assert planner.trajectory_cloud().shape[1] == 5
+    assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
+    points = planner.trajectory_cloud(here)
+    assert points.shape[1] == 5
+    assert points[:, 4].min() >= 0.0  # legal ones alone, the chosen one among them with the least cost
+    best = points[points[:, 4] == points[:, 4].min()]
+    assert np.hypot(*(best[:, :2] - planner.local_plan[-1, :2]).T).min() < 1e-5
     assert np.array_equal(here.cells, cells)
 
 

@@ -360,7 +360,6 @@ def main():
             _text("odom_topic", "odometry/filtered"),
             _text("plan_topic", namespace + "/NavfnROS/plan"),
         )
-        base_frame = _text("base_frame", "base_link")
         mode, weights = _text("mode", "applr"), _text("weights", FIT)
         if weights not in CHOICES:
             raise SpaceError(f"weights is {weights!r}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
@@ -369,7 +368,7 @@ def main():
         print(f"applr: {e}", file=sys.stderr)
         return 1
     inputs = Inputs(*topics, namespace)
-    topics = ApplrTopics(base_frame=base_frame)
+    topics = ApplrTopics()
     node = ApplrNode(method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed), weights)
     Services(node)
     if trouble:

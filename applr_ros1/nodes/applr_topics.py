@@ -1,4 +1,4 @@
-"""What the applr node publishes: heartbeat, decisions and observations (for bags), parameters, markers, diagnostics.
+"""What the applr node publishes: heartbeat, decisions and observations (for bags), parameters, diagnostics.
 
 Called by nodes/applr_node.py. What bags need is published twice: as messages of this package, with stamps and fields to
 plot, and as standard messages (JSON, arrays), which can be read without this package.
@@ -11,7 +11,6 @@ import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, Quaternion
 from std_msgs.msg import Float32MultiArray, Float64MultiArray, MultiArrayDimension, String, Time
-from visualization_msgs.msg import Marker
 
 from applr_ros1.common.angles import place, quaternion_of
 from applr_ros1.msg import Decision, Parameters
@@ -23,11 +22,9 @@ class ApplrTopics:
 
     Args:
         prefix: What the topics' names begin with.
-        base_frame: Frame of the robot, in which the parameters stand as text.
     """
 
-    def __init__(self, prefix="applr", base_frame="base_link"):
-        self.base_frame = base_frame
+    def __init__(self, prefix="applr"):
         self._name = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self._heartbeat = rospy.Publisher(prefix + "/heartbeat", Time, queue_size=1)
         self._observation = rospy.Publisher(prefix + "/observation", Float32MultiArray, queue_size=5)
@@ -37,7 +34,6 @@ class ApplrTopics:
         self._weights = rospy.Publisher(prefix + "/weights", String, queue_size=1, latch=True)
         self._typed_decision = rospy.Publisher(prefix + "/typed/decision", Decision, queue_size=5)
         self._typed_parameters = rospy.Publisher(prefix + "/typed/parameters", Parameters, queue_size=1, latch=True)
-        self._text = rospy.Publisher(prefix + "/parameters_text", Marker, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
     def heartbeat(self, now):
@@ -84,18 +80,11 @@ class ApplrTopics:
         self._weights.publish(json.dumps(multipliers))
 
     def parameters(self, theta, now):
-        """Publish theta (8,), the parameters in force at ROS time `now`, as numbers and as text above the robot."""
+        """Publish theta (8,), the parameters in force at ROS time `now`."""
         self._typed_parameters.publish(parameters_message(theta, now))
         message = Float64MultiArray(data=theta)
         message.layout.dim = [MultiArrayDimension(",".join(SPACE.names), len(theta), len(theta))]
         self._parameters.publish(message)
-        lines = (f"{name} {value:.3g}" for name, value in SPACE.as_dict(theta).items())
-        marker = Marker(ns="applr", type=Marker.TEXT_VIEW_FACING, text="\n".join(lines), frame_locked=True)
-        marker.header.frame_id = self.base_frame
-        marker.pose.position.y, marker.pose.position.z, marker.pose.orientation.w = 1.2, 0.8, 1.0
-        marker.scale.z = 0.18
-        marker.color.r = marker.color.g = marker.color.b = marker.color.a = 1.0
-        self._text.publish(marker)
 
     def diagnostics(self, now, trouble, lost, doing, values):
         """Publish the node's state.

@@ -76,6 +76,7 @@ def check(values):
     boolean("gazebo", values["gazebo"])
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
+    boolean("record_costmaps", values["record_costmaps"])
     boolean("monitor", values["monitor"])
     if not sim_bridge.is_name(values["simulator"]):
         one_of("simulator", values["simulator"], sim_bridge.NAMES)
@@ -112,7 +113,12 @@ def _interface(values):
             raise ArgumentError("max_speed is %s: give %g to %g m/s, or none" % (values["max_speed"], low, high))
     if values["use_sim_time"] != "auto":
         boolean("use_sim_time", values["use_sim_time"])
-    for name in ("scan_topic", "odom_topic", "cmd_vel_topic", "odom_frame", "base_frame"):
+    pose("start", values["start"])
+    boolean("clock", values["clock"])
+    for name in values["others"].split() or ("",):
+        if not ROS_NAME.match(name):
+            raise ArgumentError("others is %s: give namespaces such as '/robot2 /robot3', or none" % values["others"])
+    for name in ("tf_prefix", "scan_topic", "odom_topic", "cmd_vel_topic", "odom_frame", "base_frame"):
         if not ROS_NAME.match(values[name]):
             raise ArgumentError("%s is %s: give a name such as front/scan" % (name, values[name] or "empty"))
 
@@ -143,17 +149,22 @@ def number(name, text):
 
 def goal(text):
     """None for auto and none, else (x, y, yaw) [m, m, rad] in frame odom."""
-    if text in ("auto", "none"):
+    return None if text == "none" else pose("goal", text, "auto, none")
+
+
+def pose(name, text, others="auto"):
+    """None for auto, else (x, y, yaw) [m, m, rad] of the argument `name`; others: what it may be instead."""
+    if text == "auto":
         return None
     words = str(text).replace(",", " ").split()
     if len(words) != 3:
         raise ArgumentError(
-            "goal is %s: give auto, none, or three numbers 'x y yaw' in metres and radians" % (text or "empty")
+            "%s is %s: give %s, or three numbers 'x y yaw' in metres and radians" % (name, text or "empty", others)
         )
-    pose = tuple(number("goal", word) for word in words)
-    if max(map(abs, pose)) > MAX_GOAL:
-        raise ArgumentError("goal is %s: give numbers from %g to %g" % (text, -MAX_GOAL, MAX_GOAL))
-    return pose
+    values = tuple(number(name, word) for word in words)
+    if max(map(abs, values)) > MAX_GOAL:
+        raise ArgumentError("%s is %s: give numbers from %g to %g" % (name, text, -MAX_GOAL, MAX_GOAL))
+    return values
 
 
 def path(text):

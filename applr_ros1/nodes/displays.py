@@ -15,6 +15,8 @@ from applr_ros1.planner.costmap import footprint
 
 from . import conversions
 
+TRAJECTORIES_RATE = 5.0  # Hz of trajectory_cloud where C++ has none
+
 
 class _NewSubscriber(rospy.SubscribeListener):
     """Sends a whole map to whoever subscribes, from the node's own thread."""
@@ -91,9 +93,8 @@ class PlanDisplay:
             rospy.Publisher("~%s/%s" % (name, topic), Path, queue_size=1) for topic in ("global_plan", "local_plan")
         )
         self._costs = rospy.Publisher("~%s/cost_cloud" % name, PointCloud2, queue_size=1)
-        self._trajectories = None
-        if "publish_traj_pc" in static:  # DWAPlannerROS alone
-            self._trajectories = rospy.Publisher("~%s/trajectory_cloud" % name, PointCloud2, queue_size=1)
+        self._trajectories = rospy.Publisher("~%s/trajectory_cloud" % name, PointCloud2, queue_size=1)
+        self._sent = float("-inf")  # when the sampled trajectories were sent last [s]
 
     def planned(self, plan, stamp) -> None:
         """The global planner ran: (n, 3), empty where it found nothing."""
@@ -108,11 +109,19 @@ class PlanDisplay:
             rows = local_planner.cost_cloud(costmap)
             if len(rows):
                 self._costs.publish(conversions.cost_cloud(rows, self._frame, stamp))
-        if self._trajectories and self._static["publish_traj_pc"] and self._trajectories.get_num_connections():
-            rows = local_planner.trajectory_cloud()
-            if len(rows):
-                frame = self._static["global_frame_id"]
-                self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp))
+        self._show_trajectories(local_planner, costmap, stamp)
+
+    def _show_trajectories(self, local_planner, costmap, stamp) -> None:
+        """In each cycle where C++ does (DWAPlannerROS with publish_traj_pc), else at TRAJECTORIES_RATE."""
+        period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_RATE - 1e-3
+        wanted = self._trajectories.get_num_connections() and self._static.get("publish_traj_pc", True)
+        if not wanted or 0.0 <= stamp.to_sec() - self._sent < period:
+            return
+        rows = local_planner.trajectory_cloud(costmap)
+        if len(rows):
+            self._sent = stamp.to_sec()
+            frame = self._static.get("global_frame_id", self._frame)
+            self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp))
 
     def _send(self, publisher, poses, stamp) -> None:
         if publisher.get_num_connections():

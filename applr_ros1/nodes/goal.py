@@ -1,5 +1,6 @@
 """Sends a goal to move_base, ours or the C++ one, through its action. Used by scripts/send_goal.py and the demo."""
 
+import dataclasses
 import time
 
 import actionlib
@@ -52,7 +53,9 @@ def _send():
     rospy.init_node("send_goal")
     pose = arguments.goal(rospy.get_param("~goal", "auto"))
     if pose is None:
-        pose = course_goal(worlds.load(rospy.get_param("~world", "generated:0")).course)
+        course = worlds.load(rospy.get_param("~world", "generated:0")).course
+        start = arguments.pose("start", rospy.get_param("~start", "auto"))
+        pose = course_goal(dataclasses.replace(course, start=start or course.start))
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     with announced("waiting for the action server of move_base", rospy.loginfo, first=10.0):
         client.wait_for_server()

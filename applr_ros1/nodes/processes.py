@@ -11,7 +11,38 @@ import socket
 import subprocess
 import time
 
+from applr_ros1.common.errors import ApplrError
+
 _SET_PARENT_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
+
+
+class ProgramError(ApplrError):
+    """A program of another ROS package that is not installed; one line."""
+
+
+def become(package, program, arguments):
+    """Replace this process by a program of another ROS package.
+
+    Args:
+        package: The ROS package, which is also the name of what has to be installed.
+        program: Its program, as for rosrun.
+        arguments: The command line.
+
+    Raises:
+        ProgramError: There is no such program.
+    """
+    import roslib.packages
+    import rospkg
+
+    try:
+        found = roslib.packages.find_node(package, program)
+    except rospkg.ResourceNotFound:
+        found = []
+    if not found:
+        raise ProgramError(
+            "%s is not installed: apt-get install %s (ros-noetic-%s on Ubuntu 20.04)" % (package, package, package)
+        )
+    os.execv(found[0], [found[0], *arguments])
 
 
 def free_port():

@@ -66,6 +66,6 @@ class LocalPlanner(abc.ABC):
     def cost_cloud(self, costmap) -> np.ndarray:
         """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
 
-    def trajectory_cloud(self) -> np.ndarray:
-        """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories; empty if it has no such."""
+    def trajectory_cloud(self, costmap) -> np.ndarray:
+        """(k, 5) float32: x, y, z, theta, cost of points of the last cycle's legal trajectories; empty without any."""
         return np.zeros((0, 5), np.float32)

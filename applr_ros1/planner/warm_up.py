@@ -34,7 +34,7 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
             if cycle.controlled:  # what is only shown has kernels too
                 len(move_base.local_planner.local_plan)
                 move_base.local_planner.cost_cloud(move_base.local_costmap)
-                move_base.local_planner.trajectory_cloud()
+                move_base.local_planner.trajectory_cloud(move_base.local_costmap)
             now += 0.05
     for behaviour in move_base.recoveries:
         behaviour.start(now, pose)

@@ -82,7 +82,7 @@ class DWALocalPlanner(LocalPlanner):
         """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last search's cells, for display."""
         return self.planner.cost_cloud(costmap) if self._searched else NO_COSTS
 
-    def trajectory_cloud(self) -> np.ndarray:
+    def trajectory_cloud(self, costmap: Any) -> np.ndarray:
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
 

@@ -19,6 +19,7 @@ from applr_ros1.planner.trajectory.planner import Result, TrajectoryPlanner
 STOPPED = 0.01  # [m/s] and [rad/s]
 STANDING = (0.0, 0.0)
 EMPTY = np.zeros((0, 3))
+NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
 
 
 class TrajectoryLocalPlanner(LocalPlanner):
@@ -73,6 +74,13 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
         """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
         return self.planner.cost_cloud(costmap)
+
+    def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
+        """(k, 5) float32: x, y, z, theta, cost of points of the legal forward samples of the last cycle, for display.
+
+        Empty where the robot stops or turns at the goal, and without a valid command.
+        """
+        return NO_TRAJECTORIES if self._result is None else self.planner.trajectory_cloud(costmap)
 
     def compute_velocity(
         self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap

@@ -16,6 +16,7 @@ from applr_ros1.planner.costmap.outline import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import cost_cloud, updated
 from applr_ros1.planner.trajectory import map_grid
+from applr_ros1.planner.trajectory.every_sample import every_sample
 from applr_ros1.planner.trajectory.sampling import STATE, allocate, fill_evenly, find_best_path, velocity_window
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score
 
@@ -213,6 +214,18 @@ class TrajectoryPlanner:
         p = self._params[0]
         weights = p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"]
         return cost_cloud(costmap, path, goal, inside, weights)
+
+    def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
+        """(k, 5) float32: x, y, z, theta, cost of points of all legal forward samples of the last cycle.
+
+        For display, with at most POINTS points of each. costmap: as that cycle saw it.
+        """
+        if self._grids is None or self._shape != costmap.cells.shape:
+            return np.zeros((0, 5), np.float32)
+        points = every_sample(self._params, self._look_at(costmap), self._grids, self._scratch)
+        cloud = np.zeros((len(points), 5), np.float32)
+        cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
+        return cloud
 
     def _look_at(self, costmap):
         """The Scene of this costmap; grids and tables are made anew only when its size or resolution changes."""

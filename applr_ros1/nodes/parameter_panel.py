@@ -1,0 +1,120 @@
+"""The node parameter_panel: time, speed and planner parameters as a picture, which RViz shows beside its view.
+
+Started by the launch files together with RViz, live and for a replayed bag. A text in RViz's view would cover the
+course. Nothing is drawn while nobody subscribes.
+
+Subscribes: applr/parameters, odometry/filtered, collision_monitor/action. Publishes: ~image, at most 5 Hz.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from typing import Any, Dict, Tuple
+
+import numpy as np
+import rospy
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image
+from std_msgs.msg import Float64MultiArray, String
+
+from applr_ros1.common.ros_master import require_master
+from applr_ros1.policy.parameter_space import SPACE
+
+SIZE = (400, 280)  # pixels; RViz shows it in a pane of about this shape
+VALUES, BARS = 205, 220  # where the column of values ends and where the bars begin
+RATE = 5.0  # Hz of wall time
+PAPER, INK, FAINT, BAR, DEFAULT = "#303030", "#ffffff", "#808080", "#4a90d9", "#ffc800"
+
+
+def picture(parameters: Dict[str, float], lines: Tuple[str, ...]) -> np.ndarray:
+    """The panel as (height, width, 3) uint8.
+
+    Args:
+        parameters: {name: value}; a bar shows the place of each value between the parameter's bounds, a mark on it
+            the default.
+        lines: What stands above the parameters.
+    """
+    from PIL import Image as Pictures
+    from PIL import ImageDraw, ImageFont
+
+    image = Pictures.new("RGB", SIZE, PAPER)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(15)
+    bounds = {name: row for name, *row in zip(SPACE.names, SPACE.low, SPACE.high, SPACE.theta0)}
+    right, top = SIZE[0] - 12, 6
+    for line in lines:
+        pen.text((12, top), line, fill=INK, font=font)
+        top += 21
+    top += 8
+    for name, value in parameters.items():
+        pen.text((12, top), name, fill=INK, font=font)
+        pen.text((VALUES, top), "%.3g" % value, fill=INK, font=font, anchor="ra")
+        if name in bounds:
+            low, high, default = bounds[name]
+            x, mark = (BARS + (right - BARS) * (v - low) / (high - low) for v in (value, default))
+            pen.rectangle((BARS, top + 4, right, top + 14), outline=FAINT)
+            pen.rectangle((BARS, top + 4, max(BARS, min(x, right)), top + 14), fill=BAR)
+            pen.line((mark, top + 1, mark, top + 17), fill=DEFAULT, width=2)
+        top += 22
+    pen.text((right, 6), "| default", fill=DEFAULT, font=font, anchor="ra")
+    return np.asarray(image)
+
+
+class ParameterPanel:
+    """Keeps the newest message of each topic and draws what changed."""
+
+    def __init__(self) -> None:
+        self._seen: Dict[str, Any] = {}
+        self._lock = threading.Lock()
+        self._image = rospy.Publisher("~image", Image, queue_size=1)
+        for topic, kind in (
+            ("applr/parameters", Float64MultiArray),
+            ("odometry/filtered", Odometry),
+            ("collision_monitor/action", String),
+        ):
+            rospy.Subscriber(topic, kind, self._keep, topic, queue_size=1)
+
+    def _keep(self, message: Any, topic: str) -> None:
+        with self._lock:
+            self._seen[topic] = message
+
+    def spin(self) -> None:
+        """Draw until shutdown."""
+        while not rospy.is_shutdown():
+            if self._image.get_num_connections():
+                self._image.publish(self._message())
+            time.sleep(1.0 / RATE)  # of wall time: the clock of a replayed bag may stand
+
+    def _message(self) -> Image:
+        with self._lock:
+            seen = dict(self._seen)
+        pixels = picture(_parameters(seen.get("applr/parameters")), _lines(seen))
+        height, width, _ = pixels.shape
+        message = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=pixels.tobytes())
+        message.header.stamp = rospy.get_rostime()
+        return message
+
+
+def _parameters(message: Any) -> Dict[str, float]:
+    """{name: value} of the topic applr/parameters, whose names stand in the layout."""
+    if message is None or not message.layout.dim:
+        return {}
+    return dict(zip(message.layout.dim[0].label.split(","), message.data))
+
+
+def _lines(seen: Dict[str, Any]) -> Tuple[str, ...]:
+    odometry, action = seen.get("odometry/filtered"), seen.get("collision_monitor/action")
+    speed = math.nan if odometry is None else odometry.twist.twist.linear.x
+    return (
+        "time %.1f s    %s" % (rospy.get_time(), "no odometry" if math.isnan(speed) else "speed %.2f m/s" % speed),
+        "commands: %s" % ("no monitor" if action is None else action.data.partition(":")[0]),
+    )
+
+
+def main() -> int:
+    """Runs until shutdown."""
+    require_master()
+    rospy.init_node("parameter_panel")
+    ParameterPanel().spin()
+    return 0

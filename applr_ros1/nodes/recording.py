@@ -1,0 +1,73 @@
+"""Records a drive in a bag: which topics, under their absolute names, whatever the namespace.
+
+Called by scripts/record.py (launch argument record:=), which becomes rosbag's recorder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import Iterator, List, Sequence
+
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import run_main
+
+from .arguments import boolean
+from .processes import become
+
+SHARED = ("/clock", "/tf", "/tf_static", "/diagnostics")  # of all robots on a master
+STACK = (
+    "front/scan odometry/filtered cmd_vel imu/data "
+    "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "
+    "move_base/cmd_vel move_base/local_costmap/footprint move_base/NavfnROS/plan "
+    "move_base/{planner}/global_plan move_base/{planner}/local_plan move_base/{planner}/parameter_updates "
+    "move_base/local_costmap/inflater_layer/parameter_updates "
+    "move_base/global_costmap/inflater_layer/parameter_updates "
+    "applr/heartbeat applr/observation applr/decision applr/parameters applr/local_goal "
+    "applr/typed/decision applr/typed/parameters applr/weights collision_monitor/action "
+    "sim_bridge/ground_truth sim_bridge/collision sim_bridge/obstacles sim_bridge/movers sim_bridge/current_world"
+)
+COSTMAPS = (
+    "move_base/local_costmap/costmap move_base/local_costmap/costmap_updates "
+    "move_base/global_costmap/costmap move_base/global_costmap/costmap_updates move_base/{planner}/trajectory_cloud"
+)
+PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
+
+
+def topics(costmaps: bool, arguments: Sequence[str] = ()) -> List[str]:
+    """Absolute names of the topics of one robot's stack, and of what all robots share.
+
+    Args:
+        costmaps: Costmaps and sampled trajectories, too.
+        arguments: Remappings and "__ns:=..." as ROS gives them to a node; the environment's ROS_NAMESPACE counts.
+    """
+    import rosgraph.names as names
+
+    node = names.get_ros_namespace(argv=list(arguments)).rstrip("/") + "/record"
+    mappings = names.load_mappings(list(arguments))
+    mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
+    found = list(SHARED)
+    for name in _named(STACK + " " + COSTMAPS if costmaps else STACK):
+        name = names.resolve_name(name, node)
+        found.append(mappings.get(name, name))
+    return found
+
+
+def main() -> int:
+    """The command record.py: becomes rosbag's recorder. Returns only with an error."""
+    return run_main(lambda: _record(sys.argv[1:]), "record")
+
+
+def _record(words: List[str]) -> None:
+    parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
+    parser.add_argument("bag", help="Bag file (.bag) to write.")
+    parser.add_argument("--costmaps", default="false", help="true records costmaps and sampled trajectories, too.")
+    options = parser.parse_args(without_remappings(words))
+    chosen = topics(boolean("costmaps", options.costmaps), words)
+    become("rosbag", "record", ["--lz4", "-O", options.bag, *chosen, *(w for w in words if w.startswith("__"))])
+
+
+def _named(text: str) -> Iterator[str]:
+    for name in text.split():
+        for planner in PLANNERS if "{" in name else ("",):
+            yield name.format(planner=planner)

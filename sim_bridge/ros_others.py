@@ -1,0 +1,50 @@
+"""Another simulated robot in the same world, as an obstacle for this one: a cylinder that moves as that robot does.
+
+Each robot has a bridge (ros_bridge.py) and a simulator of its own; they meet through their true poses.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Callable, Tuple
+
+import numpy as np
+import rospy
+from nav_msgs.msg import Odometry
+
+from applr_ros1.common.angles import yaw_of
+
+from . import jackal
+
+FAR_AWAY = (1e3, 1e3)  # [m], until the robot has been heard of
+AHEAD = 0.1  # s for which a pose is carried on with its velocity
+
+
+class OtherRobot:
+    """Stands in for a worlds.Mover: `radius` [m] and `position(t)`.
+
+    Args:
+        namespace: Of the other robot's nodes.
+        sim_time: Turns a ROS time into this robot's simulated time [s].
+    """
+
+    def __init__(self, namespace: str, sim_time: Callable[[rospy.Time], float]):
+        self.radius = float(np.hypot(*np.asarray(jackal.FOOTPRINT).T).max())
+        self._sim_time = sim_time
+        self._newest: Any = None  # (ROS time, (x, y), velocity (x, y))
+        topic = namespace.rstrip("/") + "/sim_bridge/ground_truth"
+        rospy.Subscriber(topic, Odometry, self._keep, queue_size=1, tcp_nodelay=True)
+
+    def position(self, t: float) -> Tuple[float, float]:
+        """Centre (x, y) [m] at simulated time t [s], carried on from the newest pose."""
+        newest = self._newest
+        if newest is None:
+            return FAR_AWAY
+        stamp, (x, y), (vx, vy) = newest
+        late = min(max(t - self._sim_time(stamp), 0.0), AHEAD)
+        return x + late * vx, y + late * vy
+
+    def _keep(self, message: Odometry) -> None:
+        pose, speed = message.pose.pose, message.twist.twist.linear.x
+        yaw = yaw_of(pose.orientation)
+        velocity = speed * float(np.cos(yaw)), speed * float(np.sin(yaw))
+        self._newest = message.header.stamp, (pose.position.x, pose.position.y), velocity
