@@ -61,7 +61,7 @@ def main() -> int:
 def _record(words: List[str]) -> None:
     parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
     parser.add_argument("bag", help="Bag file (.bag) to write.")
-    parser.add_argument("--costmaps", default="false", help="true records costmaps and sampled trajectories, too.")
+    parser.add_argument("--costmaps", default="false", help="Whether to record costmaps and sampled trajectories.")
     options = parser.parse_args(without_remappings(words))
     chosen = topics(boolean("costmaps", options.costmaps), words)
     become("rosbag", "record", ["--lz4", "-O", options.bag, *chosen, *(w for w in words if w.startswith("__"))])

@@ -35,7 +35,7 @@ def _replay(words: List[str]) -> None:
     parser.add_argument("--rate", type=float, default=1.0, help="Recorded seconds per second.")
     parser.add_argument("--start", type=float, default=0.0, help="Seconds of the bag that are left out at its start.")
     parser.add_argument("--delay", type=float, default=0.2, help="Seconds to wait before the bag begins.")
-    parser.add_argument("--loop", default="false", help="true begins again at the end.")
+    parser.add_argument("--loop", default="false", help="Whether to begin again at the end (true or false).")
     options = parser.parse_args(without_remappings(words))
     if not 0.0 < options.rate <= 1000.0:
         raise ReplayError("rate is %g: give a number above 0, at most 1000" % options.rate)
