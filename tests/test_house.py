@@ -92,7 +92,7 @@ MAY_KNOW = (
     (
         "training/report/",
         {"numpy", "scipy", "matplotlib", "worlds", "applr_ros1.policy", "training.evaluation", "training.provenance"}
-        | {"training.storage"},
+        | {"applr_ros1.robots", "training.storage"},
     ),
     (
         "training/bags/",

@@ -16,7 +16,7 @@ from typing import List, Tuple
 from applr_ros1.common.files import write_bytes
 from training.evaluation.trials import PROTOCOLS
 from training.provenance import sentences
-from training.report import figures, paper
+from training.report import drives, figures, paper
 from training.report.data import ReportError, Results
 from training.report.table import Table
 from training.report.tables import PAPER
@@ -64,6 +64,8 @@ def write(folder, training: str = "") -> str:
         for ending, text in (("csv", table.csv()), ("tex", table.latex()), ("md", table.markdown())):
             write_bytes(out / ("%s.%s" % (table.name, ending)), text.encode())
     title, facts = _facts(results)
+    if drives.write(kinds, out, title):
+        facts.append("%s shows the drives of all methods side by side, world by world, as an animation." % drives.FILE)
     write_bytes(out / "report.md", _markdown(title, facts, tables, pictures).encode())
     write_bytes(out / "index.html", _html(title, facts, tables, pictures).encode())
     return str(out / "index.html")
@@ -165,7 +167,9 @@ def _markdown(title: str, facts: List[str], tables: List[Table], pictures) -> st
 
 
 def _html(title: str, facts: List[str], tables: List[Table], pictures) -> str:
-    body = ["<h1>%s</h1>" % html.escape(title)] + ["<p>%s</p>" % html.escape(f) for f in facts]
+    link = '<a href="%s">%s</a>' % (drives.FILE, drives.FILE)
+    body = ["<h1>%s</h1>" % html.escape(title)]
+    body += ["<p>%s</p>" % html.escape(f).replace(drives.FILE, link) for f in facts]
     body += [t.html() for t in tables]
     for file, caption in pictures:
         said = html.escape(caption)
