@@ -7,7 +7,9 @@ Only ros_bridge.py and ros_topics.py know ROS. A simulator of your own derives f
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import Any, Union
+
+from applr_ros1.robots import Robot, load
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 
@@ -26,16 +28,18 @@ def is_name(text: str) -> bool:
     return text in NAMES or ":" in text
 
 
-def make(name: str, gui: bool = False, **randomisation: Any) -> Simulator:
+def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **randomisation: Any) -> Simulator:
     """A simulator by name.
 
     Args:
         name: One of NAMES, or "module:Class" for a Simulator of your own.
         gui: Whether to open the simulator's window; only pybullet has one.
+        robot: Description of the robot, or its name or folder; the Jackal without one.
         **randomisation: Fields of Randomisation, such as latency=0.05 or slip=(0.5, 1.5).
 
     Raises:
         SimulatorError: An argument cannot be used; one line says which and what to give.
+        RobotError: There is no such robot, or its description cannot be used.
     """
     module, colon, kind = _CLASSES.get(name, str(name)).partition(":")
     if not (module and colon and kind):
@@ -48,5 +52,10 @@ def make(name: str, gui: bool = False, **randomisation: Any) -> Simulator:
         raise SimulatorError("simulator %s cannot be imported (%s): check module and class" % (name, error)) from None
     if not (isinstance(found, type) and issubclass(found, Simulator)):
         raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
-    made: Simulator = found(gui=True, **randomisation) if gui else found(**randomisation)
+    options = dict(randomisation)
+    if gui:
+        options["gui"] = True
+    if robot is not None:
+        options["robot"] = load(robot) if isinstance(robot, str) else robot
+    made: Simulator = found(**options)
     return made

@@ -1,4 +1,4 @@
-"""Bullet's side of the pybullet Jackal: loads pybullet quietly, builds ground, obstacles and robot.
+"""Bullet's side of the simulated robot: loads pybullet quietly, builds ground, obstacles and robot.
 
 PybulletSimulator uses it.
 
@@ -20,10 +20,12 @@ import numpy as np
 from applr_ros1.common.angles import quaternion_of
 from worlds import Mover, World
 
-from . import jackal
+from applr_ros1.robots import Robot, outline
+
+from .mechanics import GRAVITY, mechanics
 from .simulator import SimulatorError
 
-GROUND_CONTACT = (3.0e4, 400.0)  # a tyre's stiffness [N/m] and damping [N s/m]
+CASTER_MASS = 0.001  # [kg], taken from the body
 OBSTACLE_TOP = 1.0  # BARN's cylinders reach .5 m; the robot never sees over them
 _COMPOUND = 16  # shapes in one body: createCollisionShapeArray drops what is more
 
@@ -58,12 +60,12 @@ def build_world(p: Any, client: int, world: World, step: float) -> List[int]:
     """An empty scene with ground and the world's static obstacles. Returns the obstacles' body ids."""
     on = {"physicsClientId": client}
     p.resetSimulation(**on)
-    p.setGravity(0, 0, -jackal.GRAVITY, **on)
+    p.setGravity(0, 0, -GRAVITY, **on)
     p.setPhysicsEngineParameter(
         fixedTimeStep=step, numSolverIterations=30, deterministicOverlappingPairs=1, enableFileCaching=0, **on
     )
     ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
-    p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # skid_steer.py pulls instead
+    p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py pulls instead
     return [_compound(p, on, part) for part in _parts(world)]
 
 
@@ -81,90 +83,96 @@ def put_mover(p: Any, client: int, body: int, x: float, y: float) -> None:
     p.resetBasePositionAndOrientation(body, _upright(x, y), (0, 0, 0, 1), physicsClientId=client)
 
 
-def build_robot(p: Any, client: int, pose: Sequence[float]) -> int:
-    """The Jackal at pose (x, y, yaw), its four wheels as joints 0 to 3.
+def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int:
+    """The robot at pose (x, y, yaw); its joints are the driven wheels in the order of outline.wheel_places.
 
-    The body's frame is the chassis's centre of mass.
+    The body's frame is its centre of mass. Casters are spheres that slide on the ground, fixed to the body.
     """
     on = {"physicsClientId": client}
-    com_x, com_y, com_z = jackal.CHASSIS_COM
-    length, width, height = jackal.CHASSIS_SIZE
-    chassis = p.createCollisionShape(
+    base, body = robot.base, robot.body
+    found = mechanics(robot)
+    com_x, com_y, com_z = found.body_com
+    length, width, height = body.size
+    box = p.createCollisionShape(
         p.GEOM_BOX,
         halfExtents=[length / 2, width / 2, height / 2],
-        collisionFramePosition=[-com_x, -com_y, height / 2 - com_z],
+        collisionFramePosition=[body.centre[0] - com_x, body.centre[1] - com_y, body.bottom + height / 2 - com_z],
         **on,
     )
     wheel = p.createCollisionShape(
         p.GEOM_CYLINDER,
-        radius=jackal.WHEEL_RADIUS,
-        height=jackal.WHEEL_WIDTH,
+        radius=base.wheel_radius,
+        height=base.wheel_width,
         collisionFrameOrientation=p.getQuaternionFromEuler([math.pi / 2, 0, 0]),
         **on,
     )
-    axles = [
-        (i * jackal.WHEELBASE / 2 - com_x, j * jackal.TRACK / 2 - com_y, jackal.AXLE_HEIGHT - com_z)
-        for i in (1, -1)
-        for j in (1, -1)
-    ]
-    robot = p.createMultiBody(
-        jackal.CHASSIS_MASS,
-        chassis,
+    n, k = base.wheels, len(base.casters)
+    places = [(x - com_x, y - com_y, base.axle_height - com_z) for x, y in outline.wheel_places(base)]
+    shapes = [wheel] * n
+    if k:
+        radius = max((found.base_height + body.bottom) / 2, 0.1 * base.wheel_radius)
+        shapes += [p.createCollisionShape(p.GEOM_SPHERE, radius=radius, **on)] * k
+        places += [(x - com_x, y - com_y, radius - found.base_height - com_z) for x, y in base.casters]
+    made = p.createMultiBody(
+        body.mass - k * CASTER_MASS,
+        box,
         -1,
-        *_standing(p, pose),
-        linkMasses=[jackal.WHEEL_MASS] * 4,
-        linkCollisionShapeIndices=[wheel] * 4,
-        linkVisualShapeIndices=[-1] * 4,
-        linkPositions=axles,
-        linkOrientations=[[0, 0, 0, 1]] * 4,
-        linkInertialFramePositions=[[0, 0, 0]] * 4,
-        linkInertialFrameOrientations=[[0, 0, 0, 1]] * 4,
-        linkParentIndices=[0] * 4,
-        linkJointTypes=[p.JOINT_REVOLUTE] * 4,
-        linkJointAxis=[[0, 1, 0]] * 4,
+        *_standing(p, robot, pose),
+        linkMasses=[base.wheel_mass] * n + [CASTER_MASS] * k,
+        linkCollisionShapeIndices=shapes,
+        linkVisualShapeIndices=[-1] * (n + k),
+        linkPositions=places,
+        linkOrientations=[[0, 0, 0, 1]] * (n + k),
+        linkInertialFramePositions=[[0, 0, 0]] * (n + k),
+        linkInertialFrameOrientations=[[0, 0, 0, 1]] * (n + k),
+        linkParentIndices=[0] * (n + k),
+        linkJointTypes=[p.JOINT_REVOLUTE] * n + [p.JOINT_FIXED] * k,
+        linkJointAxis=[[0, 1, 0]] * (n + k),
         **on,
     )
     p.changeDynamics(
-        robot,
+        made,
         -1,
-        localInertiaDiagonal=jackal.CHASSIS_INERTIA,
-        lateralFriction=jackal.BODY_FRICTION,
+        localInertiaDiagonal=found.body_inertia,
+        lateralFriction=body.friction,
         linearDamping=0,
         angularDamping=0,
         **on,
     )
-    for wheel in range(4):
+    for link in range(n + k):
+        inertia = found.wheel_inertia if link < n else (1e-8, 1e-8, 1e-8)
         p.changeDynamics(
-            robot,
-            wheel,
-            localInertiaDiagonal=jackal.WHEEL_INERTIA,
-            lateralFriction=jackal.WHEEL_FRICTION,
+            made,
+            link,
+            localInertiaDiagonal=inertia,
+            lateralFriction=base.wheel_friction if link < n else base.caster_friction,
             linearDamping=0,
             angularDamping=0,
             jointDamping=0,
-            contactStiffness=GROUND_CONTACT[0],
-            contactDamping=GROUND_CONTACT[1],
+            contactStiffness=robot.simulation.ground_stiffness,
+            contactDamping=robot.simulation.ground_damping,
             **on,
         )
-    return robot
+    return made
 
 
-def put_robot(p: Any, client: int, robot: int, pose: Sequence[float]) -> None:
-    """Put the Jackal at pose (x, y, yaw), standing."""
+def put_robot(p: Any, client: int, body: int, robot: Robot, pose: Sequence[float]) -> None:
+    """Put the robot that build_robot() made at pose (x, y, yaw), standing."""
     on = {"physicsClientId": client}
-    p.resetBasePositionAndOrientation(robot, *_standing(p, pose), **on)
-    p.resetBaseVelocity(robot, (0, 0, 0), (0, 0, 0), **on)
-    for wheel in range(4):
-        p.resetJointState(robot, wheel, 0.0, 0.0, **on)
+    p.resetBasePositionAndOrientation(body, *_standing(p, robot, pose), **on)
+    p.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), **on)
+    for wheel in range(robot.base.wheels):
+        p.resetJointState(body, wheel, 0.0, 0.0, **on)
 
 
-def _standing(p, pose):
-    """Position and attitude of the chassis's centre of mass for a robot that stands at pose (x, y, yaw)."""
+def _standing(p, robot, pose):
+    """Position and attitude of the body's centre of mass for a robot that stands at pose (x, y, yaw)."""
     x, y, yaw = pose
-    com_x, com_y, com_z = jackal.CHASSIS_COM
+    found = mechanics(robot)
+    com_x, com_y, com_z = found.body_com
     c, s = math.cos(yaw), math.sin(yaw)
-    sink = jackal.MASS * jackal.GRAVITY / 4 / GROUND_CONTACT[0]
-    position = [x + c * com_x - s * com_y, y + s * com_x + c * com_y, jackal.BASE_HEIGHT + com_z - sink]
+    sink = found.mass * GRAVITY / len(found.supports) / robot.simulation.ground_stiffness
+    position = [x + c * com_x - s * com_y, y + s * com_x + c * com_y, found.base_height + com_z - sink]
     return position, p.getQuaternionFromEuler([0, 0, yaw])
 
 

@@ -2,7 +2,7 @@
 
 Run `python -m sim_bridge.check kinematic`, or `python -m sim_bridge.check my_module:MySimulator` for one of your own.
 The tests run it on pybullet and kinematic. Each promise is one function below, whose first line says what is promised.
-Everything is driven through the public interface, with a nominal Jackal (jackal.py), and takes a few seconds.
+Everything is driven through the public interface, with a nominal Jackal, and takes a few seconds.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import numpy as np
 
 from applr_ros1.common.angles import wrapped
 from applr_ros1.common.errors import run_main
+from applr_ros1.robots import outline
 from worlds import Mover, World
 
-from . import NAMES, jackal, make
+from . import NAMES, make
 from .scenes import STEP, drive, small_world
 from .simulator import RobotState, Simulator, SimulatorError
 
@@ -112,11 +113,11 @@ def _drives_as_commanded(factory: Factory) -> None:
 
 
 def _stops_without_commands(factory: Factory) -> None:
-    """The base stops COMMAND_TIMEOUT after the last command, and stands."""
+    """The base stops its command timeout after the last command, and stands."""
     simulator = factory()
     simulator.reset(small_world(), 1)
     drive(simulator, 0.5, 0.0, 1.0)
-    moving = simulator.advance(0.8 * jackal.COMMAND_TIMEOUT).twist[0]
+    moving = simulator.advance(0.8 * simulator.robot.base.command_timeout).twist[0]
     _need(moving > 0.1, "it drives at %.2f m/s before the time-out", moving)
     stopped = simulator.advance(0.75)
     _need(hypot(*stopped.twist) < 0.01, "it drives at %s one second after the last command", stopped.twist)
@@ -155,15 +156,16 @@ def _refuses_nonsense(factory: Factory) -> None:
 
 
 def _sees_what_is_there(factory: Factory) -> None:
-    """scan() gives (BEAMS,) float32 ranges from the laser's place: exact but for the noise, +inf for nothing."""
+    """scan() gives (beams,) float32 ranges from the laser's place: exact but for the noise, +inf for nothing."""
     simulator = factory()
     simulator.reset(small_world([(2.0, 0.0, 0.5), (0.0, 3.0, 0.4)], start=(0.0, 0.0, 0.0)), 0)
+    laser = simulator.robot.laser
     scans = np.array([simulator.scan() for _ in range(50)])
-    _need(scans.shape == (50, jackal.BEAMS), "its shape is %s, not (%d,)", scans.shape[1:], jackal.BEAMS)
+    _need(scans.shape == (50, laser.beams), "its shape is %s, not (%d,)", scans.shape[1:], laser.beams)
     _need(scans.dtype == np.float32, "its dtype is %s, not float32", scans.dtype)
-    ahead, expected = float(scans[:, jackal.BEAMS // 2].mean()), 2.0 - 0.5 - jackal.LASER_OFFSET[0]
+    ahead, expected = float(scans[:, laser.beams // 2].mean()), 2.0 - 0.5 - laser.pose[0]
     _need(abs(ahead - expected) < 0.005, "straight ahead it sees %.3f m, not %.3f", ahead, expected)
-    side = int(round((pi / 2 - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT))
+    side = int(round((pi / 2 - laser.first_angle) / laser.increment))
     left = float(scans[:, side].mean())
     _need(abs(left - 2.6) < 0.05, "to the left it sees %.3f m, not 2.6: angles rise anticlockwise", left)
     _need(bool((scans[:, 0] == inf).all()), "where nothing is it sees %s, not inf", scans[0, 0])
@@ -178,7 +180,7 @@ def _meets_obstacles(factory: Factory) -> None:
     simulator.reset(small_world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
     _need(not drive(simulator, 0.5, 0.0, 0.8).contact, "contact is reported before the wall")
     state = drive(simulator, 0.5, 0.0, 2.0)
-    front = state.pose[0] + jackal.BODY_HALF_LENGTH
+    front = state.pose[0] + outline.extent(simulator.robot)[1]
     _need(state.contact, "no contact is reported at a wall that it pushes against")
     _need(abs(front - 0.9) < 0.05, "its front is at x = %.3f where the wall begins at 0.9", front)
     _need(not drive(simulator, -0.5, 0.0, 1.0).contact, "contact stays after driving back from the wall")
@@ -194,8 +196,8 @@ def _sees_and_meets_movers(factory: Factory) -> None:
     for _ in range(2):
         x, y, radius = simulator.mover_circles()[0]
         _need(abs(x - mover.position(simulator.state.time)[0]) < 1e-9, "mover_circles() gives x = %.3f", x)
-        ahead = float(simulator.scan()[jackal.BEAMS // 2])
-        expected = x - radius - jackal.LASER_OFFSET[0]
+        ahead = float(simulator.scan()[simulator.robot.laser.beams // 2])
+        expected = x - radius - simulator.robot.laser.pose[0]
         _need(abs(ahead - expected) < 0.02, "it sees the mover at %.3f m, not %.3f", ahead, expected)
         simulator.advance(1.0)
     touched = [simulator.advance(STEP).contact for _ in range(80)]

@@ -1,9 +1,10 @@
-"""Fits KinematicSimulator's free numbers to PybulletSimulator: `python -m sim_bridge.fit_kinematic [--scenes 60]`.
+"""Fits KinematicSimulator's free numbers to PybulletSimulator: `python -m sim_bridge.fit_kinematic [--robot husky]`.
 
 Prints step responses of both side by side, then how their contacts differ before and after the fit.
 
-Contacts are compared on scenes: obstacles strewn about the robot and two commands of 1.5 s each, most of which end at
-an obstacle. Both robots get the same seed, so that ground and wheels are equally uneven. Takes about a minute.
+Contacts are compared on scenes: obstacles strewn about the robot and two commands, most of which end at an obstacle.
+Both robots get the same seed, so that ground and wheels are equally uneven. Takes about a minute. The numbers found are
+those of the section `simulation` of robot.yaml.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 
 from applr_ros1.common.angles import wrapped_modulo
 from applr_ros1.common.errors import run_main
+from applr_ros1.robots import Robot, load
 
 from .kinematic_simulator import KinematicParameters, KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
@@ -26,31 +28,26 @@ from .tracking_table import OPEN_PLANE
 
 Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
 
-RESPONSES = [
-    ("start and stop, straight", (1.0, 0.0)),
-    ("start and stop, turning", (0.0, 1.57)),
-    ("curve", (0.5, 1.0)),
-    ("reverse", (-0.5, 0.0)),
+RESPONSES = [  # shares of the largest speed and turn
+    ("start and stop, straight", (0.5, 0.0)),
+    ("start and stop, turning", (0.0, 0.3925)),
+    ("curve", (0.25, 0.25)),
+    ("reverse", (-0.25, 0.0)),
 ]
 DRIFTS = [
-    ("two turns in place, 1.57 rad/s", 0.0, 1.57, 8.0),
-    ("the other way", 0.0, -1.57, 8.0),
-    ("10 s straight, 1 m/s", 1.0, 0.0, 10.0),
-    ("10 s curve, 1 m/s, .5 rad/s", 1.0, 0.5, 10.0),
+    ("8 s in place, .39 of the largest turn", 0.0, 0.3925, 8.0),
+    ("the other way", 0.0, -0.3925, 8.0),
+    ("10 s straight, half speed", 0.5, 0.0, 10.0),
+    ("10 s curve, half speed", 0.5, 0.125, 10.0),
 ]
-
-
-def _some_command(rng):
-    if rng.random() < 0.75:
-        return rng.uniform(0.1, 1.2), rng.uniform(-1.5, 1.5)
-    return (-0.5, 0.0) if rng.random() < 0.3 else (0.0, rng.uniform(-2.0, 2.0))
 
 
 class Scene:
-    """Obstacles about the origin, and what to drive there."""
+    """Obstacles about the origin, and what to drive there: of the size of a robot, within its limits."""
 
-    def __init__(self, seed: int):
+    def __init__(self, seed: int, robot: Robot):
         rng = np.random.default_rng(seed)
+        scale, self._base = robot.world_scale, robot.base
         spots = rng.uniform(-1.1, 1.1, (16, 2))
         cylinders = np.array([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
         boxes = np.empty((0, 5))
@@ -58,24 +55,34 @@ class Scene:
             yaw = rng.uniform(-0.7, 0.7)
             cylinders = np.empty((0, 3))
             boxes = np.array([(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
-        self.world = small_world(cylinders.tolist(), boxes.tolist())
-        self.commands = [_some_command(rng), _some_command(rng)]
+            boxes *= (scale, scale, 1.0, scale, scale)
+        self.world = small_world((cylinders * scale).tolist(), boxes.tolist())
+        self.commands = [self._some_command(rng), self._some_command(rng)]
+        self._steps = int(round(30 * scale / (self._base.max_speed / 2.0)))  # of each command
+
+    def _some_command(self, rng):
+        v, w = self._base.max_speed / 2.0, self._base.max_yaw_rate / 4.0
+        if rng.random() < 0.75:
+            return v * rng.uniform(0.1, 1.2), w * rng.uniform(-1.5, 1.5)
+        return (v * -0.5, 0.0) if rng.random() < 0.3 else (0.0, w * rng.uniform(-2.0, 2.0))
 
     def drive(self, simulator: Simulator, seed: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Poses (60, 3) every 50 ms, whether there was contact (60,)."""
+        """Poses (k, 3) every 50 ms, whether there was contact (k,)."""
         simulator.reset(self.world, seed)
         poses, touched = [], []
         for v, w in self.commands:
-            for _ in range(30):
+            for _ in range(self._steps):
                 state = drive(simulator, v, w, STEP)
                 poses.append(state.pose)
                 touched.append(state.contact)
         return np.array(poses), np.array(touched)
 
 
-def compare(scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> np.ndarray:
+def compare(
+    robot: Robot, scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters
+) -> np.ndarray:
     """A row per scene: how far [m, rad] the robots are apart at the end and on average, and which of them touched."""
-    simulator = KinematicSimulator(parameters)
+    simulator = KinematicSimulator(robot, parameters)
     rows = []
     for seed, (scene, (poses, touched)) in enumerate(zip(scenes, recorded)):
         mine, mine_touched = scene.drive(simulator, seed)
@@ -85,16 +92,17 @@ def compare(scenes: Sequence[Scene], recorded: Recordings, parameters: Kinematic
     return np.array(rows, dtype=float)
 
 
-def loss(scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> float:
+def loss(robot: Robot, scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> float:
     """Mean distance between the robots' drives [m], a radian counting as .2 m, each scene's bounded.
 
-    Arguments as for compare().
+    Lengths are those of a robot of the Jackal's size. Arguments as for compare().
     """
-    rows = compare(scenes, recorded, parameters)
-    return float(np.mean(np.minimum(rows[:, 2], 0.3) + 0.2 * np.minimum(rows[:, 3], 1.5)))
+    rows = compare(robot, scenes, recorded, parameters)
+    return float(np.mean(np.minimum(rows[:, 2] / robot.world_scale, 0.3) + 0.2 * np.minimum(rows[:, 3], 1.5)))
 
 
 def fit(
+    robot: Robot,
     scenes: Sequence[Scene],
     recorded: Recordings,
     start: KinematicParameters,
@@ -103,14 +111,14 @@ def fit(
     """Coordinate search from `start`; returns the best KinematicParameters."""
     best = np.array(astuple(start))
     low, high = np.array([0.0, 0.0, 0.02]), np.array([1.0, 1.0, 1.0])
-    error = loss(scenes, recorded, KinematicParameters(*best))
+    error = loss(robot, scenes, recorded, KinematicParameters(*best))
     width = (high - low) / 4
     for _ in range(sweeps):
         for i in range(len(best)):
             for shift in (-2, -1, 1, 2):
                 trial = best.copy()
                 trial[i] = min(max(best[i] + shift * width[i] / 2, low[i]), high[i])
-                now = loss(scenes, recorded, KinematicParameters(*trial))
+                now = loss(robot, scenes, recorded, KinematicParameters(*trial))
                 if now < error:
                     error, best = now, trial
         width = width / 2
@@ -120,10 +128,11 @@ def fit(
 def responses(simulators: Sequence[Tuple[str, Simulator]]) -> None:
     """Print true speeds at 50, 100, 200, 500 ms after a start and after a stop, for each simulator."""
     print("%-37s 50 ms   100     200     500  | stop: 50     100     250 ms after" % "response (v or w)")
-    for name, (v, w) in RESPONSES:
+    for name, (speed, turn) in RESPONSES:
         for label, simulator in simulators:
             simulator.reset(OPEN_PLANE, 0)
-            pick = 0 if v else 1
+            pick = 0 if speed else 1
+            v, w = speed * simulator.robot.base.max_speed, turn * simulator.robot.base.max_yaw_rate
             rise = [drive(simulator, v, w, STEP).twist[pick] for _ in range(20)]
             fall = [drive(simulator, 0.0, 0.0, STEP).twist[pick] for _ in range(5)]
             print(
@@ -143,7 +152,8 @@ def drifts(simulators: Sequence[Tuple[str, Simulator]]) -> None:
     for name, v, w, seconds in DRIFTS:
         for label, simulator in simulators:
             simulator.reset(OPEN_PLANE, 1)
-            pose = drive(simulator, v, w, seconds).pose
+            base = simulator.robot.base
+            pose = drive(simulator, v * base.max_speed, w * base.max_yaw_rate, seconds).pose
             print("%-40s %-10s %7.3f %7.3f %7.3f" % ((name, label) + pose))
 
 
@@ -171,23 +181,25 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     parser.add_argument(
         "--scenes", type=int, default=60, help="Number of scenes to fit; as many again are kept aside for the check."
     )
+    parser.add_argument("--robot", default="jackal", help="Robot to fit: its name or the folder of its description.")
     return run_main(lambda: _print_fit(parser.parse_args(argv)), "fit_kinematic")
 
 
 def _print_fit(arguments: argparse.Namespace) -> None:
-    bullet, kinematic = PybulletSimulator(), KinematicSimulator()
+    robot = load(arguments.robot)
+    bullet, kinematic = PybulletSimulator(robot), KinematicSimulator(robot)
     pair = (("pybullet", bullet), ("kinematic", kinematic))
     responses(pair)
     drifts(pair)
-    scenes = [Scene(seed) for seed in range(2 * arguments.scenes)]
+    scenes = [Scene(seed, robot) for seed in range(2 * arguments.scenes)]
     recorded = [scene.drive(bullet, seed) for seed, scene in enumerate(scenes)]
     half = arguments.scenes
-    start = KinematicParameters()
+    start = KinematicParameters.of(robot)
     way = np.mean([np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() for poses, _ in recorded])
     print("a scene's drive is %.2f m long on average" % way)
-    report("before", compare(scenes[half:], recorded[half:], start))
-    best = fit(scenes[:half], recorded[:half], start)
-    report("after ", compare(scenes[half:], recorded[half:], best))
+    report("before", compare(robot, scenes[half:], recorded[half:], start))
+    best = fit(robot, scenes[:half], recorded[:half], start)
+    report("after ", compare(robot, scenes[half:], recorded[half:], best))
     print("fitted on the first %d, reported on the others: %s" % (half, best))
 
 

@@ -1,4 +1,4 @@
-"""The planar Jackal in numba: the tyres of skid_steer.py, and contacts that push and slide by geometry.
+"""The planar robot in numba: the tyres of wheels.py, and contacts that push and slide by geometry.
 
 KinematicSimulator calls `drive`. What Bullet does in space (lift of a wheel at an obstacle, its way of rubbing) is in
 three fitted numbers.
@@ -10,23 +10,16 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 
-from . import jackal, skid_steer
+from . import mechanics as m
+from . import wheels
 
-STEP = skid_steer.STEP
+STEP = m.STEP
 # the state: pose of the centre of mass, its velocity ahead and to the left, yaw rate; what a drive reports
 X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
 _MARGIN = 0.02  # contacts are watched from this distance on [m]
 _MOST_UNDONE = 1.0  # speed at which an overlap is undone, at most [m/s]
 _SWEEPS = 8
 _MOST = 24  # contacts at a time
-
-_HALF_AXLE, _HALF_TRACK = jackal.WHEELBASE / 2, jackal.TRACK / 2
-# the outline: chassis and four wheels, (x, y, half length, half width) from base_link
-_PARTS = np.array(
-    [(0.0, 0.0, jackal.CHASSIS_SIZE[0] / 2, jackal.CHASSIS_SIZE[1] / 2)]
-    + [(i * _HALF_AXLE, j * _HALF_TRACK, jackal.WHEEL_RADIUS, jackal.WHEEL_WIDTH / 2) for i in (1, -1) for j in (1, -1)]
-) - np.array([jackal.COM[0], jackal.COM[1], 0.0, 0.0])
-_REACH = hypot(jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH) + hypot(*jackal.COM)
 
 
 @kernel
@@ -86,20 +79,22 @@ def _note(row, depth, x, y, nx, ny, part):
 
 
 @kernel
-def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
+def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, found):
     """Fill found (_MOST, 8) with the contacts of the outline at (x, y), heading (c, s), and return how many there are.
 
-    Columns: depth, point, direction, part (0 chassis, 1 to 4 wheels), the obstacle's velocity, all in the body's frame.
+    parts (k, 4): of Mechanics, none reaches farther than `reach`. Columns of found: depth, point, direction, part (0 the
+    body, 1 on the wheels), the obstacle's velocity, all in the body's frame.
     """
     n = 0
+    reach = reach + _MARGIN
     for i in range(n_circles):
         dx, dy = circles[i, 0] - x, circles[i, 1] - y
-        far = circles[i, 2] + _REACH + _MARGIN
+        far = circles[i, 2] + reach
         if dx * dx + dy * dy >= far * far:
             continue
         px, py = c * dx + s * dy, c * dy - s * dx
-        for k in range(_PARTS.shape[0]):
-            depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], _PARTS[k])
+        for k in range(parts.shape[0]):
+            depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], parts[k])
             if depth > -_MARGIN and n < _MOST:
                 _note(found[n], depth, qx, qy, nx, ny, k)
                 found[n, 6] = c * circles[i, 3] + s * circles[i, 4]
@@ -112,10 +107,10 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
         cb, sb = cos(boxes[i, 2]), sin(boxes[i, 2])
         along = abs(cb * dx + sb * dy) - hx  # outside the box by more than the robot's reach?
         aside = abs(cb * dy - sb * dx) - hy
-        if along > _REACH + _MARGIN or aside > _REACH + _MARGIN:
+        if along > reach or aside > reach:
             continue
-        for k in range(_PARTS.shape[0]):
-            depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, _PARTS[k])
+        for k in range(parts.shape[0]):
+            depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, parts[k])
             if depth > -_MARGIN and n < _MOST:
                 _note(found[n], depth, qx, qy, nx, ny, k)
                 n += 1
@@ -123,11 +118,11 @@ def _contacts(x, y, c, s, circles, n_circles, boxes, n_boxes, found):
 
 
 @kernel
-def _press(u, s, w, found, n, rims, p):
+def _press(u, s, w, found, n, rims, mass, inertia, p):
     """Impulses of n contacts on the moving body: the velocity (u, s, w) after them, and whether any pressed.
 
     Normal: no approach beyond the gap, a share p[2] of an overlap is undone. Friction: Coulomb's, p[0] at
-    wheels and p[1] at the chassis; a wheel's front and back run up or down the obstacle, which leaves less
+    wheels and p[1] at the body; a wheel's front and back run up or down the obstacle, which leaves less
     friction for sliding across.
     """
     push, hold = np.zeros(n), np.zeros(n)
@@ -135,18 +130,18 @@ def _press(u, s, w, found, n, rims, p):
         for i in range(n):
             depth, x, y, nx, ny, part, its_u, its_s = found[i]
             arm = x * ny - y * nx
-            soft = 1.0 / jackal.MASS + arm * arm / jackal.YAW_INERTIA
+            soft = 1.0 / mass + arm * arm / inertia
             speed = (u - w * y - its_u) * nx + (s + w * x - its_s) * ny
             want = depth / STEP if depth < 0.0 else min(p[2] * depth / STEP, _MOST_UNDONE)
             total = max(0.0, push[i] + (want - speed) / soft)
             d, push[i] = total - push[i], total
-            u += d * nx / jackal.MASS
-            s += d * ny / jackal.MASS
-            w += d * arm / jackal.YAW_INERTIA
+            u += d * nx / mass
+            s += d * ny / mass
+            w += d * arm / inertia
             if total > 0.0:
                 tx, ty = -ny, nx
                 arm = x * ty - y * tx
-                soft = 1.0 / jackal.MASS + arm * arm / jackal.YAW_INERTIA
+                soft = 1.0 / mass + arm * arm / inertia
                 speed = (u - w * y - its_u) * tx + (s + w * x - its_s) * ty
                 limit = p[1] * total
                 if part > 0.0:
@@ -154,9 +149,9 @@ def _press(u, s, w, found, n, rims, p):
                     limit = p[0] * total * abs(speed) / (hypot(speed, up) + 1e-6)
                 rub = min(max(hold[i] - speed / soft, -limit), limit)
                 d, hold[i] = rub - hold[i], rub
-                u += d * tx / jackal.MASS
-                s += d * ty / jackal.MASS
-                w += d * arm / jackal.YAW_INERTIA
+                u += d * tx / mass
+                s += d * ty / mass
+                w += d * arm / inertia
     pressed = False
     for i in range(n):
         pressed |= push[i] > 0.0
@@ -164,14 +159,17 @@ def _press(u, s, w, found, n, rims, p):
 
 
 @kernel
-def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise, friction, slip):
-    """Advance state (SIZE,) and wheels (skid_steer.SIZE,) by `steps` steps of STEP.
+def drive(
+    state, rolling, steps, times, targets, circles, boxes, scalars, supports, parts, table, p, noise, friction, slip
+):
+    """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
 
     times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 5) x, y,
-    radius, velocity, boxes (m, 5): what may be hit. table: skid_steer.rim_table(). p: KinematicParameters.
-    noise (steps, 6) standard normal.
+    radius, velocity, boxes (m, 5): what may be hit. scalars, supports, parts: of Mechanics. table: wheels.rim_table().
+    p: KinematicParameters. noise (steps, wheels.noises()) standard normal.
     """
-    span = _REACH + _MARGIN + steps * STEP * (jackal.MAX_SPEED + 0.5)
+    reach = scalars[m.REACH]
+    span = reach + _MARGIN + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
     close = np.empty((circles.shape[0], 5))
     n_close = 0
     for k in range(circles.shape[0]):
@@ -187,22 +185,22 @@ def drive(state, wheels, steps, times, targets, circles, boxes, table, p, noise,
         if dx * dx + dy * dy < far * far:
             near_boxes[n_boxes] = boxes[k]
             n_boxes += 1
-    found, lift, rims = np.empty((_MOST, 8)), np.ones(4), np.empty(2)
+    found, lift, rims = np.empty((_MOST, 8)), np.ones(supports.shape[0]), np.empty(2)
     x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
     contact, rolled, k_target = False, 0.0, 0
     for step in range(steps):
         while k_target + 1 < times.shape[0] and times[k_target + 1] <= step:
             k_target += 1
-        skid_steer.turn_wheels(wheels, targets[k_target, 0], targets[k_target, 1], table, noise[step], slip)
-        rims[0], rims[1] = wheels[skid_steer.LEFT], wheels[skid_steer.RIGHT]
+        wheels.turn_wheels(rolling, targets[k_target, 0], targets[k_target, 1], table, scalars, noise[step], slip)
+        rims[0], rims[1] = rolling[wheels.LEFT], rolling[wheels.RIGHT]
         rolled += 0.5 * (rims[0] + rims[1])
-        du, ds, dw = skid_steer.tyres(wheels, u, s, w, friction, lift)
+        du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift)
         u, s, w = u + du, s + ds, w + dw
         c, sn = cos(yaw), sin(yaw)
         if n_close > 0 or n_boxes > 0:
-            n = _contacts(x, y, c, sn, close, n_close, near_boxes, n_boxes, found)
+            n = _contacts(x, y, c, sn, parts, reach, close, n_close, near_boxes, n_boxes, found)
             if n > 0:
-                u, s, w, pressed = _press(u, s, w, found, n, rims, p)
+                u, s, w, pressed = _press(u, s, w, found, n, rims, scalars[m.MASS], scalars[m.YAW_INERTIA], p)
                 contact |= pressed
         for i in range(n_close):
             close[i, 0] += STEP * close[i, 3]

@@ -1,4 +1,4 @@
-"""KinematicSimulator: the pybullet Jackal without a physics engine, for training volume.
+"""KinematicSimulator: the robot of the pybullet simulator without a physics engine, for training volume.
 
 Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry
 (kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m sim_bridge.fit_kinematic`.
@@ -8,12 +8,15 @@ from __future__ import annotations
 
 from dataclasses import astuple, dataclass
 from math import cos, sin
-from typing import Any, List, Tuple
+from typing import Any, List, Optional, Tuple
 
 import numpy as np
 
-from . import jackal, skid_steer
+from applr_ros1.robots import Robot
+
 from . import kinematic_kernel as kernel
+from . import wheels
+from .mechanics import mechanics
 from .odometry import Odometry
 from .simulator import RobotState, Simulator
 
@@ -23,23 +26,32 @@ JUMP = 10.0  # [m/s]; a moving obstacle that seems faster has gone back to where
 
 @dataclass(frozen=True)
 class KinematicParameters:
-    """In the kernel's order; sim_bridge/fit_kinematic.py prints the fitted values that stand here."""
+    """In the kernel's order; sim_bridge/fit_kinematic.py fits them, and robot.yaml holds them."""
 
-    wheel_rub: float = 0.66  # friction of a wheel along an obstacle
-    chassis_rub: float = 0.94  # and of the chassis
-    undo: float = 0.51  # share of an overlap that is undone in a step
+    wheel_rub: float  # friction of a wheel along an obstacle
+    body_rub: float  # and of the body
+    undo: float  # share of an overlap that is undone in a step
+
+    @classmethod
+    def of(cls, robot: Robot) -> KinematicParameters:
+        """Those that the description of a robot holds."""
+        fitted = robot.simulation
+        return cls(fitted.wheel_rub, fitted.body_rub, fitted.undo)
 
 
 class KinematicSimulator(Simulator):
-    """See Simulator. `parameters` replaces the fitted Jackal by another robot."""
+    """See Simulator. `parameters` replaces those of the robot's description."""
 
-    def __init__(self, parameters: KinematicParameters = KinematicParameters(), **randomisation: Any):
-        super().__init__(**randomisation)
-        self.parameters = np.array(astuple(parameters), dtype=np.float64)
-        self._table = skid_steer.rim_table()
+    def __init__(
+        self, robot: Optional[Robot] = None, parameters: Optional[KinematicParameters] = None, **randomisation: Any
+    ):
+        super().__init__(robot, **randomisation)
+        self.parameters = np.array(astuple(parameters or KinematicParameters.of(self.robot)), dtype=np.float64)
+        self._mechanics = mechanics(self.robot)
+        self._table = wheels.rim_table(self.robot)
 
     def _place(self, pose, new_world, seed):
-        self._odometry = Odometry(pose[2], np.random.default_rng(seed))
+        self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed))
         self._noise = np.random.default_rng([seed, 1])
         if new_world:
             self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
@@ -50,10 +62,10 @@ class KinematicSimulator(Simulator):
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
     def _move_to(self, pose):
-        self._wheels = np.zeros(skid_steer.SIZE)
+        self._rolling = wheels.new_drive(self._mechanics.supports)
         self._body = np.zeros(kernel.SIZE)
         c, s = cos(pose[2]), sin(pose[2])
-        com_x, com_y = jackal.COM
+        com_x, com_y = self._mechanics.com
         self._body[:3] = pose[0] + c * com_x - s * com_y, pose[1] + s * com_x + c * com_y, pose[2]
 
     def _drive(self, duration):
@@ -68,23 +80,27 @@ class KinematicSimulator(Simulator):
             velocity = (then - now)[:, :2] / (steps * STEP)
             velocity[np.hypot(*velocity.T) > JUMP] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
+        robot = self._mechanics
         kernel.drive(
             self._body,
-            self._wheels,
+            self._rolling,
             steps,
             times,
             targets,
             circles,
             self._boxes,
+            robot.scalars,
+            robot.supports,
+            robot.parts,
             self._table,
             self.parameters,
-            self._noise.standard_normal((steps, skid_steer.NOISES)),
-            jackal.WHEEL_FRICTION * self.drawn.friction,
+            self._noise.standard_normal((steps, wheels.noises(robot.supports))),
+            self.robot.base.wheel_friction * self.drawn.friction,
             self.drawn.slip,
         )
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
-        com_x, com_y = jackal.COM
+        com_x, com_y = robot.com
         c, sn = cos(yaw), sin(yaw)
         u += w * com_y  # from the centre of mass to base_link
         odometry, span = self._odometry, steps * STEP

@@ -9,29 +9,30 @@ there, and off by a centimetre).
 
 from __future__ import annotations
 
-from math import sqrt
+from functools import lru_cache
+from math import pi, sqrt
+from typing import Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.robots.description import Laser
 
-from . import jackal
-
-_ANGLES = jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * np.arange(jackal.BEAMS)
-_COS, _SIN = np.cos(_ANGLES), np.sin(_ANGLES)
 _NO_MOVERS = np.empty((0, 3))
-_TURN = int(round(2 * np.pi / jackal.ANGLE_INCREMENT))  # beams in a full turn
+_FIRST, _STEP, _TURN, _NEAR, _FAR = range(5)  # of a fan: first angle, increment, beams in a full turn, least, most range
 
 
 class Lidar:
     """The laser in one static world.
 
     Args:
+        laser: Its beams and ranges.
         cylinders: (n, 3) x, y, radius [m].
         boxes: (m, 5) x, y, yaw, size_x, size_y [m, rad].
     """
 
-    def __init__(self, cylinders: np.ndarray, boxes: np.ndarray):
+    def __init__(self, laser: Laser, cylinders: np.ndarray, boxes: np.ndarray):
+        self._fan, self._cos, self._sin = _fan(laser)
         self.circles = np.ascontiguousarray(cylinders, dtype=np.float64).reshape(-1, 3)
         self.edges = box_edges(np.asarray(boxes, dtype=np.float64).reshape(-1, 5))
         self._order = np.arange(len(self.circles))  # nearest first, as of the last scan
@@ -39,17 +40,30 @@ class Lidar:
         self._sorted_at = (np.inf, np.inf)
 
     def scan(self, x: float, y: float, yaw: float, movers: np.ndarray = _NO_MOVERS) -> np.ndarray:
-        """Exact ranges (720,) float32 [m] of the laser at (x, y), looking along yaw.
+        """Exact ranges (beams,) float32 [m] of the laser at (x, y), looking along yaw.
 
-        +inf: nothing within RANGE_MAX; -inf: nearer than RANGE_MIN, or inside an obstacle. `movers` (k, 3) are further
+        +inf: nothing within range_max; -inf: nearer than range_min, or inside an obstacle. `movers` (k, 3) are further
         circles x, y, radius, for this scan only.
         """
         if abs(x - self._sorted_at[0]) + abs(y - self._sorted_at[1]) > 0.5:  # put somewhere else
             self._order[:] = np.argsort(np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y))
         self._sorted_at = (x, y)
-        ranges = np.empty(jackal.BEAMS, dtype=np.float32)
-        _scan(x, y, yaw, self.circles, movers, self.edges, self._order, self._keys, _COS, _SIN, ranges)
+        ranges = np.empty(len(self._cos), dtype=np.float32)
+        _scan(
+            x, y, yaw, self.circles, movers, self.edges, self._order, self._keys, self._fan, self._cos, self._sin, ranges
+        )
         return ranges
+
+
+@lru_cache(maxsize=16)
+def _fan(laser: Laser) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The numbers of a fan as _scan takes them, and cosine and sine of its beams."""
+    first, step = laser.first_angle, laser.increment
+    found = first + step * np.arange(laser.beams)
+    while first > pi:  # so that bearings from -pi to pi lie at most one turn away from the fan
+        first -= 2 * pi
+    fan = np.array([first, step, round(2 * pi / step), laser.range_min, laser.range_max])
+    return fan, np.cos(found), np.sin(found)
 
 
 def box_edges(boxes: np.ndarray) -> np.ndarray:
@@ -85,7 +99,7 @@ def _bearing(y, x):
 
 
 @kernel
-def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
+def _cut_circle(cx, cy, r, d2, fan, cos_t, sin_t, best):
     """Shorten the beams that meet the circle, centre (cx, cy) in the laser's frame.
 
     True where the laser is inside.
@@ -94,18 +108,19 @@ def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
         return True
     d = sqrt(d2)
     near = d - r
-    if near > jackal.RANGE_MAX:
+    if near > fan[_FAR]:
         return False
     q = r / d  # half the angle covered is asin(q); this is never less
     half = q * (1.0 + q * q * (0.1666667 + q * q * 0.4041297)) + 0.0005
     middle = _bearing(cy, cx)
     n = best.shape[0]
-    lo = int((middle - half - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT)
-    hi = int((middle + half - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT) + 1
+    lo = int((middle - half - fan[_FIRST]) / fan[_STEP])
+    hi = int((middle + half - fan[_FIRST]) / fan[_STEP]) + 1
+    full = int(fan[_TURN])
     excess = d2 - r * r
     for turn in range(-1, 2):  # what lies behind may reach into either end of the fan
-        first = lo + turn * _TURN
-        last = hi + turn * _TURN + 1
+        first = lo + turn * full
+        last = hi + turn * full + 1
         if last < 0 or first >= n:
             continue
         for i in range(max(first - 1, 0), min(last + 1, n - 1) + 1):
@@ -120,17 +135,18 @@ def _cut_circle(cx, cy, r, d2, cos_t, sin_t, best):
 
 
 @kernel
-def _cut_edge(x0, y0, x1, y1, cos_t, sin_t, best):
+def _cut_edge(x0, y0, x1, y1, fan, cos_t, sin_t, best):
     """Shorten the beams that meet the segment from (x0, y0) to (x1, y1), in the laser's frame."""
     a0 = _bearing(y0, x0)
     span = _bearing(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)  # signed angle from one end to the other
     n = best.shape[0]
-    lo = int((min(a0, a0 + span) - 0.001 - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT)
-    hi = int((max(a0, a0 + span) + 0.001 - jackal.ANGLE_MIN) / jackal.ANGLE_INCREMENT) + 1
+    lo = int((min(a0, a0 + span) - 0.001 - fan[_FIRST]) / fan[_STEP])
+    hi = int((max(a0, a0 + span) + 0.001 - fan[_FIRST]) / fan[_STEP]) + 1
+    full = int(fan[_TURN])
     ex, ey = x1 - x0, y1 - y0
     cross = x0 * ey - y0 * ex
     for turn in range(-1, 2):
-        for i in range(max(lo + turn * _TURN - 1, 0), min(hi + turn * _TURN + 2, n - 1) + 1):
+        for i in range(max(lo + turn * full - 1, 0), min(hi + turn * full + 2, n - 1) + 1):
             c, s = cos_t[i], sin_t[i]
             across = c * ey - s * ex
             if across != 0.0:
@@ -141,8 +157,8 @@ def _cut_edge(x0, y0, x1, y1, cos_t, sin_t, best):
 
 
 @kernel
-def _scan(x, y, yaw, circles, movers, edges, order, keys, cos_t, sin_t, ranges):
-    best = np.full(ranges.shape[0], jackal.RANGE_MAX)
+def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ranges):
+    best = np.full(ranges.shape[0], fan[_FAR])
     c, s = np.cos(yaw), np.sin(yaw)
     covered = False
     for k in range(circles.shape[0]):
@@ -158,10 +174,10 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, cos_t, sin_t, ranges):
     for a in range(order.shape[0]):
         k = order[a]
         dx, dy = circles[k, 0] - x, circles[k, 1] - y
-        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, circles[k, 2], keys[k], cos_t, sin_t, best)
+        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, circles[k, 2], keys[k], fan, cos_t, sin_t, best)
     for k in range(movers.shape[0]):
         dx, dy = movers[k, 0] - x, movers[k, 1] - y
-        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], dx * dx + dy * dy, cos_t, sin_t, best)
+        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], dx * dx + dy * dy, fan, cos_t, sin_t, best)
     for k in range(0, edges.shape[0], 4):
         inside = True
         for e in range(k, k + 4):
@@ -170,12 +186,12 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, cos_t, sin_t, ranges):
             if x0 * y1 - y0 * x1 > 0.0:  # the laser is on the inner side of this edge
                 continue
             inside = False  # only sides that face the laser can be seen
-            _cut_edge(c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, cos_t, sin_t, best)
+            _cut_edge(c * x0 + s * y0, c * y0 - s * x0, c * x1 + s * y1, c * y1 - s * x1, fan, cos_t, sin_t, best)
         covered |= inside
     for i in range(ranges.shape[0]):
-        if covered or best[i] <= jackal.RANGE_MIN:
+        if covered or best[i] <= fan[_NEAR]:
             ranges[i] = -np.inf
-        elif best[i] >= jackal.RANGE_MAX:
+        elif best[i] >= fan[_FAR]:
             ranges[i] = np.inf
         else:
             ranges[i] = best[i]

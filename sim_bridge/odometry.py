@@ -12,20 +12,19 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.angles import wrapped_modulo
-
-from . import jackal
+from applr_ros1.robots.description import OdometryErrors
 
 
 class Odometry:
     """Dead reckoning in frame odom; errors are drawn from the given generator."""
 
-    def __init__(self, yaw: float, rng: np.random.Generator, scale: float = 1.0):
+    def __init__(self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0):
         """Starts at (0, 0, yaw). `scale` multiplies all errors."""
-        self.rng, self.scale = rng, scale
+        self.errors, self.rng, self.scale = errors, rng, scale
         self.pose = (0.0, 0.0, yaw)
         self.twist = (0.0, 0.0)
         self.imu = (0.0, 0.0)
-        self._gain = 1.0 + scale * jackal.ODOM_SCALE_ERROR * float(rng.standard_normal())
+        self._gain = 1.0 + scale * errors.scale_error * float(rng.standard_normal())
         self._heading = yaw  # without the noise of a single reading
         self._error = 0.0  # of the heading [rad]; none at the start
         self._turned = 0.0  # frame odom against the world
@@ -48,9 +47,10 @@ class Odometry:
 
         yaw, yaw_rate and acceleration are the true ones now [rad, rad/s, m/s^2].
         """
-        keep = exp(-duration / jackal.ODOM_HEADING_TIME)
+        errors = self.errors
+        keep = exp(-duration / errors.heading_time)
         self._error = keep * self._error + (
-            self.scale * jackal.ODOM_HEADING_DRIFT * sqrt(1.0 - keep * keep) * self._normal()
+            self.scale * errors.heading_drift * sqrt(1.0 - keep * keep) * self._normal()
         )
         x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
@@ -58,8 +58,8 @@ class Odometry:
         ahead = wheel_speed * self._gain * duration
         middle = old + 0.5 * turn
         self._heading = wrapped_modulo(old + turn)
-        seen = self._heading + self.scale * jackal.ODOM_HEADING_NOISE * self._normal()
+        seen = self._heading + self.scale * errors.heading_noise * self._normal()
         self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), wrapped_modulo(seen))
-        rate = yaw_rate + self.scale * jackal.GYRO_NOISE * self._normal()
-        self.twist = (wheel_speed * self._gain + self.scale * jackal.ODOM_SPEED_NOISE * self._normal(), rate)
-        self.imu = (acceleration + self.scale * jackal.ACCELEROMETER_NOISE * self._normal(), rate)
+        rate = yaw_rate + self.scale * errors.gyro_noise * self._normal()
+        self.twist = (wheel_speed * self._gain + self.scale * errors.speed_noise * self._normal(), rate)
+        self.imu = (acceleration + self.scale * errors.accelerometer_noise * self._normal(), rate)

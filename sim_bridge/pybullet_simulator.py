@@ -1,7 +1,7 @@
-"""PybulletSimulator: the four-wheel Jackal in Bullet's physics at 240 Hz, standing in for Gazebo.
+"""PybulletSimulator: a robot in Bullet's physics at 240 Hz, standing in for Gazebo.
 
 Bullet carries the robot on its wheels, and stops, turns, tilts and pushes it at obstacles; the tyres' pull on
-the ground is skid_steer.py's. In-process and without a window; any number may live in one process. Repeats
+the ground is wheels.py's. In-process and without a window; any number may live in one process. Repeats
 exactly under a seed.
 """
 
@@ -9,35 +9,37 @@ from __future__ import annotations
 
 import os
 from math import atan2
-from typing import Any
+from typing import Any, Optional
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.robots import Robot
 
 from . import bullet_scene as scene
-from . import jackal, skid_steer
+from . import mechanics as m
+from . import wheels
 from .odometry import Odometry
 from .simulator import RobotState, Simulator, SimulatorError
 
-STEP = skid_steer.STEP
-_MOTOR_TORQUE = 10.0  # [N m] a wheel, against obstacles
-_FULL_LIFT = 0.005  # a wheel this high above the ground pulls no more [m]
-_OFF_X, _OFF_Y, _OFF_Z = jackal.CHASSIS_COM
+STEP = m.STEP
 
 
 class PybulletSimulator(Simulator):
     """See Simulator. gui=True opens pybullet's window."""
 
-    def __init__(self, gui: bool = False, **randomisation: Any):
+    def __init__(self, robot: Optional[Robot] = None, gui: bool = False, **randomisation: Any):
         self._client: Any = None
-        super().__init__(**randomisation)
+        super().__init__(robot, **randomisation)
         self._p = scene.load_pybullet()
         if gui and not os.environ.get("DISPLAY"):
             raise SimulatorError("gui is true but there is no display (DISPLAY is not set): leave gui away")
         self._client = self._p.connect(self._p.GUI if gui else self._p.DIRECT)
-        self._table = skid_steer.rim_table()
-        self._lift = np.ones(4)
+        self._mechanics = m.mechanics(self.robot)
+        self._table = wheels.rim_table(self.robot)
+        self._lift = np.ones(len(self._mechanics.supports))
+        self._reach = max(1.0, 2.0 * float(self._mechanics.scalars[m.REACH]))
+        self._spin_step = 0.01 * self.robot.base.max_speed  # a smaller change of rim speeds is not passed on [m/s]
 
     def close(self) -> None:
         """Disconnect from Bullet; can be called again."""
@@ -52,19 +54,19 @@ class PybulletSimulator(Simulator):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
         self._obstacles = scene.build_world(self._p, self._client, self.world, STEP)
         self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
-        self._robot = scene.build_robot(self._p, self._client, pose)
+        self._body = scene.build_robot(self._p, self._client, self.robot, pose)
         rng = np.random.default_rng(seed)
-        self._odometry = Odometry(pose[2], rng)
+        self._odometry = Odometry(self.robot.odometry, pose[2], rng)
         self._noise = np.random.default_rng([seed, 1])
-        self._drive_state = np.zeros(skid_steer.SIZE)
-        self._wheels = (0.0, 0.0)
+        self._drive_state = wheels.new_drive(self._mechanics.supports)
+        self._rims = (0.0, 0.0)
         self._spin(0.0, 0.0)
         self._steps, self._elapsed = 0, 0.0
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
     def _move_to(self, pose):
-        scene.put_robot(self._p, self._client, self._robot, pose)
-        self._drive_state = np.zeros(skid_steer.SIZE)
+        scene.put_robot(self._p, self._client, self._body, self.robot, pose)
+        self._drive_state = wheels.new_drive(self._mechanics.supports)
         self._spin(0.0, 0.0)
 
     def _drive(self, duration):
@@ -72,11 +74,12 @@ class PybulletSimulator(Simulator):
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps <= 0:
             return
-        p, client, robot, drive = self._p, self._client, self._robot, self._drive_state
-        noise = self._noise.standard_normal((steps, skid_steer.NOISES))
-        friction, slip = jackal.WHEEL_FRICTION * self.drawn.friction, self.drawn.slip
-        position, attitude = p.getBasePositionAndOrientation(robot, physicsClientId=client)
-        velocity, rate = p.getBaseVelocity(robot, physicsClientId=client)
+        p, client, body, drive = self._p, self._client, self._body, self._drive_state
+        scalars, supports = self._mechanics.scalars, self._mechanics.supports
+        noise = self._noise.standard_normal((steps, wheels.noises(supports)))
+        friction, slip = self.robot.base.wheel_friction * self.drawn.friction, self.drawn.slip
+        position, attitude = p.getBasePositionAndOrientation(body, physicsClientId=client)
+        velocity, rate = p.getBaseVelocity(body, physicsClientId=client)
         start_u = self.state.twist[0]
         contact, rolled = False, 0.0
         for k in range(steps):
@@ -86,6 +89,8 @@ class PybulletSimulator(Simulator):
                 v,
                 w,
                 self._table,
+                scalars,
+                supports,
                 noise[k],
                 slip,
                 friction,
@@ -96,19 +101,19 @@ class PybulletSimulator(Simulator):
                 velocity[1],
                 rate[2],
             )
-            if abs(left - self._wheels[0]) + abs(right - self._wheels[1]) > 0.02:
+            if abs(left - self._rims[0]) + abs(right - self._rims[1]) > self._spin_step:
                 self._spin(left, right)
             rolled += 0.5 * (left + right)
-            p.applyExternalForce(robot, -1, (fx, fy, 0.0), (px, py, 0.0), p.WORLD_FRAME, physicsClientId=client)
-            p.applyExternalTorque(robot, -1, (0.0, 0.0, torque), p.WORLD_FRAME, physicsClientId=client)
+            p.applyExternalForce(body, -1, (fx, fy, 0.0), (px, py, 0.0), p.WORLD_FRAME, physicsClientId=client)
+            p.applyExternalTorque(body, -1, (0.0, 0.0, torque), p.WORLD_FRAME, physicsClientId=client)
             self._steps += 1
-            for body, mover in zip(self._movers, self.world.movers):
-                scene.put_mover(p, client, body, *mover.position(self._steps * STEP))
+            for cylinder, mover in zip(self._movers, self.world.movers):
+                scene.put_mover(p, client, cylinder, *mover.position(self._steps * STEP))
             p.stepSimulation(physicsClientId=client)
-            position, attitude = p.getBasePositionAndOrientation(robot, physicsClientId=client)
-            velocity, rate = p.getBaseVelocity(robot, physicsClientId=client)
+            position, attitude = p.getBasePositionAndOrientation(body, physicsClientId=client)
+            velocity, rate = p.getBaseVelocity(body, physicsClientId=client)
             contact = contact or self._touching(position)
-        x, y, yaw, u, upright = _planar(*position, *attitude, velocity[0], velocity[1], rate[2])
+        x, y, yaw, u, upright = _planar(scalars, *position, *attitude, velocity[0], velocity[1], rate[2])
         span = steps * STEP
         self._odometry.update(span, rolled / steps, yaw, rate[2], (u - start_u) / span)
         odometry = self._odometry
@@ -130,26 +135,27 @@ class PybulletSimulator(Simulator):
                 return True
         for body, mover in zip(self._movers, self.world.movers):
             x, y = mover.position(self._steps * STEP)
-            near = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + 1.0
+            near = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + self._reach
             if near and self._pressing(body):
                 return True
         return False
 
     def _pressing(self, body):
-        points = self._p.getContactPoints(self._robot, body, physicsClientId=self._client)
+        points = self._p.getContactPoints(self._body, body, physicsClientId=self._client)
         return any(point[9] > 0.0 for point in points)  # [9]: normal force
 
     def _spin(self, left, right):
         """Turn the wheels with these rim speeds [m/s]: what an obstacle that touches one feels."""
         p = self._p
-        self._wheels = (left, right)
-        left, right = left / jackal.WHEEL_RADIUS, right / jackal.WHEEL_RADIUS
+        self._rims = (left, right)
+        base = self.robot.base
+        left, right = left / base.wheel_radius, right / base.wheel_radius
         p.setJointMotorControlArray(
-            self._robot,
-            (0, 1, 2, 3),
+            self._body,
+            range(base.wheels),
             p.VELOCITY_CONTROL,
-            targetVelocities=(left, right, left, right),
-            forces=(_MOTOR_TORQUE,) * 4,
+            targetVelocities=(left, right) * (base.wheels // 2),
+            forces=(self.robot.simulation.motor_torque,) * base.wheels,
             physicsClientId=self._client,
         )
 
@@ -172,42 +178,42 @@ def _axes(qx, qy, qz, qw):
 
 
 @kernel
-def _pull(drive, v, w, table, noise, slip, friction, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
+def _pull(drive, v, w, table, scalars, supports, noise, slip, friction, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """One step of wheels and tyres.
 
     Returns world-frame force (fx, fy) and torque on the body, the point on the ground below the centre of mass where
     they act, and the rim speeds of the left and right wheels [m/s].
     """
     c, s, up_x, up_y, up_z = _axes(qx, qy, qz, qw)
-    for i in range(4):
-        x = (0.5 if i < 2 else -0.5) * jackal.WHEELBASE - _OFF_X
-        y = (0.5 if i % 2 == 0 else -0.5) * jackal.TRACK - _OFF_Y
-        height = pz + up_x * x + up_y * y + up_z * (jackal.AXLE_HEIGHT - _OFF_Z) - jackal.WHEEL_RADIUS
-        lift[i] = min(max(1.0 - height / _FULL_LIFT, 0.0), 1.0) if up_z > 0.5 else 0.0
-    skid_steer.turn_wheels(drive, v, w, table, noise, slip)
-    dx, dy = jackal.COM[0] - _OFF_X, jackal.COM[1] - _OFF_Y  # from the chassis's to the whole centre of mass
+    for i in range(supports.shape[0]):
+        x, y = supports[i, m.BASE_X], supports[i, m.BASE_Y]
+        height = pz + up_x * x + up_y * y + up_z * scalars[m.AXLE_Z] - scalars[m.WHEEL_RADIUS]
+        lift[i] = min(max(1.0 - height / scalars[m.FULL_LIFT], 0.0), 1.0) if up_z > 0.5 else 0.0
+    wheels.turn_wheels(drive, v, w, table, scalars, noise, slip)
+    dx, dy = scalars[m.COM_X] - scalars[m.OFF_X], scalars[m.COM_Y] - scalars[m.OFF_Y]  # to the whole centre of mass
     ahead, aside = c * vx + s * vy - rate * dy, c * vy - s * vx + rate * dx
-    du, ds, dw = skid_steer.tyres(drive, ahead, aside, rate, friction, lift)
-    fx, fy = jackal.MASS / STEP * du, jackal.MASS / STEP * ds
+    du, ds, dw = wheels.tyres(drive, ahead, aside, rate, scalars, supports, friction, lift)
+    fx, fy = scalars[m.MASS] / STEP * du, scalars[m.MASS] / STEP * ds
     return (
         c * fx - s * fy,
         s * fx + c * fy,
-        jackal.YAW_INERTIA / STEP * dw,
+        scalars[m.YAW_INERTIA] / STEP * dw,
         px + c * dx - s * dy,
         py + s * dx + c * dy,
-        drive[skid_steer.LEFT],
-        drive[skid_steer.RIGHT],
+        drive[wheels.LEFT],
+        drive[wheels.RIGHT],
     )
 
 
 @kernel
-def _planar(px, py, pz, qx, qy, qz, qw, vx, vy, rate):
+def _planar(scalars, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
     """x, y, yaw of base_link, its speed ahead, and how upright it stands (1: level)."""
     c, s, _, _, up_z = _axes(qx, qy, qz, qw)
+    off_x, off_y = scalars[m.OFF_X], scalars[m.OFF_Y]
     return (
-        px - c * _OFF_X + s * _OFF_Y,
-        py - s * _OFF_X - c * _OFF_Y,
+        px - c * off_x + s * off_y,
+        py - s * off_x - c * off_y,
         atan2(s, c),
-        c * vx + s * vy + rate * _OFF_Y,
+        c * vx + s * vy + rate * off_y,
         up_z,
     )

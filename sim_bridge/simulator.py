@@ -8,16 +8,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from applr_ros1.common import angles
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots import Robot, load
 from worlds import World
 
-from . import jackal
 from .lidar import Lidar
 from .odometry import Odometry
 
@@ -48,7 +48,7 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """What may differ from the nominal Jackal.
+    """What may differ from the nominal robot.
 
     Each is a number or a (low, high) span drawn at reset from the seed.
     """
@@ -101,13 +101,18 @@ class Simulator(ABC):
 
     Frames: the world's own, and `odom`, whose origin is the start position and whose axes stay parallel to
     the world's (as on Gazebo's Jackal), so a start that is turned does not move a goal given in odom.
+
+    Args:
+        robot: Description of the robot; the Jackal without one.
+        **randomisation: Fields of Randomisation.
     """
 
     world: World  # since the last reset()
     drawn: Any  # the Randomisation of this reset: every span replaced by a number
     _odometry: Odometry  # made by _place(), brought up to date by _drive()
 
-    def __init__(self, **randomisation: Any):
+    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
+        self.robot = load("jackal") if robot is None else robot
         known = list(vars(Randomisation()))
         for name in randomisation:
             if name not in known:
@@ -116,6 +121,7 @@ class Simulator(ABC):
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)
         self._lidar: Optional[Lidar] = None
+        self._scans = -1  # periods of the laser that had begun at the last scan
         self._command = _Command()
 
     # -- for everybody -----------------------------------------------------------------------------
@@ -137,19 +143,21 @@ class Simulator(ABC):
         )
         new_world = self._lidar is None or world is not self.world
         if new_world:
-            self._lidar = Lidar(world.cylinders, world.boxes)
+            self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
         self.world = world
         self.odom_origin = pose[:2]
+        self._scans = -1
         self._command = _Command()
         self._place(pose, new_world, int(self._rng.integers(2**31)))
         return self.state
 
     def command(self, v: float, w: float) -> None:
-        """The newest velocity command [m/s, rad/s]. The base stops COMMAND_TIMEOUT after the last one."""
+        """The newest velocity command [m/s, rad/s]. The base stops its command timeout after the last one."""
         if not (isfinite(v) and isfinite(w)):
             raise SimulatorError("command (%r, %r): velocities must be finite" % (v, w))
-        v = min(max(v, -jackal.MAX_SPEED), jackal.MAX_SPEED)
-        w = min(max(w, -jackal.MAX_YAW_RATE), jackal.MAX_YAW_RATE)
+        base = self.robot.base
+        v = min(max(v, -base.max_speed), base.max_speed)
+        w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
         self._command.pending.append((self.state.time + self.drawn.latency, v, w))
 
     def advance(self, duration: float) -> RobotState:
@@ -160,18 +168,28 @@ class Simulator(ABC):
         return self.state
 
     def scan(self) -> np.ndarray:
-        """Ranges (720,) float32 [m] from the laser at the present instant.
+        """Ranges (beams,) float32 [m] from the laser at the present instant.
 
-        +inf where nothing returns and -inf nearer than RANGE_MIN (REP 117, as Gazebo's laser does). Each call draws new
+        +inf where nothing returns and -inf nearer than range_min (REP 117, as Gazebo's laser does). Each call draws new
         noise.
         """
         pose = self.state.pose
         if self._lidar is None:
             raise SimulatorError("there is no scan before the first reset(): call reset(world, seed)")
-        ranges = self._lidar.scan(*angles.place(pose, *jackal.LASER_OFFSET), pose[2], self.mover_circles())
-        noise = self._rng.standard_normal(jackal.BEAMS, dtype=np.float32)
-        noise *= np.float32(jackal.SCAN_NOISE * self.drawn.scan_noise)
+        laser = self.robot.laser
+        x, y, yaw = laser.pose
+        ranges = self._lidar.scan(*angles.place(pose, x, y), pose[2] + yaw, self.mover_circles())
+        noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
+        noise *= np.float32(laser.noise * self.drawn.scan_noise)
+        self._scans = self._periods()
         return np.add(ranges, noise, out=ranges)
+
+    def scan_due(self) -> bool:
+        """Whether the laser, at its own rate, has begun another turn since the last scan()."""
+        return self._periods() > self._scans
+
+    def _periods(self):
+        return int((self.state.time + 1e-6) * self.robot.laser.rate)
 
     def to_odom(self, pose: Pose) -> Pose:
         """A pose (x, y, yaw) of the world frame in frame odom."""
@@ -233,7 +251,7 @@ class Simulator(ABC):
         command = self._command
         while command.pending and command.pending[0][0] <= time + 1e-9:
             since, command.v, command.w = command.pending.pop(0)
-            command.until = since + jackal.COMMAND_TIMEOUT
+            command.until = since + (self.robot.base.command_timeout or inf)
         return (command.v, command.w) if time < command.until - 1e-9 else (0.0, 0.0)
 
 

@@ -1,6 +1,6 @@
-"""The table of commanded against driven speeds: `python -m sim_bridge.tracking_table [--simulator kinematic]`.
+"""The table of commanded against driven speeds: `python -m sim_bridge.tracking_table [--robot husky]`.
 
-The tests read `measure` and `CASES`. Driven means: true motion of base_link, averaged over some seconds once it is
+The tests read `measure` and `cases`. Driven means: true motion of base_link, averaged over some seconds once it is
 steady.
 """
 
@@ -10,28 +10,30 @@ import argparse
 import sys
 from dataclasses import dataclass
 from math import cos, hypot, pi, sin
-from typing import Iterable, Optional, Sequence
+from typing import Iterable, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import wrapped_modulo
 from applr_ros1.common.errors import run_main
+from applr_ros1.robots import Robot
 
-from . import NAMES, jackal, make
+from . import NAMES, make
 from .scenes import STEP, drive, small_world
 from .simulator import Simulator
 
-# (v, w) over what the planner commands; curves up to what the tyres hold (v w <= GRIP_LIMIT)
-CASES = (
-    [(v, 0.0) for v in (0.1, 0.2, 0.5, 1.0, 1.5, 2.0, -0.1, -0.5)]
-    + [(0.0, w) for w in (0.314, 0.6, 1.0, 1.57, 2.0, 2.5, 3.14, -0.314, -1.57, -3.14)]
-    + [
-        (v, w)
-        for v in (0.1, 0.25, 0.5, 1.0, 1.5, 2.0)
-        for w in (0.2, 0.6, -1.0, 1.57, 3.14)
-        if abs(v * w) <= jackal.GRIP_LIMIT
-    ]
-)
+# shares of the robot's largest speed and turn
+SPEEDS = (0.05, 0.1, 0.25, 0.5, 0.75, 1.0, -0.05, -0.25)
+TURNS = (0.0785, 0.15, 0.25, 0.3925, 0.5, 0.625, 0.785, -0.0785, -0.3925, -0.785)
+CURVES = ((0.05, 0.125, 0.25, 0.5, 0.75, 1.0), (0.05, 0.15, -0.25, 0.3925, 0.785))
+
+
+def cases(robot: Robot) -> List[Tuple[float, float]]:
+    """(v, w) over what planners command [m/s, rad/s]; curves up to what the tyres hold (v w <= grip_limit)."""
+    v, w = robot.base.max_speed, robot.base.max_yaw_rate
+    curves = [(v * a, w * b) for a in CURVES[0] for b in CURVES[1]]
+    held = [curve for curve in curves if abs(curve[0] * curve[1]) <= robot.simulation.grip_limit]
+    return [(v * a, 0.0) for a in SPEEDS] + [(0.0, w * b) for b in TURNS] + held
 
 
 @dataclass
@@ -90,16 +92,17 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Print the table. Exit status 0 where all speeds are driven within five percent."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--simulator", default="pybullet", help="Simulator to measure: %s." % " or ".join(NAMES))
+    parser.add_argument("--robot", default="jackal", help="Robot to measure: its name or the folder of its description.")
     parser.add_argument("--even", action="store_true", help="Even ground: no random slip.")
     parser.add_argument("--seeds", type=int, default=4, help="Number of runs that are averaged.")
     return run_main(lambda: _print_table(parser.parse_args(argv)), "tracking_table")
 
 
 def _print_table(arguments: argparse.Namespace) -> int:
-    simulator = make(arguments.simulator, slip=0.0 if arguments.even else 1.0)
+    simulator = make(arguments.simulator, robot=arguments.robot, slip=0.0 if arguments.even else 1.0)
     print("commanded        driven           error   drift of a turn in place")
     worst = 0.0
-    for v, w in CASES:
+    for v, w in cases(simulator.robot):
         m = measure(simulator, v, w, seeds=range(1 if arguments.even else arguments.seeds))
         worst = max(worst, m.error)
         print(

@@ -143,7 +143,7 @@ class Simulation:
     friction [m/s]. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's friction and its
     correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute deviation while
     it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one wheel against
-    obstacles [N m]. wheel_rub, body_rub, undo: fitted by `python -m sim_bridge.fit_kinematic`: friction of a wheel and
+    obstacles [N m]. full_lift: a wheel this high above the ground pulls no more [m]. wheel_rub, body_rub, undo: fitted by `python -m sim_bridge.fit_kinematic`: friction of a wheel and
     of the body along an obstacle, and the share of an overlap that is undone in a step.
     """
 
@@ -157,6 +157,7 @@ class Simulation:
     ground_stiffness: float = real(100.0, 1e7, 3.0e4)
     ground_damping: float = real(1.0, 1e5, 400.0)
     motor_torque: float = real(0.01, 1000.0, 10.0)
+    full_lift: float = real(1e-4, 0.5, 0.005)
     wheel_rub: float = real(0.0, 1.0, 0.66)
     body_rub: float = real(0.0, 1.0, 0.94)
     undo: float = real(0.02, 1.0, 0.51)
@@ -242,6 +243,6 @@ def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[
 def branch(tree: Dict[str, Any], path: str) -> Dict[str, Any]:
     """The part of a nested parameter tree at "a/b"; {} where there is none."""
     here: Any = tree
-    for part in path.split("/"):
+    for part in filter(None, path.split("/")):
         here = here.get(part, {}) if isinstance(here, dict) else {}
     return here if isinstance(here, dict) else {}

@@ -1,0 +1,154 @@
+"""The mechanics of a robot, as both simulators compute with them: masses, supports on the ground, limits.
+
+`mechanics(robot)` makes the arrays that the kernels of wheels.py and kinematic_kernel.py take. Lengths [m], masses [kg];
+places are from the centre of mass unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from math import exp, hypot
+from typing import Tuple
+
+import numpy as np
+
+from applr_ros1.robots import Robot, RobotError, outline
+
+GRAVITY = 9.8
+STEP = 1.0 / 240.0  # both simulators' physics step [s]
+
+# the vector of scalars that the kernels take
+MASS, YAW_INERTIA, COM_X, COM_Y, COM_HEIGHT, LEVER_X, LEVER_Y, TRACK, REACH = range(9)
+MAX_SPEED, ACCELERATION, YAW_ACCELERATION, V_STEP, W_STEP = range(9, 14)
+KEEP_WHEEL, KEEP_GRIP, GRIP_NOISE, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP, GRIP_LIMIT = range(14, 21)
+AXLE_Z, WHEEL_RADIUS, FULL_LIFT, OFF_X, OFF_Y, SCALARS = range(21, 27)
+
+# columns of the supports
+X, Y, LOAD, SIDE, SHARE, SHIFT_X, SHIFT_Y, BASE_X, BASE_Y, COLUMNS = range(10)
+LEFT_SIDE, RIGHT_SIDE, CASTER = 0.0, 1.0, 2.0
+_TABLE = 16  # steps of the table of rim speeds up to the largest speed and turn
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """What the simulators need of a robot beside its description.
+
+    mass, yaw_inertia (about the centre of mass), com (x, y) in the base frame; base_height: of the base frame above the
+    ground. scalars (SCALARS,): what the kernels take, in the order above. supports (n, COLUMNS): the driven wheels in
+    the order of outline.wheel_places, then the casters; X, Y place, LOAD [N] at rest, SIDE of the wheel or CASTER,
+    SHARE friction relative to a wheel's, SHIFT_X and SHIFT_Y how the load moves with the acceleration (along LEVER_X,
+    LEVER_Y), BASE_X, BASE_Y the place from the body's centre of mass. parts (k, 4): rectangles that meet obstacles, the
+    body and then the wheels.
+    """
+
+    mass: float
+    yaw_inertia: float
+    com: Tuple[float, float]
+    body_com: Tuple[float, float, float]  # in the base frame
+    body_inertia: Tuple[float, float, float]
+    wheel_inertia: Tuple[float, float, float]
+    base_height: float
+    scalars: np.ndarray
+    supports: np.ndarray
+    parts: np.ndarray
+
+
+@lru_cache(maxsize=None)
+def mechanics(robot: Robot) -> Mechanics:
+    """The mechanics of a robot.
+
+    Raises RobotError where its centre of mass lies outside its wheels and casters, so that it would tip over.
+    """
+    base, body = robot.base, robot.body
+    n = base.wheels
+    mass = body.mass + n * base.wheel_mass
+    body_com = _body_com(robot)
+    inertia = body.inertia or _box_inertia(body.mass, body.size)
+    wheel = base.wheel_inertia or _wheel_inertia(base.wheel_mass, base.wheel_radius, base.wheel_width)
+    com = (body.mass / mass * body_com[0], body.mass / mass * body_com[1])
+    base_height = base.wheel_radius - base.axle_height
+    com_height = base_height + (body.mass * body_com[2] + n * base.wheel_mass * base.axle_height) / mass
+    yaw_inertia = (
+        inertia[2]
+        + n * wheel[2]
+        + n * base.wheel_mass * (base.track**2 + base.wheelbase**2) / 4
+        + body.mass * (body_com[0] ** 2 + body_com[1] ** 2)
+        - mass * (com[0] ** 2 + com[1] ** 2)
+    )
+    supports, levers = _supports(robot, mass, com)
+    supports[:, BASE_X] = supports[:, BASE_X] - body_com[0]
+    supports[:, BASE_Y] = supports[:, BASE_Y] - body_com[1]
+    parts = np.array(outline.parts(robot)) - np.array([com[0], com[1], 0.0, 0.0])
+    back, front, right, left = outline.extent(robot)
+    reach = hypot(max(front, -back), max(left, -right)) + hypot(*com)
+    simulation = robot.simulation
+    scalars = np.zeros(SCALARS)
+    scalars[[MASS, YAW_INERTIA, COM_X, COM_Y, COM_HEIGHT]] = mass, yaw_inertia, *com, com_height
+    scalars[[LEVER_X, LEVER_Y, TRACK, REACH]] = *levers, base.track, reach
+    limits = base.max_speed, base.max_acceleration, base.max_yaw_acceleration
+    scalars[[MAX_SPEED, ACCELERATION, YAW_ACCELERATION]] = limits
+    scalars[[KEEP_WHEEL, KEEP_GRIP]] = exp(-STEP / simulation.wheel_time), exp(-STEP / simulation.grip_time)
+    scalars[[GRIP_NOISE, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP, GRIP_LIMIT]] = (
+        simulation.grip_noise,
+        simulation.wheel_noise,
+        simulation.wheel_shake,
+        simulation.tyre_creep,
+        simulation.grip_limit,
+    )
+    scalars[[V_STEP, W_STEP]] = base.max_speed / _TABLE, base.max_yaw_rate / _TABLE
+    scalars[[AXLE_Z, WHEEL_RADIUS, FULL_LIFT]] = base.axle_height - body_com[2], base.wheel_radius, simulation.full_lift
+    scalars[[OFF_X, OFF_Y]] = body_com[0], body_com[1]
+    for array in (scalars, supports, parts):
+        array.setflags(write=False)
+    return Mechanics(mass, yaw_inertia, com, body_com, inertia, wheel, base_height, scalars, supports, parts)
+
+
+def _body_com(robot):
+    body = robot.body
+    return body.com or (*body.centre, body.bottom + body.size[2] / 2)
+
+
+def _box_inertia(mass, size):
+    x, y, z = (value * value for value in size)
+    return mass / 12 * (y + z), mass / 12 * (x + z), mass / 12 * (x + y)
+
+
+def _wheel_inertia(mass, radius, width):
+    across = mass / 12 * (3 * radius * radius + width * width)
+    return across, mass / 2 * radius * radius, across
+
+
+def _supports(robot, mass, com):
+    """The array of supports, and the levers of the load's shift along x and y [m]."""
+    base = robot.base
+    places = np.array(outline.wheel_places(base) + [tuple(place) for place in base.casters])
+    supports = np.zeros((len(places), COLUMNS))
+    supports[:, X], supports[:, Y] = places[:, 0] - com[0], places[:, 1] - com[1]
+    supports[:, BASE_X], supports[:, BASE_Y] = places.T
+    wheels = np.arange(len(places)) < base.wheels
+    supports[:, SIDE] = np.where(wheels, np.where(places[:, 1] > 0.0, LEFT_SIDE, RIGHT_SIDE), CASTER)
+    supports[:, SHARE] = np.where(wheels, 1.0, base.caster_friction / base.wheel_friction)
+    if base.wheels == 4:  # a rectangle: loads and their shift are plain
+        front, left = np.sign(places[:, 0]), np.sign(places[:, 1])
+        supports[:, LOAD] = (
+            0.25
+            * mass
+            * GRAVITY
+            * (1.0 + 2.0 * com[0] / base.wheelbase * front)
+            * (1.0 + 2.0 * com[1] / base.track * left)
+        )
+        supports[:, SHIFT_X], supports[:, SHIFT_Y] = -front, -left
+        levers = 2.0 * base.wheelbase, 2.0 * base.track
+    else:  # the least loads that carry the weight, and the least that hold a moment
+        upright = np.array([np.ones(len(places)), places[:, 0], places[:, 1]])
+        supports[:, LOAD] = np.linalg.pinv(upright) @ (mass * GRAVITY * np.array([1.0, *com]))
+        centred = places - places.mean(axis=0)
+        supports[:, SHIFT_X], supports[:, SHIFT_Y] = -centred.T
+        levers = tuple(float(value) or 1.0 for value in (centred**2).sum(axis=0))
+    if (supports[:, LOAD] <= 0.0).any():
+        raise RobotError(
+            "robot %s: its centre of mass (%.3f, %.3f) lies outside its wheels and casters: check body.com and "
+            "base.casters" % (robot.name, *com)
+        )
+    return supports, levers

@@ -1,0 +1,168 @@
+"""How driven wheels move a robot: velocity controller, wheel speeds, friction of tyres and casters on the ground.
+
+Both simulators call it every physics step, so both drive alike. Bullet's own friction is not used between wheels and
+ground: it is laid along the world's axes, which makes a turn in place run at .9 to 1.3 of the commanded rate depending
+on the heading (its cone variant: .2 to 1.0). Here each tyre pulls against its slip with Coulomb's force, in any
+direction.
+
+With forces opposed to slip a skid-steered turn in place needs wheels faster than the turning body by
+1 + (wheel base / track)^2, 1.49 for the Jackal (Clearpath's separation multiplier: 1.5), less when a fast curve presses
+the robot outwards: `rim_table` holds what every (v, w) needs. The Jackal's centre of mass lies ahead of the wheels'
+middle, so the front grips better and it turns about a point ahead of base_link: the drift of a turn in place. Two
+driven wheels need no more than their track says; casters slide with their own friction.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import cos, exp, sin, sqrt
+
+import numpy as np
+
+from applr_ros1.common.kernels import kernel
+from applr_ros1.robots import Robot
+
+from . import mechanics as m
+from .mechanics import STEP
+
+# the state of the drive: the ramped command, rim speeds, pull on the body, then the noise of each side and each support
+RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8
+_KEEP_PULL = exp(-STEP / 0.02)
+
+
+def new_drive(supports: np.ndarray) -> np.ndarray:
+    """The state of a drive that stands."""
+    return np.zeros(GRIP_NOISE + len(supports))
+
+
+def noises(supports: np.ndarray) -> int:
+    """How many standard normal numbers a step takes: one for each side, one for each support."""
+    return 2 + len(supports)
+
+
+@kernel
+def turn_wheels(drive, v, w, table, scalars, noise, slip):
+    """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits.
+
+    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. table: rim_table(); noise (noises(),) standard normal; `slip`
+    scales all unevenness.
+    """
+    rate = scalars[m.ACCELERATION] * STEP
+    drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
+    rate = scalars[m.YAW_ACCELERATION] * STEP
+    drive[RAMP_W] = min(max(w, drive[RAMP_W] - rate), drive[RAMP_W] + rate)
+    keep = scalars[m.KEEP_WHEEL]
+    shake = sqrt(1.0 - keep * keep) * slip
+    for i in range(2):
+        drive[WHEEL_NOISE + i] = keep * drive[WHEEL_NOISE + i] + shake * noise[i]
+    keep = scalars[m.KEEP_GRIP]
+    shake = sqrt(1.0 - keep * keep) * scalars[m.GRIP_NOISE] * slip
+    for i in range(noise.shape[0] - 2):
+        drive[GRIP_NOISE + i] = keep * drive[GRIP_NOISE + i] + shake * noise[2 + i]
+    ahead, side = _rims(drive[RAMP_V], drive[RAMP_W], table, scalars)
+    moving = scalars[m.WHEEL_SHAKE] if drive[RAMP_V] != 0.0 or drive[RAMP_W] != 0.0 else 0.0
+    uneven = scalars[m.WHEEL_NOISE]
+    drive[LEFT] = ahead - side + (moving + uneven * abs(ahead - side)) * drive[WHEEL_NOISE]
+    drive[RIGHT] = ahead + side + (moving + uneven * abs(ahead + side)) * drive[WHEEL_NOISE + 1]
+
+
+@kernel
+def _rims(v, w, table, scalars):
+    """Mean and half difference of the rim speeds for (v, w), bilinear in the table."""
+    sign = 1.0 if v > 0.0 else -1.0
+    a = min(abs(v) / scalars[m.V_STEP], table.shape[0] - 1.001)
+    b = min(abs(w) / scalars[m.W_STEP], table.shape[1] - 1.001)
+    i, j = int(a), int(b)
+    a, b = a - i, b - j
+    p, q, r, t = (1.0 - a) * (1.0 - b), (1.0 - a) * b, a * (1.0 - b), a * b
+    more = p * table[i, j, 0] + q * table[i, j + 1, 0] + r * table[i + 1, j, 0] + t * table[i + 1, j + 1, 0]
+    spread = p * table[i, j, 1] + q * table[i, j + 1, 1] + r * table[i + 1, j, 1] + t * table[i + 1, j + 1, 1]
+    return v + sign * more, 0.5 * scalars[m.TRACK] * w * spread
+
+
+@kernel
+def tyres(drive, u, s, w, scalars, supports, friction, lift):
+    """Change (du, ds, dw) of the body's velocity by its tyres and casters in one step.
+
+    The centre of mass moves at (u, s) ahead and to the left [m/s], the body turns at w [rad/s]. scalars, supports: of
+    Mechanics. `friction` of the wheels on the ground; lift (n,): share of its load that each support carries.
+
+    Coulomb's friction, smooth below the tyres' creep, solved for the velocity at the step's end (two passes), so that
+    it is stable and holds a standing robot still. The load shifts between the supports with the acceleration.
+    """
+    mass, inertia, creep = scalars[m.MASS], scalars[m.YAW_INERTIA], scalars[m.TYRE_CREEP]
+    tip_x = drive[PULL_X] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_X]
+    tip_y = drive[PULL_Y] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_Y]
+    du, ds, dw = 0.0, 0.0, 0.0
+    for _ in range(2):
+        # (M + sum k J'J) d = -sum k J' slip, for d = (du, ds, dw), with k = step * force / slip of each support
+        a00, a11, a22, a02, a12 = mass, mass, inertia, 0.0, 0.0
+        b0, b1, b2 = 0.0, 0.0, 0.0
+        for i in range(supports.shape[0]):
+            side = supports[i, m.SIDE]
+            rim = drive[LEFT] if side == m.LEFT_SIDE else (drive[RIGHT] if side == m.RIGHT_SIDE else 0.0)
+            x, y = supports[i, m.X], supports[i, m.Y]
+            slip_x, slip_y = u - w * y - rim, s + w * x
+            end_x, end_y = slip_x + du - dw * y, slip_y + ds + dw * x
+            load = supports[i, m.LOAD] + supports[i, m.SHIFT_X] * tip_x + supports[i, m.SHIFT_Y] * tip_y
+            grip = friction * max(0.0, 1.0 + drive[GRIP_NOISE + i]) * max(load, 0.0) * lift[i] * supports[i, m.SHARE]
+            k = STEP * grip / sqrt(end_x * end_x + end_y * end_y + creep * creep)
+            a00 += k
+            a11 += k
+            a22 += k * (x * x + y * y)
+            a02 -= k * y
+            a12 += k * x
+            b0 -= k * slip_x
+            b1 -= k * slip_y
+            b2 -= k * (x * slip_y - y * slip_x)
+        dw = (b2 - a02 * b0 / a00 - a12 * b1 / a11) / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
+        du = (b0 - a02 * dw) / a00
+        ds = (b1 - a12 * dw) / a11
+    drive[PULL_X] = _KEEP_PULL * drive[PULL_X] + (1.0 - _KEEP_PULL) * du / STEP
+    drive[PULL_Y] = _KEEP_PULL * drive[PULL_Y] + (1.0 - _KEEP_PULL) * ds / STEP
+    return du, ds, dw
+
+
+@lru_cache(maxsize=None)
+def rim_table(robot: Robot) -> np.ndarray:
+    """Rim speeds that make the robot drive what was commanded on nominal, even ground: (17, 17, 2).
+
+    Entry (i, j) belongs to i/16 of the largest speed and j/16 of the largest yaw rate: what to add to the speed, and
+    the multiplier of the track. Curves beyond the tyres' grip (v w above grip_limit) take the multiplier of the
+    tightest curve at that speed that they can hold. Found by driving; takes some 50 ms.
+    """
+    found = m.mechanics(robot)
+    rows = round(robot.base.max_speed / found.scalars[m.V_STEP]) + 1
+    columns = round(robot.base.max_yaw_rate / found.scalars[m.W_STEP]) + 1
+    return _rim_table(rows, columns, found.scalars, found.supports, robot.base.wheel_friction)
+
+
+@kernel
+def _rim_table(n_v, n_w, scalars, supports, friction):
+    table = np.zeros((n_v, n_w, 2))
+    for i in range(n_v):
+        for j in range(n_w):
+            v, w = i * scalars[m.V_STEP], max(j, 1e-3) * scalars[m.W_STEP]
+            if v * w > scalars[m.GRIP_LIMIT]:
+                table[i, j] = table[i, j - 1]
+            else:
+                table[i, j, 0], table[i, j, 1] = _settle(v, w, scalars, supports, friction)
+    return table
+
+
+@kernel
+def _settle(v, w, scalars, supports, friction):
+    """Drive at (v, w) and correct the rims until body and command agree: (to add to v, multiplier)."""
+    drive, lift = np.zeros(GRIP_NOISE + supports.shape[0]), np.ones(supports.shape[0])
+    half = 0.5 * scalars[m.TRACK]
+    ahead, side = v, 1.3 * half * w
+    u, s, turn = v + w * scalars[m.COM_Y], w * scalars[m.COM_X], w
+    for _ in range(1200):
+        drive[LEFT], drive[RIGHT] = ahead - side, ahead + side
+        du, ds, dw = tyres(drive, u, s, turn, scalars, supports, friction, lift)
+        u, s, turn = u + du, s + ds, turn + dw
+        c, sn = cos(turn * STEP), sin(turn * STEP)
+        u, s = c * u + sn * s, c * s - sn * u
+        ahead += 0.02 * (v - u - turn * scalars[m.COM_Y])
+        side += 0.02 * half * (w - turn)
+    return (ahead - v if v > 0.0 else 0.0), side / (half * w)
