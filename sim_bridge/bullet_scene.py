@@ -18,9 +18,8 @@ from typing import Any, List, Sequence
 import numpy as np
 
 from applr_ros1.common.angles import quaternion_of
-from worlds import Mover, World
-
 from applr_ros1.robots import Robot, outline
+from worlds import Mover, World
 
 from .mechanics import GRAVITY, mechanics
 from .simulator import SimulatorError

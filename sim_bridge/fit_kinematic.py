@@ -78,9 +78,7 @@ class Scene:
         return np.array(poses), np.array(touched)
 
 
-def compare(
-    robot: Robot, scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters
-) -> np.ndarray:
+def compare(robot: Robot, scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> np.ndarray:
     """A row per scene: how far [m, rad] the robots are apart at the end and on average, and which of them touched."""
     simulator = KinematicSimulator(robot, parameters)
     rows = []
@@ -181,7 +179,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     parser.add_argument(
         "--scenes", type=int, default=60, help="Number of scenes to fit; as many again are kept aside for the check."
     )
-    parser.add_argument("--robot", default="jackal", help="Robot to fit: its name or the folder of its description.")
+    parser.add_argument("--robot", default="jackal", help="Robot to fit: a name or a folder.")
     return run_main(lambda: _print_fit(parser.parse_args(argv)), "fit_kinematic")
 
 

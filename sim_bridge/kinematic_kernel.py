@@ -82,8 +82,8 @@ def _note(row, depth, x, y, nx, ny, part):
 def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, found):
     """Fill found (_MOST, 8) with the contacts of the outline at (x, y), heading (c, s), and return how many there are.
 
-    parts (k, 4): of Mechanics, none reaches farther than `reach`. Columns of found: depth, point, direction, part (0 the
-    body, 1 on the wheels), the obstacle's velocity, all in the body's frame.
+    parts (k, 4): of Mechanics, none reaches farther than `reach`. Columns of found: depth, point, direction, part (0
+    the body, 1 on the wheels), the obstacle's velocity, all in the body's frame.
     """
     n = 0
     reach = reach + _MARGIN

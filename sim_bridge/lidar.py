@@ -19,7 +19,8 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.robots.description import Laser
 
 _NO_MOVERS = np.empty((0, 3))
-_FIRST, _STEP, _TURN, _NEAR, _FAR = range(5)  # of a fan: first angle, increment, beams in a full turn, least, most range
+# of a fan: first angle, increment, beams in a full turn, least and largest range
+_FIRST, _STEP, _TURN, _NEAR, _FAR = range(5)
 
 
 class Lidar:
@@ -49,9 +50,8 @@ class Lidar:
             self._order[:] = np.argsort(np.hypot(self.circles[:, 0] - x, self.circles[:, 1] - y))
         self._sorted_at = (x, y)
         ranges = np.empty(len(self._cos), dtype=np.float32)
-        _scan(
-            x, y, yaw, self.circles, movers, self.edges, self._order, self._keys, self._fan, self._cos, self._sin, ranges
-        )
+        rays = self._fan, self._cos, self._sin
+        _scan(x, y, yaw, self.circles, movers, self.edges, self._order, self._keys, *rays, ranges)
         return ranges
 
 
@@ -177,7 +177,8 @@ def _scan(x, y, yaw, circles, movers, edges, order, keys, fan, cos_t, sin_t, ran
         covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, circles[k, 2], keys[k], fan, cos_t, sin_t, best)
     for k in range(movers.shape[0]):
         dx, dy = movers[k, 0] - x, movers[k, 1] - y
-        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], dx * dx + dy * dy, fan, cos_t, sin_t, best)
+        d2 = dx * dx + dy * dy
+        covered |= _cut_circle(c * dx + s * dy, c * dy - s * dx, movers[k, 2], d2, fan, cos_t, sin_t, best)
     for k in range(0, edges.shape[0], 4):
         inside = True
         for e in range(k, k + 4):

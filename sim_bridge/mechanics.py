@@ -1,7 +1,7 @@
 """The mechanics of a robot, as both simulators compute with them: masses, supports on the ground, limits.
 
-`mechanics(robot)` makes the arrays that the kernels of wheels.py and kinematic_kernel.py take. Lengths [m], masses [kg];
-places are from the centre of mass unless a name says otherwise.
+`mechanics(robot)` makes the arrays that the kernels of wheels.py and kinematic_kernel.py take. Lengths [m], masses
+[kg]; places are from the centre of mass unless a name says otherwise.
 """
 
 from __future__ import annotations
@@ -139,13 +139,13 @@ def _supports(robot, mass, com):
             * (1.0 + 2.0 * com[1] / base.track * left)
         )
         supports[:, SHIFT_X], supports[:, SHIFT_Y] = -front, -left
-        levers = 2.0 * base.wheelbase, 2.0 * base.track
+        levers = [2.0 * base.wheelbase, 2.0 * base.track]
     else:  # the least loads that carry the weight, and the least that hold a moment
         upright = np.array([np.ones(len(places)), places[:, 0], places[:, 1]])
         supports[:, LOAD] = np.linalg.pinv(upright) @ (mass * GRAVITY * np.array([1.0, *com]))
         centred = places - places.mean(axis=0)
         supports[:, SHIFT_X], supports[:, SHIFT_Y] = -centred.T
-        levers = tuple(float(value) or 1.0 for value in (centred**2).sum(axis=0))
+        levers = [float(value) or 1.0 for value in (centred**2).sum(axis=0)]
     if (supports[:, LOAD] <= 0.0).any():
         raise RobotError(
             "robot %s: its centre of mass (%.3f, %.3f) lies outside its wheels and casters: check body.com and "

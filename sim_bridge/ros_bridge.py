@@ -1,16 +1,17 @@
-"""The node /sim_bridge: the simulated Jackal with the ROS interface of the real one.
+"""The node /sim_bridge: a simulated robot with the ROS interface of the real one.
 
 Started by applr_ros1/scripts/sim_bridge.py.
 
-Publishes: /clock (100 Hz), and at 50 Hz front/scan, odometry/filtered, /tf, /tf_static, imu/data, joint_states,
-collision, ~collision, ~ground_truth (frame world); ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_vel
-and jackal_velocity_controller/cmd_vel (the newest command counts), set_pose (sets the odometry's estimate, as on the
-Jackal; the robot stays where it is), ~world (changes the world). Services: ~reset (robot and odometry back to the
-start, costmaps cleared), ~load_world (the world that the parameter ~world names). Parameters: ~world, ~simulator,
-~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin
-with the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py); ~odom_frame, ~base_frame,
-~tf_prefix (in front of the names of all frames of the robot). For several robots in one world: ~clock (false follows
-the /clock that another one makes), ~others (namespaces of robots that this one detects and can touch: ros_others.py).
+Publishes, under the names in the robot's description, here the Jackal's: /clock (100 Hz); front/scan at the laser's
+rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~collision, ~ground_truth (frame world) at
+the odometry's; ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel
+(the newest command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is),
+~world (changes the world). Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the
+world that the parameter ~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed,
+~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with
+the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py); ~odom_frame, ~base_frame, ~tf_prefix
+(in front of the names of all frames of the robot). For several robots in one world: ~clock (false follows the /clock
+that another one makes), ~others (namespaces of robots that this one detects and can touch: ros_others.py).
 
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
@@ -35,6 +36,7 @@ from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.robots import load
 
 from . import make
 from .ros_others import OtherRobot
@@ -64,7 +66,8 @@ class Bridge:
         self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
         self.makes_clock = bool(rospy.get_param("~clock", True))
         world = self._with_others(worlds.load(str(rospy.get_param("~world", "generated:0"))))
-        self.simulator = make(name, **options)
+        robot = load(str(rospy.get_param("~robot", "jackal")))
+        self.simulator = make(name, **dict(options, robot=robot))
         self.start = _start(str(rospy.get_param("~start", "")))
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
         with announced(compiling, rospy.loginfo):
@@ -79,7 +82,7 @@ class Bridge:
         self.running = threading.Event()  # simulated time goes on
         if not rospy.get_param("~paused", False):
             self.running.set()
-        self.topics = _topics(self.makes_clock)
+        self.topics = _topics(robot, self.makes_clock)
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         self.front = _gazebos_front(self) if rospy.get_param("~gazebo", False) else None
@@ -107,8 +110,9 @@ class Bridge:
         self.simulator.scan()
 
     def _connect(self):
+        robot = self.simulator.robot
         heard = (self.front.on_cmd_vel, self.front.on_controller_command) if self.front else (self.on_command,) * 2
-        for topic, callback in zip(("cmd_vel", "jackal_velocity_controller/cmd_vel"), heard):
+        for topic, callback in zip((robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"), heard):
             rospy.Subscriber(topic, Twist, callback, queue_size=1, buff_size=2**16, tcp_nodelay=True)
         rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
         rospy.Subscriber("~world", String, self.on_world, queue_size=1)
@@ -137,7 +141,8 @@ class Bridge:
     # -- the simulating thread ---------------------------------------------------------------------
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
-        pace, ticks = Pace(), 0
+        pace, ticks, robot = Pace(), 0, self.simulator.robot
+        every, every_scan = (max(1, round(1.0 / TICK / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
             if not self.running.is_set():
                 self.running.wait(0.1)
@@ -149,13 +154,15 @@ class Bridge:
                 state = self.simulator.advance(TICK)
                 self.touched |= state.contact
                 stamp = self.stamp()
-                if ticks % 2 == 0:
-                    self.topics.publish_state(state, self.simulator.scan(), stamp, self.touched)
+                if ticks % every == 0:
+                    self.topics.publish_state(state, stamp, self.touched)
                     self.touched = False
                     if self.front is not None:
                         self.front.publish()
-                    if ticks % 10 == 0:
-                        self.topics.publish_movers(self.simulator, stamp)
+                if ticks % every_scan == 0:
+                    self.topics.publish_scan(self.simulator.scan(), stamp)
+                if ticks % 10 == 0:
+                    self.topics.publish_movers(self.simulator, stamp)
                 self.topics.publish_clock(stamp)
             if not self.makes_clock:
                 self._follow_clock()
@@ -302,7 +309,8 @@ class Bridge:
             state = self.simulator.reset(world, self.seed, self.start)
             self.touched = False
             self.topics.publish_world(self.simulator, self.stamp())
-            self.topics.publish_state(state, self.simulator.scan(), self.stamp(), False)
+            self.topics.publish_state(state, self.stamp(), False)
+            self.topics.publish_scan(self.simulator.scan(), self.stamp())
             self.topics.publish_clock(self.stamp())
         if clear:
             time.sleep(0.05)  # scans from the old place pass before the maps are cleared
@@ -358,10 +366,10 @@ def _clear_costmaps(patience=2.0):
         rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
 
 
-def _topics(clock):
+def _topics(robot, clock):
     """The publishers, for the frames that ~odom_frame, ~base_frame and ~tf_prefix name."""
     prefix, odom, base = (str(rospy.get_param("~" + name, "")) for name in ("tf_prefix", "odom_frame", "base_frame"))
-    return BridgeTopics(prefix, odom or prefix + "odom", base or prefix + "base_link", clock)
+    return BridgeTopics(robot, prefix, odom, base, clock)
 
 
 def _parameter(name, default, most):

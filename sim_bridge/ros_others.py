@@ -5,15 +5,14 @@ Each robot has a bridge (ros_bridge.py) and a simulator of its own; they meet th
 
 from __future__ import annotations
 
+from math import cos, hypot, sin
 from typing import Any, Callable, Tuple
 
-import numpy as np
 import rospy
 from nav_msgs.msg import Odometry
 
 from applr_ros1.common.angles import yaw_of
-
-from . import jackal
+from applr_ros1.robots import load, outline
 
 FAR_AWAY = (1e3, 1e3)  # [m], until the robot has been heard of
 AHEAD = 0.1  # s for which a pose is carried on with its velocity
@@ -28,11 +27,12 @@ class OtherRobot:
     """
 
     def __init__(self, namespace: str, sim_time: Callable[[rospy.Time], float]):
-        self.radius = float(np.hypot(*np.asarray(jackal.FOOTPRINT).T).max())
+        bridge = namespace.rstrip("/") + "/sim_bridge/"
+        back, front, right, left = outline.extent(load(str(rospy.get_param(bridge + "robot", "jackal"))))
+        self.radius = hypot(max(front, -back), max(left, -right))
         self._sim_time = sim_time
         self._newest: Any = None  # (ROS time, (x, y), velocity (x, y))
-        topic = namespace.rstrip("/") + "/sim_bridge/ground_truth"
-        rospy.Subscriber(topic, Odometry, self._keep, queue_size=1, tcp_nodelay=True)
+        rospy.Subscriber(bridge + "ground_truth", Odometry, self._keep, queue_size=1, tcp_nodelay=True)
 
     def position(self, t: float) -> Tuple[float, float]:
         """Centre (x, y) [m] at simulated time t [s], carried on from the newest pose."""
@@ -46,5 +46,5 @@ class OtherRobot:
     def _keep(self, message: Odometry) -> None:
         pose, speed = message.pose.pose, message.twist.twist.linear.x
         yaw = yaw_of(pose.orientation)
-        velocity = speed * float(np.cos(yaw)), speed * float(np.sin(yaw))
+        velocity = speed * cos(yaw), speed * sin(yaw)
         self._newest = message.header.stamp, (pose.position.x, pose.position.y), velocity

@@ -1,6 +1,6 @@
-"""What the simulated Jackal publishes: a RobotState and a scan as the messages of Clearpath's Jackal.
+"""What the simulated robot publishes: a RobotState and a scan as the messages of the real one.
 
-ros_bridge.py publishes through it. Positions are planar; z is base_link's plane.
+ros_bridge.py publishes through it. Positions are planar; z is that of the base frame.
 """
 
 from __future__ import annotations
@@ -18,13 +18,19 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import quaternion_of
+from applr_ros1.robots import Robot
+from applr_ros1.robots.description import Laser, OdometryErrors
 
-from . import jackal
+from .mechanics import GRAVITY
 from .simulator import RobotState, Simulator
 
 WORLD = "world"
 OBSTACLE_HEIGHT = 0.5
-WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
+WHEELS = {  # names of the joints, left before right
+    "skid_steer": ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"),
+    "two_wheel": ("wheel_left_joint", "wheel_right_joint"),
+}
+_SLIP = {"skid_steer": 1.5, "two_wheel": 1.0}  # a wheel's way in a turn by that of an axle without slip
 _COVARIANCE = [0.0] * 36
 for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
     _COVARIANCE[7 * _i] = _value
@@ -35,20 +41,25 @@ class BridgeTopics:
     """The publishers. Queued, so that no frozen listener holds the simulation up.
 
     Args:
+        robot: Description of the robot; topics and frames have its names.
         prefix: What the names of the robot's other frames begin with, for several robots on one master.
-        odom: Frame of the odometry.
-        base: Frame of the robot.
+        odom: Frame of the odometry; that of the description without it.
+        base: Frame of the robot, likewise.
         clock: Whether to publish /clock; otherwise another robot does.
     """
 
-    def __init__(self, prefix: str = "", odom: str = "odom", base: str = "base_link", clock: bool = True):
-        self.prefix, self.odom_frame, self.base_frame = prefix, odom, base
+    def __init__(self, robot: Robot, prefix: str = "", odom: str = "", base: str = "", clock: bool = True):
+        self.robot, self.prefix = robot, prefix
+        self.odom_frame = odom or prefix + robot.frames.odom
+        self.base_frame = base or prefix + robot.frames.base
+        self.laser_frame = prefix + robot.laser.frame
+        names = robot.topics
         self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True) if clock else None
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=50, tcp_nodelay=True)
         self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        self.odometry = rospy.Publisher("odometry/filtered", Odometry, queue_size=10, tcp_nodelay=True)
-        self.scan = rospy.Publisher("front/scan", LaserScan, queue_size=10, tcp_nodelay=True)
-        self.imu = rospy.Publisher("imu/data", Imu, queue_size=10)
+        self.odometry = rospy.Publisher(names.odometry, Odometry, queue_size=10, tcp_nodelay=True)
+        self.scan = rospy.Publisher(names.scan, LaserScan, queue_size=10, tcp_nodelay=True)
+        self.imu = rospy.Publisher(names.imu, Imu, queue_size=10)
         self.joints = rospy.Publisher("joint_states", JointState, queue_size=10)
         self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
         self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "collision")]
@@ -63,16 +74,19 @@ class BridgeTopics:
         if self.clock is not None:
             self.clock.publish(stamp)
 
-    def publish_state(self, state: RobotState, ranges: np.ndarray, stamp: rospy.Time, touched: bool) -> None:
-        """Everything of one instant. ranges (720,) float32; touched: since the last call."""
+    def publish_scan(self, ranges: np.ndarray, stamp: rospy.Time) -> None:
+        """Publish a scan, ranges (beams,) float32 [m]."""
+        self.scan.publish(_scan(self.laser_frame, self.robot.laser, ranges, stamp))
+
+    def publish_state(self, state: RobotState, stamp: rospy.Time, touched: bool) -> None:
+        """Publish everything of one instant but the scan. touched: since the last call."""
         self.tf.publish([_transform(self.odom_frame, self.base_frame, state.odom_pose, stamp)])
         self.odometry.publish(_odometry(self.odom_frame, self.base_frame, state.odom_pose, state.odom_twist, stamp))
-        self.scan.publish(_scan(self.prefix + jackal.LASER_FRAME, ranges, stamp))
         self.truth.publish(_odometry(WORLD, self.base_frame, state.pose, state.twist, stamp))
         for publisher in self.collisions:
             publisher.publish(touched)
         if self.imu.get_num_connections():
-            self.imu.publish(_imu(self.prefix + "imu_link", state, stamp))
+            self.imu.publish(_imu(self.prefix + "imu_link", self.robot.odometry, state, stamp))
         self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
@@ -91,8 +105,7 @@ class BridgeTopics:
         """The static frames: the robot's parts, and where odom lies in the world."""
         x, y = simulator.odom_origin
         base, prefix = self.base_frame, self.prefix
-        place = jackal.LASER_OFFSET + (0.0,)
-        laser = _transform(base, prefix + jackal.LASER_FRAME, place, stamp, jackal.LASER_HEIGHT)
+        laser = _transform(base, self.laser_frame, self.robot.laser.pose, stamp, self.robot.laser.height)
         self.tf_static.publish(
             [
                 laser,
@@ -109,15 +122,16 @@ class BridgeTopics:
             self.movers.publish([_cylinder(row, i, stamp, "movers") for i, row in enumerate(circles)])
 
     def _publish_joints(self, state, stamp):
-        now = state.time
+        now, base = state.time, self.robot.base
+        names, half = WHEELS[base.drive], 0.5 * _SLIP[base.drive] * base.track
         if self._last is not None and now > self._last:
             v, w = state.odom_twist
             for i, sign in enumerate((-1.0, 1.0)):
-                rate = (v + sign * 0.75 * jackal.TRACK * w) / jackal.WHEEL_RADIUS
+                rate = (v + sign * half * w) / base.wheel_radius
                 self._turned[i] = (self._turned[i] + rate * (now - self._last)) % (2 * pi)
         self._last = now
         if self.joints.get_num_connections():
-            message = JointState(name=WHEELS, position=self._turned * 2)
+            message = JointState(name=names, position=self._turned * (len(names) // 2))
             message.header.stamp = stamp
             self.joints.publish(message)
 
@@ -146,29 +160,29 @@ def _odometry(frame, child, pose, twist, stamp):
     return message
 
 
-def _scan(frame, ranges, stamp):
+def _scan(frame, laser: Laser, ranges, stamp):
     message = LaserScan(
-        angle_min=jackal.ANGLE_MIN,
-        angle_max=jackal.ANGLE_MAX,
-        angle_increment=jackal.ANGLE_INCREMENT,
-        range_min=jackal.RANGE_MIN,
-        range_max=jackal.RANGE_MAX,
-        scan_time=1.0 / jackal.SCAN_RATE,
+        angle_min=laser.first_angle,
+        angle_max=laser.last_angle,
+        angle_increment=laser.increment,
+        range_min=laser.range_min,
+        range_max=laser.range_max,
+        scan_time=1.0 / laser.rate,
         ranges=ranges.tolist(),
     )
     message.header.frame_id, message.header.stamp = frame, stamp
     return message
 
 
-def _imu(frame, state, stamp):
+def _imu(frame, errors: OdometryErrors, state, stamp):
     message = Imu()
     message.header.frame_id, message.header.stamp = frame, stamp
     message.orientation = quaternion(state.odom_pose[2])
     message.linear_acceleration.x, message.angular_velocity.z = state.imu
-    message.linear_acceleration.z = jackal.GRAVITY
+    message.linear_acceleration.z = GRAVITY
     message.orientation_covariance = _ATTITUDE_COVARIANCE
-    message.angular_velocity_covariance[8] = jackal.GYRO_NOISE**2
-    message.linear_acceleration_covariance[0] = jackal.ACCELEROMETER_NOISE**2
+    message.angular_velocity_covariance[8] = errors.gyro_noise**2
+    message.linear_acceleration_covariance[0] = errors.accelerometer_noise**2
     return message
 
 

@@ -14,7 +14,6 @@ import worlds
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import JACKAL, ParameterError
-from sim_bridge import jackal
 from training.mdp.episode import laser_pose
 
 DWA = "DWAPlannerROS"
@@ -102,7 +101,8 @@ def test_the_simulated_jackal_drives_through_a_course():
     made.set_goal(simulator.to_odom(world.course.goal), state.time)
     result, touched = None, False
     while result is None and state.time < 60.0:
-        beams = jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT, jackal.RANGE_MIN, jackal.RANGE_MAX
+        laser = simulator.robot.laser
+        beams = laser.first_angle, laser.increment, laser.range_min, laser.range_max
         scan = LaserScan(state.time, *beams, simulator.scan(), laser_pose(state.odom_pose))
         cycle = made.step(state.time, state.odom_pose, state.odom_twist, scan)
         if cycle.command is not None:

@@ -66,7 +66,7 @@ MAY_KNOW = (
     ("applr_ros1/common/", {"numpy", "numba", "safetensors"}),
     ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib", "PIL", "capstone"}),
     ("applr_ros1/planner/", NUMBERS | {"dynamic_reconfigure"}),  # the latter when catkin runs cfg_generator.py
-    ("applr_ros1/monitor/", NUMBERS | {"scipy", "applr_ros1.planner"}),
+    ("applr_ros1/monitor/", NUMBERS | {"scipy", "applr_ros1.planner", "applr_ros1.robots"}),
     ("applr_ros1/policy/", NUMBERS | {"safetensors", "scipy", "applr_ros1.planner", "applr_ros1.robots"}),
     ("applr_ros1/robots/", {"yaml"}),
     ("applr_ros1/nodes/", None),

@@ -374,12 +374,11 @@ def test_shipped_policy_says_what_made_it_and_drives():
 
 def test_the_robot_is_described_alike_on_both_sides():
     """The simulated Jackal's scan and outlines are those of observation, planner's parameters and collision monitor."""
-    from applr_ros1.monitor.settings import JACKAL_BODY
-    from applr_ros1.planner.costmap import footprint
+    from applr_ros1 import robots
+    from applr_ros1.monitor.settings import MonitorSettings
     from applr_ros1.planner.parameters.declarations import JACKAL
-    from sim_bridge import jackal
 
-    assert Layout(jackal.BEAMS, jackal.ANGLE_MIN, jackal.ANGLE_MAX) == LAYOUT
-    np.testing.assert_allclose(footprint.parse(JACKAL["local_costmap"]["footprint"]), jackal.FOOTPRINT, atol=1e-6)
-    half = jackal.BODY_HALF_LENGTH, jackal.BODY_HALF_WIDTH
-    np.testing.assert_allclose(np.abs(JACKAL_BODY), [half] * 4, atol=5e-4)
+    robot = robots.load("jackal")
+    assert Layout(robot.laser.beams, robot.laser.first_angle, robot.laser.last_angle) == LAYOUT
+    assert robot.parameters()["local_costmap"]["footprint"] == JACKAL["local_costmap"]["footprint"]
+    assert MonitorSettings.of(robot) == MonitorSettings()

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 import sim_bridge
-from sim_bridge import SimulatorError, fit_kinematic, jackal, tracking_table
+from applr_ros1 import robots
+from applr_ros1.robots import outline
+from sim_bridge import SimulatorError, fit_kinematic, tracking_table
 from sim_bridge.kinematic_simulator import KinematicParameters
 
 NAMES = ["kinematic", "pybullet"]
+JACKAL = robots.load("jackal")
 
 
 def world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
@@ -44,10 +47,10 @@ def turned(a, b):
 
 
 # -- speeds ----------------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", NAMES)
-def test_driven_speeds_are_the_commanded_ones_within_five_percent(name):
-    even = sim_bridge.make(name, slip=0.0)
-    for v, w in tracking_table.CASES:
+@pytest.mark.parametrize(("name", "robot"), [("pybullet", "jackal")] + [("kinematic", robot) for robot in robots.NAMES])
+def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
+    even = sim_bridge.make(name, robot=robot, slip=0.0)
+    for v, w in tracking_table.cases(even.robot):
         m = tracking_table.measure(even, v, w, seconds=3.0)
         assert m.error < 0.05, m
 
@@ -71,7 +74,7 @@ def test_curves_beyond_grip_slide_outwards(simulator):
 
 def test_limits_of_speed(simulator):
     simulator.reset(world(), 0)
-    assert drive(simulator, 9.0, 0.0, 1.5).twist[0] == pytest.approx(jackal.MAX_SPEED, rel=0.03)
+    assert drive(simulator, 9.0, 0.0, 1.5).twist[0] == pytest.approx(JACKAL.base.max_speed, rel=0.03)
 
 
 # -- commands --------------------------------------------------------------------------------------
@@ -111,7 +114,7 @@ def test_a_wall_stops_the_robot_and_is_reported(simulator):
     state = drive(simulator, 0.5, 0.0, 3.0)
     assert state.contact
     assert not state.flipped
-    assert state.pose[0] == pytest.approx(0.9 - jackal.BODY_HALF_LENGTH, abs=0.02)
+    assert state.pose[0] == pytest.approx(0.9 - outline.extent(JACKAL)[1], abs=0.02)
     assert abs(state.twist[0]) < 0.05
     assert not drive(simulator, -0.5, 0.0, 1.0).contact  # and lets it go again
     assert state.odom_pose[0] > 1.2  # the wheels went on turning
@@ -194,7 +197,7 @@ def test_imu(simulator):
     simulator.command(1.0, 0.0)
     assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # what friction .5 can do
     state = drive(simulator, 0.0, 1.0, 1.0)
-    assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * jackal.GYRO_NOISE)
+    assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
     assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # uneven ground
 
 
@@ -204,8 +207,8 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     scans = np.array([simulator.scan() for _ in range(200)])
     assert scans.dtype == np.float32
     assert scans.shape == (200, 720)
-    assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - jackal.LASER_OFFSET[0], abs=1e-3)
-    assert scans[:, 360].std() == pytest.approx(jackal.SCAN_NOISE, rel=0.2)
+    assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - JACKAL.laser.pose[0], abs=1e-3)
+    assert scans[:, 360].std() == pytest.approx(JACKAL.laser.noise, rel=0.2)
     assert (scans[:, 0] == np.inf).all()
 
 
@@ -310,9 +313,9 @@ def test_kinematic_drives_like_pybullet():
 
 def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
-    scenes = [fit_kinematic.Scene(seed) for seed in range(1000, 1030)]
+    scenes = [fit_kinematic.Scene(seed, JACKAL) for seed in range(1000, 1030)]
     recorded = [scene.drive(pybullet, i) for i, scene in enumerate(scenes)]
-    rows = fit_kinematic.compare(scenes, recorded, KinematicParameters())
+    rows = fit_kinematic.compare(JACKAL, scenes, recorded, KinematicParameters.of(JACKAL))
     pybullet.close()
     hit = rows[:, 4] > 0
     assert hit.sum() > 8

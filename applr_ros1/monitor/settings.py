@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from typing import Tuple
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots import Robot
+from applr_ros1.robots.outline import extent
 
 JACKAL_BODY = (
     (0.229, 0.208),
     (0.229, -0.208),
     (-0.229, -0.208),
     (-0.229, 0.208),
-)  # with wheels, as sim_bridge/jackal.py
+)  # with wheels
 
 
 class MonitorError(ApplrError):
@@ -42,6 +44,20 @@ class MonitorSettings:
     scan_timeout: float = 0.5
     memory_radius: float = 2.0
     memory_seconds: float = 300.0
+
+    @classmethod
+    def of(cls, robot: Robot) -> "MonitorSettings":
+        """What a robot's description gives: its outline, rounded up to millimetres, and its section `monitor`."""
+        back, front, right, left = (math.copysign(math.ceil(1e3 * abs(x) - 1e-6) / 1e3, x) for x in extent(robot))
+        body = ((front, left), (front, right), (back, right), (back, left))
+        given = robot.monitor
+        return cls(
+            body=body,
+            margin=given.margin,
+            reaction_time=given.reaction_time,
+            deceleration=given.deceleration,
+            yaw_deceleration=given.yaw_deceleration,
+        )
 
     def __post_init__(self):
         for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):

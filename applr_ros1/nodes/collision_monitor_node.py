@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -20,6 +20,7 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.robots import Robot, load
 
 from .sensors import Sensors
 
@@ -121,11 +122,14 @@ class CollisionMonitorNode:
 def settings_from(parameters: dict) -> MonitorSettings:
     """MonitorSettings from the node's private parameters, which have the names of its fields.
 
+    `robot`, a name or the folder of a description, gives those that are not set; without it they are the Jackal's.
+
     Raises:
         MonitorError: with one line, for an unknown parameter or a value that cannot be used.
+        RobotError: for a robot that is not there or wrongly described.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    unknown = sorted(set(parameters) - known - {"fixed_frame", "base_frame", "transform_tolerance"})
+    unknown = sorted(set(parameters) - known - {"robot", "fixed_frame", "base_frame", "transform_tolerance"})
     if unknown:
         raise MonitorError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
     chosen = {}
@@ -135,7 +139,12 @@ def settings_from(parameters: dict) -> MonitorSettings:
             chosen[name] = tuple(tuple(map(float, point)) for point in value) if name == "body" else float(value)
         except (TypeError, ValueError):
             raise MonitorError("parameter %s is %r: give %s" % (name, value, _wanted(name))) from None
-    return MonitorSettings(**chosen)
+    return replace(MonitorSettings.of(robot_from(parameters)), **chosen)
+
+
+def robot_from(parameters: dict) -> Robot:
+    """The robot that the private parameter `robot` names; the Jackal without it."""
+    return load(str(parameters.get("robot", "jackal")))
 
 
 def _wanted(name: str) -> str:
@@ -166,6 +175,7 @@ def _run() -> int:
     tolerance = parameters.get("transform_tolerance", 0.3)
     if not isinstance(tolerance, (int, float)) or not tolerance > 0.0:
         raise MonitorError("transform_tolerance is %r: give a positive number of seconds" % (tolerance,))
-    fixed, base = parameters.get("fixed_frame", "odom"), parameters.get("base_frame", "base_link")
+    frames = robot_from(parameters).frames
+    fixed, base = parameters.get("fixed_frame", frames.odom), parameters.get("base_frame", frames.base)
     CollisionMonitorNode(settings, fixed, base, float(tolerance)).spin()
     return 0

@@ -16,14 +16,16 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.scan import LaserScan, project
 from applr_ros1.planner.navfn.navfn import Navfn
-from sim_bridge import jackal
+from applr_ros1.robots import load
 from sim_bridge.lidar import Lidar
 
 COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
 SPEED = 0.5  # [m/s] along the reference path
 PERIOD = 0.05
 REPEATS = 3  # of each drive; the least time of an update counts
-JACKAL = footprint.pad(jackal.FOOTPRINT, 0.1)
+ROBOT = load("jackal")
+LASER = ROBOT.laser
+JACKAL = footprint.pad(footprint.parse(ROBOT.parameters()["local_costmap"]["footprint"]), 0.1)
 
 
 def inflation():
@@ -118,7 +120,7 @@ def _anew(costmap):
 def _drive(number):
     """[(pose, LaserScan)] in the frame of the start, along a built-in world's reference path; and the goal there."""
     world = worlds.load("generated:%d" % number)
-    course, lidar, noise = world.course, Lidar(world.cylinders, world.boxes), np.random.default_rng(number)
+    course, lidar, noise = world.course, Lidar(LASER, world.cylinders, world.boxes), np.random.default_rng(number)
     start = np.array(course.start[:2])
     path = np.vstack((start, course.path))
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))))
@@ -132,14 +134,14 @@ def _drive(number):
         x, y = at(distance)
         ahead = at(distance + 0.1)
         yaw = math.atan2(ahead[1] - y, ahead[0] - x)
-        sensor = (x + jackal.LASER_OFFSET[0] * math.cos(yaw), y + jackal.LASER_OFFSET[0] * math.sin(yaw))
-        ranges = lidar.scan(*sensor, yaw) + noise.normal(0, jackal.SCAN_NOISE, jackal.BEAMS)
+        sensor = (x + LASER.pose[0] * math.cos(yaw), y + LASER.pose[0] * math.sin(yaw))
+        ranges = lidar.scan(*sensor, yaw) + noise.normal(0, LASER.noise, LASER.beams)
         scan = LaserScan(
             0.0,
-            jackal.ANGLE_MIN,
-            jackal.ANGLE_INCREMENT,
-            jackal.RANGE_MIN,
-            jackal.RANGE_MAX,
+            LASER.first_angle,
+            LASER.increment,
+            LASER.range_min,
+            LASER.range_max,
             ranges.astype(np.float32),
             (sensor[0] - start[0], sensor[1] - start[1], yaw),
         )

@@ -1,0 +1,66 @@
+"""The model of a robot that RViz shows, made from its description: box, wheels, casters and laser.
+
+scripts/robot_model.py prints it for the parameter robot_description. One link holds all shapes, so that no joint states
+are needed. A real robot's own description is up already; this one is for the simulated robot.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import List
+from xml.sax.saxutils import quoteattr
+
+from applr_ros1.robots import load, outline
+from applr_ros1.robots.description import Robot
+
+_COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
+
+
+def urdf(robot: Robot) -> str:
+    """The URDF of a robot, a text."""
+    base, body, laser = robot.base, robot.body, robot.laser
+    shapes = [_visual((*body.centre, body.bottom + body.size[2] / 2), _box(body.size), "body")]
+    for x, y in outline.wheel_places(base):
+        wheel = _cylinder(base.wheel_radius, base.wheel_width)
+        shapes.append(_visual((x, y, base.axle_height), wheel, "black", "1.5708 0 0"))
+    radius = max((base.wheel_radius - base.axle_height + body.bottom) / 2, 0.1 * base.wheel_radius)
+    for x, y in base.casters:
+        sphere = '<sphere radius="%g"/>' % radius
+        shapes.append(_visual((x, y, radius - base.wheel_radius + base.axle_height), sphere, "black"))
+    size = 0.2 * min(body.size[0], body.size[1])
+    lines = ['<?xml version="1.0"?>', "<robot name=%s>" % quoteattr(robot.name)]
+    lines += ['  <material name="%s"><color rgba="%s"/></material>' % colour for colour in _COLOURS]
+    lines += _link(robot.frames.base, shapes)
+    lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), _cylinder(size / 2, size), "black")])
+    lines += [
+        '  <joint name="laser_mount" type="fixed">',
+        "    <parent link=%s/>" % quoteattr(robot.frames.base),
+        "    <child link=%s/>" % quoteattr(laser.frame),
+        '    <origin xyz="%g %g %g" rpy="0 0 %g"/>' % (laser.pose[0], laser.pose[1], laser.height, laser.pose[2]),
+        "  </joint>",
+        "</robot>",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _link(name: str, visuals: List[str]) -> List[str]:
+    return ["  <link name=%s>" % quoteattr(name)] + visuals + ["  </link>"]
+
+
+def _visual(place, shape, colour, turn="0 0 0"):
+    origin = '<origin xyz="%g %g %g" rpy="%s"/>' % (*place, turn)
+    return '    <visual>%s<geometry>%s</geometry><material name="%s"/></visual>' % (origin, shape, colour)
+
+
+def _box(size):
+    return '<box size="%g %g %g"/>' % tuple(size)
+
+
+def _cylinder(radius, length):
+    return '<cylinder radius="%g" length="%g"/>' % (radius, length)
+
+
+def main() -> None:
+    """Print the model of the robot that the first argument names: the Jackal without one."""
+    names = [word for word in sys.argv[1:] if ":=" not in word]  # ROS remapping arguments are not names
+    sys.stdout.write(urdf(load(names[0] if names else "jackal")))
