@@ -44,6 +44,7 @@ from .ros_topics import BridgeTopics
 from .simulator import SimulatorError
 
 TICK = 0.01  # simulated seconds between clocks; data every second one
+BASE_TIME = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
 CONTROL_PERIOD = 0.05  # the planner's, for the lock-step of real_time_factor 0
 PATIENCE = 0.25  # wall seconds that the lock-step waits for a command
 CAUGHT_UP = 2.0  # simulated seconds that a robot without a clock of its own may be behind or ahead of /clock
@@ -62,7 +63,7 @@ class Bridge:
             raise SimulatorError("randomisation is %r: give a dictionary such as {slip: 1.2}" % (options,))
         if rospy.get_param("~gui", False):
             options = dict(options, gui=True)
-        self.base_time = 1.0  # ROS time of the simulator's 0 (ROS takes 0 for "no time")
+        self.base_time = BASE_TIME
         self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
         self.makes_clock = bool(rospy.get_param("~clock", True))
         world = self._with_others(worlds.load(str(rospy.get_param("~world", "generated:0"))))

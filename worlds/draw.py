@@ -20,8 +20,15 @@ from .world import World, WorldError
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
 
 
-def draw(axes: Any, world: World, path: bool = True) -> None:
-    """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales."""
+def draw(axes: Any, world: World, path: bool = True, movers: bool = True) -> None:
+    """Obstacles, reference path, start and goal into a matplotlib Axes, in metres, equal scales.
+
+    Args:
+        axes: where to draw.
+        world: what to draw; of moving obstacles the ways.
+        path: whether to draw the reference path.
+        movers: whether to draw moving obstacles where they begin.
+    """
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle, Polygon
 
@@ -31,7 +38,8 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
     for mover in world.movers:
         times = np.linspace(0.0, mover.length * 0.999, 200)
         axes.plot(*zip(*[mover.position(t) for t in times]), color=MOVER, lw=0.8, alpha=0.6)
-        axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
+        if movers:
+            axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
     course = world.course
     if path:
         axes.plot(course.path[:, 0], course.path[:, 1], color=PATH, lw=1.2, ls="--", label="reference path")

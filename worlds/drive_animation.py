@@ -11,13 +11,14 @@ from typing import Any, Callable, List, Tuple
 
 import numpy as np
 
-from .draw import MOVER, PATH, draw
+from .draw import GOAL, MOVER, OBSTACLE, PATH, START, draw
 from .drive_picture import Drive, View
 
 SCAN, PLAN, CHOSEN, ROBOT, DRIVEN = "#cc3311", "#4477aa", "#ee7733", "#228833", "#66ccaa"
+SAMPLES = "#ddcc77"
 STEP = 0.1  # s of simulated time between two frames
 MOST_FRAMES = 300  # of longer drives the frames are farther apart
-SIZE = (460, 900)  # pixels of the course; the parameters stand beside it
+TALL, WIDE = (460, 900), (900, 560)  # pixels of the course, by its shape; the parameters stand beside it
 PANEL = 300  # pixels of the parameters' width
 
 
@@ -43,9 +44,21 @@ def save(drive: Drive, outline: np.ndarray, path: str) -> None:
         if view.time >= due:
             due = view.time + every - 1e-6
             frames.append(_frame(background, pixel, drive, view, outline))
-    palette = [frame.quantize(64, dither=0) for frame in frames]
+    palette = [frame.quantize(palette=_palette(), dither=0) for frame in frames]
     duration = [int(1000 * every)] * (len(frames) - 1) + [2000]
     palette[0].save(path, save_all=True, append_images=palette[1:], duration=duration, loop=0)
+
+
+def _palette():
+    """The colours of all frames: those drawn with, their blends with white at the edges, and greys."""
+    from PIL import Image, ImageColor
+
+    named = (SCAN, PLAN, CHOSEN, ROBOT, DRIVEN, SAMPLES, MOVER, PATH, OBSTACLE, START, GOAL)
+    colors = [tuple(255 - k * (255 - part) // 4 for part in ImageColor.getrgb(c)) for c in named for k in (1, 2, 3, 4)]
+    colors += [(grey, grey, grey) for grey in range(0, 256, 17)]
+    image = Image.new("P", (1, 1))
+    image.putpalette([part for color in colors for part in color])
+    return image
 
 
 def _course(drive: Drive) -> Tuple[Any, Callable[[np.ndarray], List[Tuple[float, float]]]]:
@@ -54,10 +67,13 @@ def _course(drive: Drive) -> Tuple[Any, Callable[[np.ndarray], List[Tuple[float,
     from matplotlib.figure import Figure
     from PIL import Image
 
-    figure = Figure(figsize=(SIZE[0] / 100, SIZE[1] / 100), dpi=100, layout="constrained")
+    figure = Figure(dpi=100, layout="constrained")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    draw(axes, drive.world, path=False)
+    draw(axes, drive.world, path=False, movers=False)
+    width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
+    size = WIDE if width > height else TALL
+    figure.set_size_inches(size[0] / 100, size[1] / 100)
     axes.set_title(drive.title, fontsize=9)
     canvas.draw()
     course = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba()).convert("RGB")
@@ -78,14 +94,17 @@ def _frame(background, pixel, drive: Drive, view: View, outline: np.ndarray):
     frame = background.copy()
     pen = ImageDraw.Draw(frame)
     for mover in drive.world.movers:
-        center, edge = pixel([mover.position(view.time), np.add(mover.position(view.time), (mover.radius, 0.0))])
+        at = mover.position(drive.world_time + view.time)
+        center, edge = pixel([at, np.add(at, (mover.radius, 0.0))])
         _disc(pen, center, abs(edge[0] - center[0]), MOVER)
+    for point in pixel(view.samples):
+        _disc(pen, point, 0.7, SAMPLES)
     driven = drive.track[drive.track[:, 0] <= view.time, 1:3]
     for points, color, width in ((driven, DRIVEN, 3), (view.plan, PLAN, 2), (view.chosen, CHOSEN, 4)):
         if len(points) > 1:
             pen.line(pixel(points), fill=color, width=width)
-    for at in pixel(view.scan):
-        _disc(pen, at, 1.0, SCAN)
+    for point in pixel(view.scan):
+        _disc(pen, point, 1.0, SCAN)
     c, s = math.cos(view.pose[2]), math.sin(view.pose[2])
     body = np.asarray(outline) @ np.array([[c, s], [-s, c]]) + view.pose[:2]
     pen.polygon(pixel(body), outline=ROBOT, width=2)
@@ -119,7 +138,13 @@ def _panel(pen, left: int, drive: Drive, view: View) -> None:
         if share > 0.0:
             pen.rectangle((left, top + 20, left + share * (PANEL - 40), top + 28), fill=PATH)
         top += 42
-    for color, text in ((SCAN, "scan"), (PLAN, "global plan"), (CHOSEN, "chosen trajectory"), (DRIVEN, "driven")):
+    for color, text in (
+        (SCAN, "scan"),
+        (PLAN, "global plan"),
+        (SAMPLES, "sampled trajectories"),
+        (CHOSEN, "chosen trajectory"),
+        (DRIVEN, "driven"),
+    ):
         pen.rectangle((left, top + 12, left + 14, top + 18), fill=color)
         pen.text((left + 22, top + 6), text, fill="black", font=font)
         top += 22

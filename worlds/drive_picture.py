@@ -23,6 +23,7 @@ class View:
     scan    (k, 2) points that the laser measured
     plan    (n, 2) the global plan
     chosen  (m, 2) the trajectory that the local planner chose
+    samples (j, 2) points of the trajectories that it sampled
     """
 
     time: float
@@ -30,6 +31,7 @@ class View:
     scan: np.ndarray
     plan: np.ndarray
     chosen: np.ndarray
+    samples: np.ndarray = field(default_factory=lambda: np.empty((0, 2)))
 
 
 @dataclass
@@ -40,6 +42,7 @@ class Drive:
     parameters  per name the (time [s], value) pairs at which it was seen to have that value
     contacts    times [s] at which the robot touched something
     views       what was known while driving, for the animation; in the order of time
+    world_time  time [s] of the world when the drive's time was 0: what its moving obstacles go by
     """
 
     world: World
@@ -48,6 +51,7 @@ class Drive:
     contacts: List[float] = field(default_factory=list)
     title: str = ""
     views: List[View] = field(default_factory=list)
+    world_time: float = 0.0
 
     def length(self) -> float:
         """Driven distance [m]."""

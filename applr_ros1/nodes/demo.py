@@ -121,6 +121,9 @@ def _prepare(words):
         if os.path.exists(values[name]) or name == "record" and arguments.path(values[name]):
             values[name] = os.path.abspath(values[name])
     world = worlds.load(values["world"])
+    start = arguments.pose("start", values["start"])
+    if start is not None:
+        world = dataclasses.replace(world, course=dataclasses.replace(world.course, start=start))
     goal = arguments.goal(values["goal"])
     if goal is not None:  # given in odom, whose origin is the start
         start = world.course.start

@@ -18,12 +18,13 @@ from dynamic_reconfigure.msg import Config
 from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import LaserScan
+from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Bool, Float64MultiArray
 
 from applr_ros1.common import angles as angles_of
 from applr_ros1.policy.parameter_space import SPACE
 from sim_bridge import jackal
+from sim_bridge.ros_bridge import BASE_TIME
 from worlds.drive_animation import STEP
 from worlds.drive_picture import Drive, View
 
@@ -31,6 +32,7 @@ from . import goal, processes
 from .demo import DemoError
 
 Outcome = namedtuple("Outcome", "success timeout time text")
+CLOUD = "/move_base/TrajectoryPlannerROS/trajectory_cloud"
 PATHS = ("/move_base/NavfnROS/plan", "/move_base/TrajectoryPlannerROS/local_plan")
 EVERY = 2.0  # simulated seconds between lines of progress
 
@@ -47,10 +49,12 @@ class Observer:
         wait.until(_master_answers, 30.0, "the ROS master does not come up")
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         self._scan, command = ("/" + values[name].lstrip("/") for name in ("scan_topic", "cmd_vel_topic"))
-        self._frame = "odom" if values["odom_frame"] == "auto" else values["odom_frame"]
+        prefix = "" if values["tf_prefix"] == "none" else values["tf_prefix"] + "/"
+        self._frame = prefix + "odom" if values["odom_frame"] == "auto" else values["odom_frame"]
         rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=50, buff_size=2**24)
         for topic in PATHS:
             self._keep(topic, Path)
+        self._keep(CLOUD, PointCloud2)
         self._keep("/move_base/status", GoalStatusArray)
         self._keep("/applr/parameters", Float64MultiArray)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
@@ -128,6 +132,7 @@ class Observer:
             views=[
                 dataclasses.replace(v, time=v.time - self._began) for v in self.views if v.time - self._began <= seconds
             ],
+            world_time=self._began - BASE_TIME,
         )
 
     def command_gap(self):
@@ -176,13 +181,19 @@ class Observer:
         laser = angles_of.place(pose, *jackal.LASER_OFFSET)
         scan = laser + np.column_stack((ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)))
         plan, chosen = (self._path(topic) for topic in PATHS)
-        self.views.append(View(now, pose, scan, plan, chosen))
+        self.views.append(View(now, pose, scan, plan, chosen, self._samples()))
 
     def _path(self, topic):
         """(n, 2) of the newest path on a topic, from frame odom (whose origin is the start) to the world's frame."""
         message = self._seen.get(topic)
         points = [(p.pose.position.x, p.pose.position.y) for p in message.poses] if message is not None else []
         return np.array(points, dtype=np.float64).reshape(-1, 2) + self.world.course.start[:2]
+
+    def _samples(self):
+        """(n, 2) of the newest sampled trajectories, in the world's frame."""
+        message = self._seen.get(CLOUD)
+        rows = np.empty((0, 2)) if message is None else np.frombuffer(message.data, "<f4").reshape(message.width, -1)
+        return rows[:, :2].astype(np.float64) + self.world.course.start[:2]
 
     def _on_pose(self, message):
         pose, twist = message.pose.pose, message.twist.twist
