@@ -5,11 +5,14 @@ A run in which no test passed is a failure. A file that imports what is not inst
 
 rospy knows one master and one node name per process. Where several files with ROS tests are collected, each is
 therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. Alone, a file
-runs here.
+runs here. The files of tests/faults/ share one such process, since they share one running stack.
+
+Tests marked `long` are left out unless `-m` names them. `--faults-table FILE` writes the figures that tests measure.
 """
 
 import ast
 import importlib.util
+import json
 import os
 import re
 import signal
@@ -23,7 +26,7 @@ CHILD = "APPLR_TESTS_OF_ONE_FILE"
 HERE = Path(__file__).parent
 USES_ROS = re.compile(
     r"^\s*(from|import) (rospy|%s)\b"
-    % "|".join(path.stem for path in HERE.glob("*.py") if "import rospy" in path.read_text(encoding="utf-8")),
+    % "|".join(path.stem for path in HERE.rglob("*.py") if "import rospy" in path.read_text(encoding="utf-8")),
     re.MULTILINE,
 )
 LONGEST = 900  # seconds for one file
@@ -44,21 +47,30 @@ def missing_modules(path):
     names |= {NEEDS[name] for name in names if name in NEEDS}
     missing = set()
     for name in names - OWN:
-        helper = HERE / (name + ".py")
-        if helper.exists():
-            missing |= missing_modules(helper)
+        helpers = [folder / (name + ".py") for folder in (HERE, path.parent) if (folder / (name + ".py")).exists()]
+        if helpers:
+            missing |= missing_modules(helpers[0])
         elif importlib.util.find_spec(name) is None:
             missing.add(name)
     return missing
 
 
 pytest.register_assert_rewrite("move_base_stack")  # has assertions, and is imported by name
-LEFT_OUT = {path.name: sorted(missing) for path in sorted(HERE.glob("test_*.py")) if (missing := missing_modules(path))}
+LEFT_OUT = {
+    str(path.relative_to(HERE)): sorted(missing)
+    for path in sorted(HERE.rglob("test_*.py"))
+    if (missing := missing_modules(path))
+}
 collect_ignore = list(LEFT_OUT)
 
 
+def process_of(path):
+    """What is run in one process: a file, or the folder of files that share a running stack."""
+    return path if path.parent == HERE else path.parent
+
+
 class FileInOwnProcess(pytest.Item):
-    """All selected tests of one file, run by another pytest."""
+    """All selected tests of one file, or of one folder, run by another pytest."""
 
     def __init__(self, tests, **options):
         super().__init__(**options)
@@ -66,6 +78,8 @@ class FileInOwnProcess(pytest.Item):
 
     def runtest(self):
         command = [sys.executable, "-m", "pytest", "--no-header", "-p", "no:cacheprovider", *self.tests]
+        command += ["-m", self.config.option.markexpr] if self.config.option.markexpr else []
+        command += ["--faults-table", self.config.option.faults_table] if self.config.option.faults_table else []
         try:
             done = subprocess.run(
                 command,
@@ -82,7 +96,7 @@ class FileInOwnProcess(pytest.Item):
             raise FileFailed from None
         self.output = done.stdout
         last = done.stdout.strip().splitlines()[-1:]
-        self.config.stash[SUMMARIES].append("%s: %s" % (self.path.name, "".join(last).strip("= ")))
+        self.config.stash[SUMMARIES].append("%s: %s" % (process_of(self.path).name, "".join(last).strip("= ")))
         if done.returncode:
             raise FileFailed
 
@@ -98,28 +112,61 @@ class FileFailed(Exception):
 
 
 SUMMARIES = pytest.StashKey()
+FIGURES = pytest.StashKey()
+
+
+def pytest_addoption(parser):
+    parser.addoption("--faults-table", metavar="FILE", help="JSON file that gets the figures which tests measure.")
+
+
+@pytest.fixture
+def measured(request):
+    """measured(what, value, unit): a figure of this test, for the table of faults."""
+    figures = request.config.stash[FIGURES]
+    test = "%s::%s" % (request.path.relative_to(HERE.parent).as_posix(), request.node.name.partition("[")[0])
+
+    def keep(what, value, unit):
+        figures.append((test, what, float(value), unit))
+
+    return keep
+
+
+def write_figures(path, figures):
+    """Adds figures to a JSON file {test: {what: [largest value, unit]}}."""
+    path = Path(path)
+    table = json.loads(path.read_text()) if path.exists() else {}
+    for test in {test for test, *_ in figures}:
+        table[test] = {}
+    for test, what, value, unit in figures:
+        known = table[test].get(what, [value])[0]
+        table[test][what] = [float("%.3g" % max(known, value)), unit]
+    path.write_text(json.dumps(table, indent=1, sort_keys=True) + "\n")
 
 
 def pytest_configure(config):
     config.stash[SUMMARIES] = []
+    config.stash[FIGURES] = []
 
 
 def pytest_collection_modifyitems(config, items):
+    if "long" not in config.option.markexpr:
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
     if CHILD in os.environ or config.option.collectonly:
         return
-    by_file = {}
+    ros = {path for path in {item.path for item in items} if USES_ROS.search(path.read_text(encoding="utf-8"))}
+    apart = {}
     for item in items:
-        by_file.setdefault(item.path, []).append(item)
-    apart = [path for path in by_file if USES_ROS.search(path.read_text(encoding="utf-8"))]
+        if item.path in ros:
+            apart.setdefault(process_of(item.path), []).append(item)
     if len(apart) < 2:
         return
-    items[:] = [item for item in items if item.path not in apart]
-    for path in apart:
+    items[:] = [item for item in items if item.path not in ros]
+    for tests in apart.values():
         items.append(
             FileInOwnProcess.from_parent(
-                by_file[path][0].getparent(pytest.Module),
+                tests[0].getparent(pytest.Module),
                 name="own process",
-                tests=[item.nodeid for item in by_file[path]],
+                tests=[item.nodeid for item in tests],
             )
         )
 
@@ -132,6 +179,8 @@ def pytest_terminal_summary(terminalreporter):
 
 
 def pytest_sessionfinish(session, exitstatus):
+    if session.config.option.faults_table and session.config.stash[FIGURES]:
+        write_figures(session.config.option.faults_table, session.config.stash[FIGURES])
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     collected = exitstatus == 0 and reporter is not None and not session.config.option.collectonly
     if collected and not reporter.stats.get("passed"):

@@ -61,6 +61,7 @@ def idle(stack):
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
     stack.client.cancel_all_goals()
+    wait_for(lambda: jackal.robot.twist == (0.0, 0.0), 2.0, "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)
     time.sleep(0.2)
     rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()

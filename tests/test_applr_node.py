@@ -155,49 +155,6 @@ def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
     assert "not finite" in node.text
 
 
-def test_fault_3_frozen_servers_are_abandoned_and_recovered(robot, stack):
-    _, fake, client = stack("random")
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
-    fake.freeze()
-    began = time.monotonic()
-    assert not client.apply(THETA_0).ok
-    assert time.monotonic() - began < 1.2
-    before = len(robot.beats), len(robot.decisions)
-    time.sleep(1.0)
-    assert len(robot.beats) >= before[0] + 3
-    assert len(robot.decisions) >= before[1] + 3
-    fake.thaw()
-    wait_for(lambda: as_set(robot, client), 3.0, "recovery")
-
-
-def test_fault_4_a_restarted_server_gets_its_parameters_again(robot, stack, tmp_path):
-    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
-
-    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "inflation_radius": 0.2}')
-    node, fake, client = stack("fixed", parameters=str(tmp_path / "set.json"))
-    wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
-    fake.kill()
-    stack.fake()
-    wait_for(lambda: "came back" in node.text, 8.0, "the new server noticed")
-    anew = ReconfigureClient()
-    wait_for(lambda: not anew.connect(), 5.0, "servers")
-    wait_for(lambda: anew.theta()[0] == 1.5 and anew.theta()[7] == 0.2, 5.0, "the set again")
-    anew.close()
-
-
-def test_fault_6_a_persons_change_is_in_the_next_observation(robot, stack):
-    from dynamic_reconfigure.client import Client
-
-    _, _, client = stack()
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
-    person = Client(PLANNER, timeout=3.0)
-    person.update_configuration({"max_vel_x": 0.77})
-    wait_for(lambda: any(d["theta_prev"]["max_vel_x"] == 0.77 for d in robot.decisions), 3.0, "theta(t-1)")
-    person.close()
-
-
 @pytest.mark.parametrize("damage", ["missing", "truncated", "pickle", "shapes"])
 def test_fault_9_unusable_policies_leave_theta_0(robot, stack, tmp_path, damage):
     import pickle
@@ -247,21 +204,6 @@ def test_fault_11_odd_scans(robot, stack):
     robot.ranges, count = good, len(robot.decisions)
     wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "recovery")
     assert "Traceback" not in node.text
-
-
-def test_fault_13_a_clock_that_jumps_back_starts_afresh(robot, stack):
-    import rospy
-
-    rospy.set_param("/use_sim_time", True)
-    robot.simulated = True
-    node, _, client = stack("random", period=0.5)
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 3, 8.0, "decisions")
-    robot.now, count = 20.0, len(robot.decisions)
-    wait_for(lambda: "jumped back" in node.text, 5.0, "the jump")
-    wait_for(lambda: len(robot.decisions) >= count + 3, 8.0, "decisions after the jump")
-    after = [d for d in robot.decisions if int(d["stamp"]) < 90e9]
-    assert after[0]["theta_prev"] == SPACE.as_dict(THETA_0)
 
 
 def test_dwa_leaves_the_planner_alone(robot, stack):

@@ -173,6 +173,19 @@ def test_no_scan_old_scan_and_nonsense_commands_stop():
     assert monitor.filter(0.1, pose, (0, 0), (math.nan, 0)).command == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("command", [(1e9, 0.0), (0.0, -1e9), (1e300, 1e300)])
+def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped(command):
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of(wall(5.0), pose), pose)
+    verdict = monitor.filter(0.0, pose, (0, 0), command)
+    assert verdict.action == SLOW
+    assert [abs(v) <= limit + 1e-9 for v, limit in zip(verdict.command, monitor.fastest)] == [True, True]
+    assert verdict.command != (0.0, 0.0)
+    v, _ = monitor.fastest
+    assert v * 0.15 + v * v / (2 * 4.0) == pytest.approx(2.0)
+    assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # odometry that cannot be
+
+
 def test_share_is_the_largest_free_one():
     """Against plain sampling: a share a little larger is not free, for random points and commands."""
     rng = np.random.default_rng(5)

@@ -286,7 +286,7 @@ def test_demo_that_runs_out_of_time(tmp_path):
     assert result["timeout"] is True, out + err
 
 
-def test_interrupted_demo_leaves_nobody(tmp_path):
+def test_interrupted_demo_leaves_nobody(tmp_path, measured):
     running = demo(tmp_path, "world:=generated:1")
     for line in running.stdout:
         if "goal sent" in line:
@@ -296,6 +296,7 @@ def test_interrupted_demo_leaves_nobody(tmp_path):
     running.send_signal(signal.SIGINT)
     began = time.monotonic()
     assert running.wait(timeout=10) == 130
+    measured("everything has ended after", time.monotonic() - began, "s")
     assert time.monotonic() - began < 5.0
     assert not [pid for pid in below if os.path.exists("/proc/%d" % pid)]
     assert not (tmp_path / "drive.png").exists()

@@ -25,10 +25,10 @@ EXTERNAL = (
 
 
 def refused(path, *words):
-    started = time.monotonic()
+    started = time.process_time()
     with pytest.raises(worlds.WorldError) as error:
         worlds.load(str(path))
-    assert time.monotonic() - started < 5.0
+    assert time.process_time() - started < 5.0
     line = str(error.value)
     assert "\n" not in line
     assert len(line) < 600

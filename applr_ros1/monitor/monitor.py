@@ -15,6 +15,7 @@ from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import free_share, half_planes
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
+IMPOSSIBLE = 2.0  # a measured speed is not believed from this many times the fastest command on
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,16 @@ class CollisionMonitor:
         self.settings = settings or MonitorSettings()
         self._planes = half_planes(self.settings.body)
         self._radius = float(np.hypot(*np.asarray(self.settings.body, dtype=np.float64).T).max())
+        self.fastest = self._fastest()
         self.memory = ObstacleMemory(self.settings.memory_radius, self.settings.memory_seconds)
         self.scanner = ScannerCheck()
         self.reset()
+
+    def _fastest(self):
+        """(v [m/s], w [rad/s]) from which the base stops within what is remembered, or within a full turn."""
+        s = self.settings
+        ways = (s.deceleration, s.memory_radius), (s.yaw_deceleration, 2.0 * math.pi)
+        return tuple(a * (math.sqrt(s.reaction_time**2 + 2.0 * way / a) - s.reaction_time) for a, way in ways)
 
     def reset(self):
         """As a new object: no scan, no memory. To be called when time or odometry jumps."""
@@ -71,7 +79,8 @@ class CollisionMonitor:
         self._fault = self.scanner.fault(scan, pose)
         if not self._fault:
             self._stamp = scan.stamp
-            self.memory.update(scan, pose)
+            if not self.scanner.repeats:  # an old image at a new place would move what is remembered along
+                self.memory.update(scan, pose)
         return self._fault
 
     def filter(self, now, pose, twist, command):
@@ -84,7 +93,7 @@ class CollisionMonitor:
             command: (v, w) asked for.
 
         Returns:
-            A Verdict. Commands that are not finite become a stop.
+            A Verdict. Commands that are not finite become a stop; those faster than `fastest` are reduced to it.
         """
         problem = self._problem(now, pose, twist, command)
         if problem:
@@ -93,11 +102,11 @@ class CollisionMonitor:
         if v == 0.0 and w == 0.0:
             return Verdict((v, w))
         settings = self.settings
+        most = min(1.0, *(limit / max(abs(value), limit) for limit, value in zip(self.fastest, (v, w))))
+        v, w = most * v, most * w
         speed, turn = max(abs(v), abs(twist[0])), max(abs(w), abs(twist[1]))
         longest = settings.reaction_time + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
         points = self.memory.around(pose, self._radius + settings.margin + speed * longest + 0.05)
-        if not len(points):
-            return Verdict((v, w))
         share, free = free_share(
             points,
             self._planes,
@@ -107,18 +116,26 @@ class CollisionMonitor:
             settings.reaction_time,
             (settings.deceleration, settings.yaw_deceleration),
         )
-        if share >= 1.0:
+        if share >= 1.0 and most >= 1.0:
             return Verdict((v, w))
+        if share >= 1.0:
+            return Verdict(
+                (v, w), SLOW, most, "slowed to what can be stopped within the remembered %g m" % settings.memory_radius
+            )
         if share <= 0.0:
             reason = (
                 "an obstacle is within the stopping distance" if free else "braking: an obstacle is too near to stop"
             )
             return Verdict((0.0, 0.0), STOP, 0.0, reason)
-        return Verdict((share * v, share * w), SLOW, share, "slowed for an obstacle within the stopping distance")
+        return Verdict(
+            (share * v, share * w), SLOW, most * share, "slowed for an obstacle within the stopping distance"
+        )
 
     def _problem(self, now, pose, twist, command):
         if not all(math.isfinite(value) for value in (*pose, *twist, *command)):
             return "the command, the pose or the velocity is not finite"
+        if any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest)):
+            return "the odometry says %g m/s and %g rad/s, which cannot be" % (twist[0], twist[1])
         if self._fault:
             return self._fault
         if not -self.settings.scan_timeout <= now - self._stamp <= self.settings.scan_timeout:

@@ -10,6 +10,7 @@ ENOUGH = 5  # beams with a hit that a scan needs before its sudden emptiness cou
 STILL_VISIBLE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
 FROZEN_SCANS = 5  # equal images in a row ...
 FROZEN_DISTANCE, FROZEN_TURN = 0.03, 0.03  # ... while the robot moved by more than this [m, rad]
+REPEATED = 0.005  # [m, rad]: an equal image after a motion of more than this is not news
 
 
 class ScannerCheck:
@@ -21,8 +22,7 @@ class ScannerCheck:
     def clear(self):
         """Forgets earlier scans, for instance after the odometry was reset."""
         self._hits = np.zeros((0, 2))  # of the last scan that had any, in the odometry frame
-        self._image = None
-        self._equal, self._since = 0, (0.0, 0.0, 0.0)
+        self._forget_image()
 
     def fault(self, scan, pose):
         """What is wrong with a scan, in one line, or "" for one to be believed.
@@ -43,9 +43,15 @@ class ScannerCheck:
             )
         hits = (ranges >= scan.range_min) & (ranges < scan.range_max)
         if not hits.any():
+            self._forget_image()
             return self._emptiness(scan)
         self._remember(scan, ranges, hits)
         return self._freezing(ranges, pose)
+
+    def _forget_image(self):
+        self._image = None
+        self._equal, self._since = 0, (0.0, 0.0, 0.0)
+        self.repeats = False  # whether the newest scan shows what the one before showed, though the robot moved
 
     def _emptiness(self, scan):
         """A scan without any hit is a fault where obstacles of an earlier scan would have to be in range."""
@@ -72,10 +78,12 @@ class ScannerCheck:
     def _freezing(self, ranges, pose):
         if self._image is None or not np.array_equal(ranges, self._image, equal_nan=True):
             self._image, self._equal, self._since = ranges.copy(), 0, tuple(pose)
+            self.repeats = False
             return ""
         self._equal += 1
         moved = math.hypot(pose[0] - self._since[0], pose[1] - self._since[1])
         turned = abs(math.remainder(pose[2] - self._since[2], 2.0 * math.pi))
+        self.repeats = moved > REPEATED or turned > REPEATED
         if self._equal < FROZEN_SCANS or (moved < FROZEN_DISTANCE and turned < FROZEN_TURN):
             return ""
         return "the scanner is frozen: %d equal images while the robot moved %.2f m and %.2f rad" % (

@@ -91,8 +91,10 @@ class CollisionMonitorNode:
     def _judge(self, message: Twist) -> Verdict:
         now = rospy.get_rostime()
         pose = self.sensors.pose(now, self._tolerance)
-        if pose is None:
-            return Verdict((0.0, 0.0), STOP, 0.0, self.sensors.pose_trouble)
+        trouble = self.sensors.pose_trouble if pose is None else ""
+        trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
+        if trouble:
+            return Verdict((0.0, 0.0), STOP, 0.0, trouble)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
         if verdict.action == STOP and "scan" in verdict.reason and self.sensors.scan_trouble:
             return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.scan_trouble))

@@ -63,6 +63,7 @@ class MoveBaseNode:
             static[local_planner].get("odom_topic", "odom"),
         )
         self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
+        self._report_missed_from = 0.0  # time.monotonic()
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
@@ -209,9 +210,9 @@ class MoveBaseNode:
         )
 
     def _report_missed(self) -> None:
-        if self.thread.missed:
-            rospy.logwarn_throttle(
-                5.0,
+        if self.thread.missed and time.monotonic() > self._report_missed_from:
+            self._report_missed_from = time.monotonic() + 5.0  # until then they add up
+            rospy.logwarn(
                 "control loop missed its rate of %g Hz: %d cycles left out"
                 % (self.move_base.frequency, self.thread.missed),
             )

@@ -39,6 +39,7 @@ class Sensors:
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
         self._listener = tf2_ros.TransformListener(self.buffer, queue_size=100, buff_size=2**20)
         self._twist: Tuple[float, float] = (0.0, 0.0)
+        self._heard = rospy.Time(0)  # when the newest odometry came
         self._scans: deque = deque(maxlen=WAITING)
         self._newest = rospy.Time(0)
         self._beams: Optional[int] = None
@@ -50,7 +51,7 @@ class Sensors:
     def _take_odometry(self, message) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
         if all(map(math.isfinite, twist)):
-            self._twist = twist
+            self._twist, self._heard = twist, rospy.get_rostime()
         else:
             rospy.logerr_throttle(1.0, "odometry has the twist %s: not used" % (twist,))
 
@@ -58,12 +59,20 @@ class Sensors:
         """The clock went back: everything older than it is void."""
         self.buffer.clear()
         self._scans.clear()
-        self._newest = rospy.Time(0)
+        self._newest = self._heard = rospy.Time(0)
         self._twist = (0.0, 0.0)
 
     def twist(self) -> Tuple[float, float]:
         """(v [m/s], w [rad/s]) of the newest odometry; zeros before the first."""
         return self._twist
+
+    def odometry_trouble(self, now, patience: float) -> str:
+        """What is wrong if no odometry has come for `patience` [s], or ever; "" if it comes."""
+        age = (now - self._heard).to_sec()
+        if age <= patience:
+            return ""
+        since = "yet" if self._heard.is_zero() else "for %.2f s" % age
+        return "no usable odometry on %s %s" % (self._odometry.resolved_name, since)
 
     def pose(self, now, tolerance: float) -> Optional[Pose]:
         """The robot's newest pose in the fixed frame; None if there is none within `tolerance` [s] of now."""

@@ -9,7 +9,6 @@ Exit status 1 if a process ended, grew by more than `--most` MB per hour, or kep
 """
 
 import argparse
-import csv
 import json
 import os
 import sys
@@ -101,9 +100,8 @@ class Soak:
 
         self.root, self.samples, self.ended, self.goals = root, [], [], [0, 0]
         self.began = time.monotonic()
-        self._file = open(out / "samples.csv", "w", newline="")
-        self._csv = csv.writer(self._file)
-        self._csv.writerow(FIELDS)
+        self._table = out / "samples.csv"
+        self._table.write_text(",".join(FIELDS) + "\n")
         rospy.init_node("soak", anonymous=True, disable_signals=True)
         self._now, self._position = 0.0, None
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear, queue_size=1)
@@ -183,8 +181,8 @@ class Soak:
             if found is not None:
                 row = (round(elapsed, 1), round(time.monotonic() - self.began, 1), name, pid, *found)
                 self.samples.append(row)
-                self._csv.writerow(row)
-        self._file.flush()
+                with open(self._table, "a") as file:
+                    file.write(",".join(map(str, row)) + "\n")
 
 
 def main(arguments=None):

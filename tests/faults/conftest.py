@@ -1,0 +1,179 @@
+"""The running stack for all tests of this folder: bridge, relay, move_base, collision monitor and applr node."""
+
+import json
+import os
+import signal
+
+import numpy as np
+import pytest
+
+LENGTH = 19.0  # m of free way before the robot's start
+GOAL = 17.0  # m ahead, where the robot is sent
+PERIOD = 0.5  # s between two decisions of the applr node
+NODES = {
+    "sim_bridge": (
+        "/clock:=/sim/clock",
+        "/tf:=/sim/tf",
+        "front/scan:=/sim/scan",
+        "odometry/filtered:=/sim/odometry",
+        "cmd_vel:=/sim/cmd_vel",
+        "_simulator:=kinematic",
+    ),
+    "move_base": ("odom:=odometry/filtered", "cmd_vel:=move_base/cmd_vel"),
+    "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
+    "applr": ("_mode:=applr", "_period:=%g" % PERIOD),
+}
+READY = {"collision_monitor": "/collision_monitor/action"}  # says nothing; its topic shows that it is up
+
+
+def alley(folder):
+    """A straight way between two rows of posts with a wall at its end, as a .world file. Returns the path."""
+    from worlds import Course, World
+    from worlds.sdf_writer import write
+
+    x = np.arange(-1.0, LENGTH, 0.5)
+    rows = [(at, side * 2.2, 0.1) for at in x for side in (-1.0, 1.0)]
+    wall = [(LENGTH, y, 0.1) for y in np.arange(-2.2, 2.25, 0.2)]
+    course = Course((0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [GOAL, 0.0]]))
+    path = folder / "alley.world"
+    write(World("alley", np.array(rows + wall), np.empty((0, 5)), course), str(path))
+    return path
+
+
+class Stack:
+    """The nodes as children by name, the relay, a client of move_base's action, and what tests do all the time."""
+
+    PERIOD = PERIOD
+
+    def __init__(self, ros, folder):
+        import actionlib
+        import rospy
+        from move_base_msgs.msg import MoveBaseAction
+        from relay import Relay
+        from ros_harness import wait_for
+        from std_msgs.msg import String
+
+        self.ros, self.nodes, self.decisions, self.actions = ros, {}, [], []
+        rospy.set_param("/use_sim_time", True)
+        rospy.set_param("/sim_bridge/world", str(alley(folder)))
+        rospy.Subscriber("/applr/decision", String, lambda m: self.decisions.append(json.loads(m.data)))
+        rospy.Subscriber("/collision_monitor/action", String, lambda m: self.actions.append(m.data))
+        self.relay = Relay()
+        for name in NODES:
+            self.start(name, wait=False)
+        for name in NODES:
+            self.wait_until_up(name)
+        self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+        assert self.client.wait_for_server(rospy.Duration(20.0))
+        wait_for(lambda: self.relay.truth, 10.0, "the robot")
+
+    def start(self, name, wait=True):
+        """Starts a node of NODES, also after it was killed, with the parameters that a launch file gives it."""
+        import rospy
+
+        from applr_ros1.planner.parameters.declarations import JACKAL
+
+        if name == "move_base":
+            rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD, "weights": "per_cell"}))
+        self.nodes[name] = self.ros.python("applr_ros1/scripts/%s.py" % name, *NODES[name])
+        if wait:
+            self.wait_until_up(name)
+
+    def wait_until_up(self, name):
+        import rosgraph
+        from ros_harness import wait_for
+
+        child = self.nodes[name]
+
+        def up():
+            if name in READY:
+                return any(topic == READY[name] for topic, _ in rosgraph.Master("/up").getPublishedTopics(""))
+            return "ready" in child.text
+
+        wait_for(lambda: not child.alive() or up(), 150.0, name)
+        assert child.alive(), child.text
+
+    def said(self, name):
+        """What a node has printed so far."""
+        return self.nodes[name].text
+
+    def back_to_the_start(self):
+        import rospy
+        from ros_harness import wait_for
+        from std_srvs.srv import Empty
+
+        self.client.cancel_all_goals()
+        self.client.stop_tracking_goal()
+        rospy.ServiceProxy("/sim_bridge/reset", Empty)()
+        wait_for(lambda: abs(self.relay.x) < 0.1, 3.0, "the start")
+        self.relay.touched = False
+
+    def send(self, x=GOAL, **more):
+        from move_base_stack import goal
+
+        self.client.send_goal(goal(x, **more))
+
+    def under_way(self, speed=0.6, room=7.0):
+        """The robot drives to the goal at `speed` [m/s] or more, with so much room [m] before it."""
+        if not (self.relay.speed > 0.1 and self.relay.x < GOAL - room):
+            if self.relay.x > 2.0:
+                self.back_to_the_start()
+            self.send()
+        self.until(lambda: self.relay.speed > speed, 15.0, "motion")
+
+    def stands_after(self, break_it, within=2.0):
+        """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""
+        broken = self.relay.now
+        break_it()
+        self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, 2 * within + 1, "standstill")
+        took = next(t for t, _, v in list(self.relay.truth) if t > broken and abs(v) < 0.01) - broken
+        assert took < within
+        return took
+
+    def drives_again(self, seconds=10.0, speed=0.3):
+        self.until(lambda: self.relay.speed > speed, seconds, "motion again")
+
+    def until(self, condition, seconds, what):
+        """Waits as wait_for does; a failure says where the robot is and what the collision monitor did."""
+        from ros_harness import wait_for
+
+        try:
+            return wait_for(condition, seconds, what)
+        except AssertionError as late:
+            relay = self.relay
+            state = "x %.2f, aside %s, %.2f m/s" % (relay.x, relay.aside, relay.speed)
+            raise AssertionError("%s; %s; %s" % (late, state, self.actions[-3:])) from None
+
+
+@pytest.fixture(scope="session")
+def running(tmp_path_factory):
+    import rospy
+    from ros_harness import session
+
+    stack = Stack(session(), tmp_path_factory.mktemp("stack"))
+    yield stack
+    rospy.set_param("/use_sim_time", False)
+    for child in stack.nodes.values():  # all at once, as roslaunch does
+        child.thaw()
+        os.kill(child.pid, signal.SIGINT)
+    for name, child in stack.nodes.items():
+        status = child.process.wait(5.0)
+        assert status == 0, "%s ended with %d after Ctrl-C:\n%s" % (name, status, child.text)
+
+
+@pytest.fixture
+def stack(running):
+    """The stack, whole: all nodes alive, no fault in the relay. After the test nothing has been touched."""
+    relay = running.relay
+    relay.mend()
+    for name, child in running.nodes.items():  # a test that failed may have left a node frozen or dead
+        child.thaw()
+        if not child.alive():
+            running.start(name)
+    del relay.commands[:-1], relay.planned[:-1]
+    yield running
+    relay.mend()
+    assert not relay.touched, "the robot touched something"
+    for child in running.nodes.values():
+        assert child.alive(), child.text
+        assert "Traceback" not in child.text, child.text

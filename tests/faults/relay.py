@@ -1,0 +1,106 @@
+"""The relay between the simulated robot and the stack: whatever passes can be held back, changed or counted.
+
+The bridge publishes under /sim/... and takes its commands from /sim/cmd_vel; the stack knows the usual names. A test
+sets `relay.bend["scan"]` and so on to a function message -> message (None: it does not pass) and `relay.mend()` takes
+all faults away. It runs in the test's own process, which lives in wall time.
+"""
+
+import threading
+import time
+from collections import deque
+
+import rospy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool
+from tf2_msgs.msg import TFMessage
+
+from applr_ros1.common.angles import yaw_of
+
+BEGIN = 100.0  # s by which the stack's time is ahead of the simulator's, so that it can be set back
+STREAMS = {  # name: (type, from, to)
+    "clock": (Clock, "/sim/clock", "/clock"),
+    "tf": (TFMessage, "/sim/tf", "/tf"),
+    "odometry": (Odometry, "/sim/odometry", "/odometry/filtered"),
+    "scan": (LaserScan, "/sim/scan", "/front/scan"),
+    "command": (Twist, "/cmd_vel", "/sim/cmd_vel"),
+}
+
+
+def passes(message):
+    return message
+
+
+class Relay:
+    """Passes the five streams on, and keeps what a test wants to know of the robot.
+
+    Attributes:
+        bend: {name of a stream: what happens to its messages}.
+        shift: seconds that are added to every stamp and to the clock.
+        x, speed: of the robot in the simulator [m, m/s]; `touched`: whether it has touched anything.
+        aside: (y [m], yaw [rad]) of the robot, both 0 on the way straight on.
+        commands: (wall time, v, w) that went to the base; planned: the same for what move_base asked for.
+        truth: (simulated time, x, speed), the newest 500.
+    """
+
+    def __init__(self):
+        self.mend()
+        self.shift = BEGIN
+        self.touched = False
+        self.aside = (0.0, 0.0)
+        self.commands, self.planned, self.truth = [], [], deque(maxlen=500)
+        self._publishers = {
+            name: rospy.Publisher(to, kind, queue_size=20, tcp_nodelay=True) for name, (kind, _, to) in STREAMS.items()
+        }
+        self._lock = threading.Lock()
+        for name, (kind, source, _) in STREAMS.items():
+            rospy.Subscriber(source, kind, self._pass, name, queue_size=20, buff_size=2**22, tcp_nodelay=True)
+        rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear_truth, queue_size=20, tcp_nodelay=True)
+        rospy.Subscriber("/sim_bridge/collision", Bool, self._hear_contact, queue_size=20)
+        rospy.Subscriber("/move_base/cmd_vel", Twist, self._hear_plan, queue_size=20, tcp_nodelay=True)
+
+    def mend(self):
+        """Everything passes as it comes."""
+        self.bend = dict.fromkeys(STREAMS, passes)
+
+    @property
+    def x(self):
+        return self.truth[-1][1] if self.truth else 0.0
+
+    @property
+    def speed(self):
+        return self.truth[-1][2] if self.truth else 0.0
+
+    @property
+    def now(self):
+        """The simulator's time [s]; it goes on whatever becomes of the stack's clock."""
+        return self.truth[-1][0] if self.truth else 0.0
+
+    def _pass(self, message, name):
+        shift = rospy.Duration.from_sec(self.shift)
+        if name == "clock":
+            message.clock += shift
+        elif name == "tf":
+            for transform in message.transforms:
+                transform.header.stamp += shift
+        elif name != "command":
+            message.header.stamp += shift
+        message = self.bend[name](message)
+        if message is None:
+            return
+        if name == "command":
+            self.commands.append((time.time(), message.linear.x, message.angular.z))
+        self._publishers[name].publish(message)
+
+    def _hear_truth(self, message):
+        pose = message.pose.pose
+        self.aside = (pose.position.y, yaw_of(pose.orientation))
+        self.truth.append((message.header.stamp.to_sec(), pose.position.x, message.twist.twist.linear.x))
+
+    def _hear_contact(self, message):
+        self.touched |= message.data
+
+    def _hear_plan(self, message):
+        self.planned.append((time.time(), message.linear.x, message.angular.z))

@@ -1,0 +1,94 @@
+"""Each way in which a scanner goes blind while the robot drives at 2 m/s towards a wall: it never touches the wall.
+
+In process: the kinematic simulator, the collision monitor, and a planner that asks for full speed all the time.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import sim_bridge
+from applr_ros1.common.angles import compose
+from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.planner.costmap.scan import LaserScan
+from sim_bridge import jackal
+from worlds import Course, World
+
+WALL, SPEED, PERIOD = 6.0, 2.0, 0.05
+COURSE = Course((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [5.0, 0.0]]))
+BLOCKED = World("blocked", np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)]), np.empty((0, 5)), COURSE)
+
+
+def ranges_of(value):
+    return lambda scan, _: replace(scan, ranges=np.full(len(scan.ranges), value, np.float32))
+
+
+BLIND = {
+    "all below range_min": ranges_of(0.02),
+    "all zero": ranges_of(0.0),
+    "all +inf though obstacles are in range": ranges_of(np.inf),
+    "all range_max though obstacles are in range": ranges_of(jackal.RANGE_MAX),
+    "all NaN": ranges_of(np.nan),
+    "all -inf": ranges_of(-np.inf),
+    "a frozen image under new stamps": lambda scan, first: replace(scan, ranges=first),
+    "an increment of 0": lambda scan, _: replace(scan, angle_increment=0.0),
+    "an increment of half a radian": lambda scan, _: replace(scan, angle_increment=0.5),
+    "an increment of NaN": lambda scan, _: replace(scan, angle_increment=np.nan),
+    "range_max below range_min": lambda scan, _: replace(scan, range_max=0.01),
+    "no beams": lambda scan, _: replace(scan, ranges=np.zeros(0, np.float32)),
+    "no scan": lambda scan, _: None,
+}
+
+
+NEEDS_A_SCAN_BEFORE = ("all +inf though obstacles are in range", "all range_max though obstacles are in range")
+BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # m: from the start on, while it gains speed, at full speed, near the wall
+
+
+def drive(bend, blind_from, monitor):
+    """Full speed at the wall; the scanner goes blind after `blind_from` metres. Returns (contact, time until the robot
+    stands after that [s], or None).
+    """
+    simulator = sim_bridge.make("kinematic")
+    state = simulator.reset(BLOCKED, 0)
+    first, blind_since, stood = None, None, None
+    for _ in range(160):
+        scan = LaserScan(
+            state.time,
+            jackal.ANGLE_MIN,
+            jackal.ANGLE_INCREMENT,
+            jackal.RANGE_MIN,
+            jackal.RANGE_MAX,
+            simulator.scan(),
+            compose(state.odom_pose, jackal.LASER_OFFSET + (0.0,)),
+        )
+        if state.pose[0] >= blind_from:
+            first = scan.ranges if first is None else first
+            blind_since = state.time if blind_since is None else blind_since
+            scan = bend(scan, first)
+        command = (SPEED, 0.0)
+        if monitor is not None:
+            if scan is not None:
+                monitor.see(scan, state.odom_pose)
+            command = monitor.filter(state.time, state.odom_pose, state.odom_twist, command).command
+        simulator.command(*command)
+        state = simulator.advance(PERIOD)
+        if state.contact:
+            return True, None
+        if blind_since is not None and abs(state.twist[0]) < 0.01:
+            stood = state.time - blind_since if stood is None else stood
+    return False, stood
+
+
+@pytest.mark.parametrize("kind", BLIND)
+def test_a_wall_at_full_speed(kind, measured):
+    for blind_from in BLIND_FROM[kind in NEEDS_A_SCAN_BEFORE :]:
+        contact, stood = drive(BLIND[kind], blind_from, CollisionMonitor())
+        assert not contact, "contact, blind from x = %g" % blind_from
+        assert stood is not None, "it never stood"
+        measured("stands after", stood, "s")
+
+
+def test_without_the_monitor_it_is_a_contact():
+    contact, _ = drive(BLIND["all NaN"], 2.5, None)
+    assert contact

@@ -1,0 +1,65 @@
+"""The machine is busy, or another stack runs on it."""
+
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import rosgraph
+from ros_harness import RosMaster, wait_for
+
+pytestmark = pytest.mark.ros
+
+
+def test_the_processor_is_busy(stack, measured):
+    """Two endless loops per core: commands stay young enough to drive on, and left-out cycles are reported."""
+    stack.under_way(room=10.0)
+    del stack.relay.commands[:-1]
+    move_base = stack.nodes["move_base"]
+    said = len(move_base.text)
+    stack.relay.bend["clock"] = lambda clock: None  # the node does not get to see a time for 200 ms
+    time.sleep(0.2)
+    stack.relay.mend()
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2 * os.cpu_count())]
+    try:
+        time.sleep(2.0)
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+    gap = np.diff([t for t, _, _ in stack.relay.commands]).max()
+    measured("longest gap of commands", 1e3 * gap, "ms")
+    assert gap < 0.5
+    wait_for(lambda: "cycles left out" in move_base.text[said:], 6.0, "a line about the cycles that were missed")
+    stack.drives_again()
+
+
+def test_two_stacks_on_one_machine(stack, measured):
+    """A second master with a robot of its own: neither hears the other, and the end of one leaves the other alone."""
+    stack.under_way(room=12.0)
+    other = RosMaster()
+    try:
+        bridge = other.python("applr_ros1/scripts/sim_bridge.py", "_simulator:=kinematic")
+        wait_for(lambda: "ready" in bridge.text or not bridge.alive(), 30.0, "the other robot")
+        assert bridge.alive(), bridge.text
+        stack.under_way(room=10.0)
+        publishers = rosgraph.Master("/looks", other.uri).getSystemState()[0]
+        assert {node for _, nodes in publishers for node in nodes} == {"/sim_bridge"}
+        truth = subprocess.run(
+            ["rostopic", "echo", "-n", "1", "/sim_bridge/ground_truth/twist/twist/linear/x"],
+            env=other.env,
+            capture_output=True,
+            text=True,
+            timeout=20,
+            check=True,
+        )
+        speed = abs(float(truth.stdout.split()[0]))
+        measured("speed of the robot that was not sent anywhere", speed, "m/s")
+        assert speed < 0.01
+        assert stack.relay.speed > 0.1 or stack.relay.x > 10.0
+    finally:
+        other.close()
+    stack.under_way()
+    assert all(child.alive() for child in stack.nodes.values())

@@ -1,0 +1,146 @@
+"""Nodes freeze, die and come back while the robot drives, and parameters are changed by others."""
+
+import time
+
+import numpy as np
+import pytest
+import rospy
+from dynamic_reconfigure.client import Client
+from move_base_stack import PLANNER, SUCCEEDED
+from ros_harness import wait_for
+
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
+
+pytestmark = pytest.mark.ros
+LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+PERIODS = 3  # decision periods after which a silent applr node counts as lost
+
+
+@pytest.fixture
+def client(stack):
+    """The applr node's own client: the eight parameters as the servers have them."""
+    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+
+    client = ReconfigureClient()
+    wait_for(lambda: not client.connect(), 5.0, "servers")
+    yield client
+    client.close()
+
+
+def has_what_was_decided(stack, client):
+    """Whether the servers have the newest decision; the weights of the distances may be sent in another unit."""
+    decided, there = stack.decisions[-1]["theta"], SPACE.as_dict(client.values())
+    return all(decided[name] == there[name] for name in decided if not name.endswith("_scale"))
+
+
+def test_the_planner_freezes(stack, client, measured):
+    """SIGSTOP: no commands come, so the base stops; requests are given up in time; then all goes on."""
+    stack.under_way()
+    measured("stands after", stack.stands_after(stack.nodes["move_base"].freeze, 1.0), "s")
+    began = time.monotonic()
+    assert not client.apply(THETA_0).ok
+    measured("request given up after", time.monotonic() - began, "s")
+    assert time.monotonic() - began < 1.2
+    stack.nodes["move_base"].thaw()
+    stack.drives_again()
+    wait_for(lambda: has_what_was_decided(stack, client), 3.0, "parameters")
+
+
+def test_the_planner_is_killed_and_comes_back(stack, measured):
+    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+
+    stack.under_way()
+    measured("stands after", stack.stands_after(stack.nodes["move_base"].kill, 1.0), "s")
+    stack.start("move_base")
+    began, count = time.monotonic(), len(stack.decisions)
+    wait_for(lambda: "came back" in stack.said("applr"), 8.0, "the new servers noticed")
+    stack.client.stop_tracking_goal()
+    wait_for(lambda: stack.client.wait_for_server(rospy.Duration(0.1)), 5.0, "the new action server")
+    stack.send()
+    stack.drives_again()
+    wait_for(lambda: len(stack.decisions) > count + 2, 5.0, "decisions")
+    anew = ReconfigureClient()
+    wait_for(lambda: not anew.connect(), 5.0, "servers")
+    wait_for(lambda: has_what_was_decided(stack, anew), 3.0, "the current parameters")
+    measured("current parameters after", time.monotonic() - began, "s")
+    anew.close()
+
+
+def test_the_applr_node_is_killed(stack, client, measured):
+    """The planner is back on theta_0 within three periods, and commands keep coming."""
+    stack.under_way(room=10.0)
+    wait_for(lambda: not np.array_equal(client.values(), THETA_0), 3.0, "parameters of the policy")
+    del stack.relay.commands[:-1]
+    killed, on_theta_0 = stack.relay.now, lambda: np.array_equal(client.values(), THETA_0)
+    stack.nodes["applr"].kill()
+    wait_for(on_theta_0, 10.0, "theta_0")
+    periods = (stack.relay.now - killed) / stack.PERIOD
+    measured("on theta_0 after", periods, "periods")
+    assert periods < PERIODS + 0.2
+    gap = np.diff([t for t, _, _ in stack.relay.commands]).max()
+    measured("longest gap of commands", 1e3 * gap, "ms")
+    assert gap < 0.25
+    stack.start("applr")
+    stack.under_way()
+    wait_for(lambda: not on_theta_0(), 5.0, "parameters of the new node")
+
+
+def test_the_collision_monitor_is_killed(stack, measured):
+    """Nothing reaches the base any more, so it stands; the launch file starts the node again."""
+    stack.under_way()
+    measured("stands after", stack.stands_after(stack.nodes["collision_monitor"].kill, 1.0), "s")
+    stack.start("collision_monitor")
+    stack.drives_again()
+
+
+def test_commands_get_lost_on_the_way(stack, measured):
+    stack.under_way()
+    took = stack.stands_after(lambda: stack.relay.bend.__setitem__("command", lambda _: None), 1.0)
+    measured("stands after", took, "s")
+    stack.relay.mend()
+    stack.drives_again()
+
+
+def test_a_persons_change_is_in_the_next_observation(stack):
+    stack.under_way(room=10.0)
+    person = Client(PLANNER, timeout=3.0)
+
+    def changed():
+        person.update_configuration({"max_vel_x": 0.77})
+        return any(d["theta_prev"]["max_vel_x"] == 0.77 for d in stack.decisions[count:])
+
+    count = len(stack.decisions)
+    wait_for(changed, 3.0, "theta(t-1)")
+    person.close()
+
+
+@pytest.mark.parametrize("seconds", [2.0, pytest.param(60.0, marks=pytest.mark.long)])
+def test_fifty_changes_of_parameters_in_a_second(stack, measured, seconds):
+    clients = [Client(server, timeout=5.0) for server in (PLANNER, *LAYERS)]
+    stack.under_way(room=10.0)
+    del stack.relay.commands[:-1]
+    took, over = [], time.monotonic() + seconds
+    while time.monotonic() < over:
+        began = time.monotonic()
+        v = 0.5 + 0.1 * (len(took) % 2)
+        got = clients[0].update_configuration({"max_vel_x": v, "vx_samples": 7, "vtheta_samples": 21})
+        layers = [client.update_configuration({"inflation_radius": 0.5 * v}) for client in clients[1:]]
+        took.append(time.monotonic() - began)
+        assert got["max_vel_x"] == v
+        assert [values["inflation_radius"] for values in layers] == [0.5 * v] * 2
+        if stack.relay.x > 14.0:
+            stack.under_way(speed=0.2)
+            del stack.relay.commands[:-1]
+        time.sleep(max(0.0, 0.02 - took[-1]))
+    gap = np.diff([t for t, _, _ in stack.relay.commands]).max()
+    measured("longest gap of commands", 1e3 * gap, "ms")
+    measured("a change takes, 95th percentile", 1e3 * np.percentile(took, 95), "ms")
+    assert len(took) > 10 * seconds
+    assert gap < 0.25
+    for client in clients:
+        client.close()
+    stack.client.cancel_all_goals()
+    stack.back_to_the_start()
+    stack.send(1.5)
+    assert stack.client.wait_for_result(rospy.Duration(15.0))
+    assert stack.client.get_state() == SUCCEEDED

@@ -1,0 +1,155 @@
+"""Goals and services that nobody should send, or not so often; and commands that no planner should give."""
+
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+import rospy
+from geometry_msgs.msg import Twist
+from move_base_stack import ABORTED, PREEMPTED, SUCCEEDED, collect, goal
+from ros_harness import wait_for
+
+pytestmark = pytest.mark.ros
+RECALLED = 8
+
+
+def test_a_hundred_goals_in_a_second(stack, measured):
+    from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
+
+    stack.back_to_the_start()
+    publisher = rospy.Publisher("/move_base/goal", MoveBaseActionGoal, queue_size=200)
+    subscriber, got = collect("/move_base/result", MoveBaseActionResult)
+    wait_for(lambda: publisher.get_num_connections() and subscriber.get_num_connections(), 5.0, "connections")
+    del stack.relay.commands[:-1]
+    for i in range(100):
+        message = MoveBaseActionGoal(goal=goal(0.3 + 0.003 * i))
+        message.goal_id.id, message.goal_id.stamp = "goal %d" % i, rospy.Time.now()
+        publisher.publish(message)
+        time.sleep(0.01)
+    wait_for(lambda: len(got) == 100, 15.0, "results")
+    ends = {r.status.goal_id.id: r.status.status for r in got}
+    assert len(ends) == 100
+    assert ends["goal 99"] == SUCCEEDED
+    assert set(ends.values()) <= {PREEMPTED, SUCCEEDED, RECALLED}
+    gap = np.diff([t for t, _, _ in stack.relay.commands]).max()
+    measured("longest gap of commands", 1e3 * gap, "ms")
+    assert gap < 0.3
+    subscriber.unregister()
+    publisher.unregister()
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        (dict(x=1.0, quaternion=(0.0, 0.0, 0.0, 0.0)), "invalid quaternion"),
+        (dict(x=1.0, quaternion=(1.0, 0.0, 0.0, 0.0)), "invalid quaternion"),
+        (dict(x=1.0, quaternion=(0.0, 0.0, math.nan, 1.0)), "invalid quaternion"),
+        (dict(x=math.nan), "not finite"),
+        (dict(x=1.0, frame="nowhere"), "'nowhere' cannot be transformed"),
+        (dict(x=1.0, frame=""), "frame_id"),
+    ],
+)
+def test_goals_that_cannot_be(stack, measured, bad, words):
+    stack.client.cancel_all_goals()
+    began = time.monotonic()
+    stack.client.send_goal(goal(**bad))
+    assert stack.client.wait_for_result(rospy.Duration(2.0))
+    measured("aborted after", time.monotonic() - began, "s")
+    assert stack.client.get_state() == ABORTED
+    assert words in stack.client.get_goal_status_text()
+    assert "\n" not in stack.client.get_goal_status_text()
+
+
+def test_make_plan_and_clear_costmaps_all_the_time(stack, measured):
+    from nav_msgs.srv import GetPlan
+    from std_srvs.srv import Empty
+
+    stack.under_way(room=12.0)
+    del stack.relay.commands[:-1]
+    calls, wrong, over = [0, 0], [], time.monotonic() + 2.0
+
+    def hammer(i, name, kind, *arguments):
+        proxy = rospy.ServiceProxy(name, kind, persistent=True)
+        while time.monotonic() < over:
+            answer = proxy(*arguments)
+            calls[i] += 1
+            if i == 0 and (len(answer.plan.poses) < 20 or answer.plan.poses[-1].pose.position.x != 2.0):
+                wrong.append(answer)
+
+    threads = [
+        threading.Thread(target=hammer, args=a)
+        for a in (
+            (0, "/move_base/NavfnROS/make_plan", GetPlan, goal(0.0).target_pose, goal(2.0).target_pose, 0.0),
+            (1, "/move_base/clear_costmaps", Empty),
+        )
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10.0)
+    assert not any(thread.is_alive() for thread in threads)
+    assert min(calls) > 10, calls
+    assert not wrong
+    gap = np.diff([t for t, _, _ in stack.relay.commands]).max()
+    measured("longest gap of commands", 1e3 * gap, "ms")
+    assert gap < 0.25
+    stack.drives_again()
+
+
+@pytest.fixture
+def mad(stack):
+    """mad(v): from now on something else commands, in place of move_base: v [m/s], straight on down the alley."""
+    stack.client.cancel_all_goals()
+    if stack.relay.x > 9.0:
+        stack.back_to_the_start()
+    publisher, command, over = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1), [0.0], threading.Event()
+    wait_for(publisher.get_num_connections, 5.0, "connection")
+
+    def publish():
+        while not over.wait(0.04):
+            message = Twist()
+            message.linear.x = command[0]
+            y, yaw = stack.relay.aside
+            message.angular.z = -(y + 2.0 * yaw) * max(1.0, abs(command[0]) / 2.0)
+            publisher.publish(message)
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    yield lambda v: command.__setitem__(0, v)
+    over.set()
+    thread.join()
+    publisher.unregister()
+
+
+def test_a_frozen_image_at_full_speed(stack, mad, measured):
+    """The scanner sends the same image under new stamps while the robot drives at 2 m/s towards a wall."""
+    mad(2.0)
+    stack.until(lambda: stack.relay.speed > 1.9, 15.0, "speed")
+    image = []
+
+    def freeze(scan):
+        image.append(scan.ranges)
+        scan.ranges = image[0]
+        return scan
+
+    took = stack.stands_after(lambda: stack.relay.bend.__setitem__("scan", freeze))
+    assert any("frozen" in action for action in stack.actions)
+    measured("stands after", took, "s")
+
+
+def test_a_planner_gone_mad(stack, mad, measured):
+    """Full speed at a wall, and numbers that are none: the robot stands before the wall."""
+    stack.until(lambda: abs(stack.relay.speed) < 0.01, 3.0, "standstill")
+    for v in (math.nan, math.inf, -math.inf):
+        mad(v)
+        time.sleep(0.15)
+        assert stack.relay.speed == pytest.approx(0.0, abs=0.01)
+    mad(2.0)
+    stack.until(lambda: stack.relay.speed > 1.8, 15.0, "speed")
+    mad(1e9)
+    stack.until(lambda: stack.relay.x > 15.0 and stack.relay.speed < 0.01, 15.0, "standstill at the wall")
+    gap = 19.0 - 0.1 - 0.229 - stack.relay.x
+    measured("stands before the wall by", gap, "m")
+    assert 0.0 < gap < 0.3
