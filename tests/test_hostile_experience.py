@@ -117,10 +117,9 @@ def test_a_table_of_episodes_with_a_broken_row_is_read_without_it(tmp_path):
     [
         {"log": []},
         {"log": {}},
-        {"log": [1]},
-        {"log": [{"mean": {}}]},
-        {"log": [{"mean": {"theta": [1.0]}, "best": {"theta": [1.0]}}]},
-        {"log": [{"mean": {"theta": [float("nan")] * 8}, "best": {"theta": [0.0] * 8}}]},
+        {"theta": 1},
+        {"theta": [1.0] * 8},
+        {"theta": {"max_vel_x": float("nan")}},
         [1],
         {"max_vel_x": "fast"},
     ],

@@ -312,12 +312,13 @@ def test_every_trial_has_one_answer_and_pinned_trials_the_pinned_policy(workers)
 def test_a_search_has_idle_workers_and_no_errors():
     """Two sets in one world for three workers: the third waits in silence, and each set has its score."""
     pytest.importorskip("cma")
-    from training.baselines.set_search import SetTrials
+    from applr_ros1.policy.parameter_space import SPACE
+    from training.baselines.set_trials import SetTrials
 
     trials = SetTrials([("w", "w")], "kinematic", workers=3, runner="tests.test_workers:Driver")
     try:
-        found = trials.run(np.zeros((2, 8)), [0], seed=0)
-        assert [f["trials"] for f in found] == [1, 1]
+        found = trials.run(np.array([SPACE.low, SPACE.high]), [(0, 0)], seed=0)
+        assert [len(results) for results in found] == [1, 1]
         assert trials.driven == 2
         time.sleep(0.3)
         assert trials.pool.poll(0.0) == []

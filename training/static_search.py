@@ -1,22 +1,29 @@
-"""Finds the best single parameter set over the training worlds with CMA-ES: the baseline `static`.
+"""Finds the best single parameter set over the training worlds with CMA-ES and races: the baseline `static`.
 
-Started as `rosrun applr_ros1 static_search.py` or `python -m training.static_search`. In each generation every
-candidate drives through the same newly drawn worlds with the same seeds. At the end the means of the last generations
-are driven through all worlds, and the fastest of them is the result (training/baselines/set_search.py).
+Started as `rosrun applr_ros1 static_search.py` or `python -m training.static_search`. In each generation the candidates
+race through the same newly drawn worlds with the same seeds, and clearly worse ones drop out. At the end the means and
+winners of the last generations race through other worlds (training/baselines/set_search.py). A search that was stopped
+continues with the same command and comes to the same result.
 """
 
 from __future__ import annotations
 
 import shlex
 import sys
+import time
+from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
-from typing import List, Optional
+from typing import List, Optional, Tuple
+
+import numpy as np
 
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import UsageError, run_main
-from applr_ros1.common.files import write_json
-from training.baselines.set_search import SearchOptions, SetTrials, search
+from applr_ros1.common.errors import UsageError, reason, run_main
+from applr_ros1.common.files import read_json, write_json
+from applr_ros1.policy.parameter_space import SPACE, SpaceError
+from training.baselines.set_search import SearchOptions, choose, explore, finalists
+from training.baselines.set_trials import SetTrials, TrialFile
 from training.command_line import (
     Parser,
     add_planner,
@@ -25,17 +32,19 @@ from training.command_line import (
     add_weights,
     add_worlds,
     number,
+    simulator,
     whole,
 )
 from training.evaluation.trials import world_list
 from training.storage import make_folder
 from training.workers.pool import KINDS
+from worlds.loading import FORMS
 
 
 def parser() -> Parser:
     """The command line. A mistake raises UsageError."""
     p = Parser("static_search.py", description=(__doc__ or "").splitlines()[0])
-    add_worlds(p, "generated:train", "search over")
+    add_worlds(p, "generated:learn", "search over")
     add_simulator(p, "kinematic")
     add_weights(p)
     add_planner(p)
@@ -54,8 +63,9 @@ def parser() -> Parser:
     p.add_argument(
         "--worlds-per-set",
         type=whole(1, 10**6),
-        default=25,
-        help="Number of worlds that each parameter set is driven in. Default: %(default)s.",
+        default=24,
+        help="Number of worlds that a generation races in: all sets drive a quarter of them, the better half another "
+        "quarter, and the better half of those the rest. Default: %(default)s.",
     )
     p.add_argument(
         "--contact-seconds",
@@ -78,24 +88,50 @@ def parser() -> Parser:
     p.add_argument("--ray-address", default="", help="Address HOST:PORT of a Ray cluster to drive on.")
     p.add_argument(
         "--start",
-        default="",
-        help=(
-            "Where the search begins: a JSON file with a parameter set, or the log of an earlier search, which is "
-            "then continued. Without it the search begins at the default parameters, theta_0."
-        ),
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="JSON file with a parameter set, or the log of an earlier search, that takes part in the first generation "
+        "and in the last race; may be given several times. The search begins around the first. Without it the search "
+        "begins at the default parameters, theta_0.",
     )
     p.add_argument(
         "--sigma",
-        type=float,
+        type=number(1e-3, 2.0),
         default=0.5,
         help="Initial standard deviation of the search, with parameters scaled to [-1, 1]. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--planner-frequency",
+        type=whole(1, 20),
+        default=None,
+        help="Global plans per simulated second during the generations. 10 or 5 make the search faster and less exact; "
+        "the last race plans as often as the robot does. Default: as often as the robot does.",
+    )
+    p.add_argument(
+        "--final-worlds",
+        default="generated:validation",
+        help="Worlds of the last race: %s; several are separated by commas. Default: %%(default)s." % FORMS,
+    )
+    p.add_argument(
+        "--final-simulator",
+        type=simulator,
+        default="pybullet",
+        help="Simulator of the last race. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--final-trials",
+        type=whole(1, 1000),
+        default=2,
+        help="Number of trials in each world of the last race. Default: %(default)s.",
     )
     add_seed(p)
     p.add_argument(
         "--out",
         default="applr_ros1/models/static.json",
         help='JSON file for the best set: {"weights": WHAT, "parameters": {NAME: VALUE}}, where WHAT says what its '
-        "distance weights count. The log is written beside it as NAME_log.json. Default: %(default)s.",
+        "distance weights count. Beside it, NAME_log.json takes the log and NAME_trials.jsonl "
+        "every trial, from which a stopped search continues. Default: %(default)s.",
     )
     return p
 
@@ -108,39 +144,65 @@ def main(arguments: Optional[List[str]] = None) -> int:
 def run(arguments: List[str]) -> None:
     """Searches as the arguments say and writes the set and its log."""
     options = parser().parse_args(arguments)
-    command = shlex.join(["python", "-m", "training.static_search", *arguments])
-    log, partial = (Path(str(Path(options.out).with_suffix("")) + end) for end in ("_log.json", "_partial.json"))
-    if not 0.0 < options.sigma <= 2.0:
-        raise UsageError("--sigma is %r: give more than 0, 2 at most" % options.sigma)
+    stem = str(Path(options.out).with_suffix(""))
     make_folder(Path(options.out).parent)
-    worlds = [world[:2] for world in world_list(options.worlds, "paper")]
-    trials = SetTrials(
-        worlds,
-        options.simulator,
-        options.contact_seconds,
-        options.actors,
-        options.pool,
-        options.ray_address,
-        options.weights,
-        options.planner,
+    worlds, final_worlds = (
+        [w[:2] for w in world_list(text, "paper")] for text in (options.worlds, options.final_worlds)
     )
+    starts = [start(path) for path in options.start] or [SPACE.theta0]
     chosen = SearchOptions(**{f.name: getattr(options, f.name) for f in fields(SearchOptions)})
-    try:
-        found = search(
-            trials, len(worlds), chosen, lambda lines: write_json(partial, {"command": command, "log": lines})
+    began, file = time.monotonic(), TrialFile(stem + "_trials.jsonl")
+
+    def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> SetTrials:
+        return SetTrials(
+            worlds,
+            simulator,
+            options.actors,
+            options.pool,
+            options.ray_address,
+            options.weights,
+            options.planner,
+            planner_frequency,
+            file,
         )
+
+    try:
+        with closing(driver(worlds, options.simulator, options.planner_frequency)) as trials:
+            log = explore(trials, starts, chosen, show)
+        with closing(driver(final_worlds, options.final_simulator, None)) as last:
+            table = choose(last, finalists(starts, log), chosen, show)
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(
-            "stopped; --start %s goes on from the last generation" % partial
-            if partial.exists()
-            else "stopped in the first generation; nothing was written"
-        ) from None
+        raise KeyboardInterrupt("stopped; the same command continues") from None
     finally:
-        trials.close()
+        file.close()
+    found = {
+        "theta": table[0]["parameters"],
+        "result": table[0],
+        "finalists": table,
+        "log": log,
+        "trials": trials.driven + last.driven,
+        "seconds": round(time.monotonic() - began, 1),
+        "command": shlex.join(["python", "-m", "training.static_search", *arguments]),
+    }
     write_json(options.out, {"weights": options.weights, "parameters": found["theta"]})
-    write_json(log, dict(found, command=command))
-    partial.unlink(missing_ok=True)
+    write_json(stem + "_log.json", found)
     print("%s: %s" % (options.out, found["theta"]))
+
+
+def start(path: str) -> np.ndarray:
+    """The set (8,) in a JSON file: one set, or the one that an earlier search found, by its log."""
+    content = read_json(path)
+    if isinstance(content, dict) and "theta" in content:
+        try:
+            return SPACE.from_dict(dict(content["theta"]))
+        except (TypeError, ValueError, SpaceError) as error:
+            raise UsageError("--start %s: no set of parameters (%s)" % (path, reason(error))) from None
+    return SPACE.read(path)
+
+
+def show(line: str) -> None:
+    """A line of progress."""
+    print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
@@ -124,6 +125,7 @@ class TrialRunner:
         reward: fields of the Reward that total_reward is counted in.
         period: decision period [s]; None: each method's own.
         monitor: whether the collision monitor stands between the planner and the base.
+        planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
     """
 
     def __init__(
@@ -133,10 +135,14 @@ class TrialRunner:
         reward: Optional[Dict[str, Any]] = None,
         period: Optional[float] = None,
         monitor: bool = False,
+        planner_frequency: Optional[int] = None,
     ):
         self.monitor = CollisionMonitor() if monitor else None
         self.protocol, self.reward = protocol, Reward(**(reward or {}))
         self.simulator, self.period = sim_bridge.make(simulator), period
+        self._params = JACKAL
+        if planner_frequency is not None:
+            self._params = dict(JACKAL, planner_frequency=float(planner_frequency))
         self._episodes: Dict[Tuple[str, str], Episode] = {}
         self._worlds: Dict[str, World] = {}
         self._methods: Dict[str, methods.Method] = {}
@@ -183,7 +189,7 @@ class TrialRunner:
         if key not in self._episodes:
             self._episodes[key] = Episode(
                 self.simulator,
-                MoveBase(weights=weights, planner=planner),
+                MoveBase(self._params, weights, planner),
                 end_on_contact=PROTOCOLS[self.protocol].end_on_contact,
                 record=True,
                 monitor=self.monitor,

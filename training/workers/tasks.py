@@ -129,7 +129,7 @@ def decode_task(message: bytes) -> Tuple[Task, bytes]:
     kind = KINDS.get(str(head.get("kind")))
     if kind is None:
         raise MessageError("task of unknown kind %.40r" % (head.get("kind"),))
-    return _build(kind, head.get("task")), weights
+    return build(kind, head.get("task")), weights
 
 
 def encode_answer(answer: Answer) -> bytes:
@@ -144,7 +144,7 @@ def decode_answer(message: bytes, task: Task) -> Answer:
     error, result = head.get("error"), head.get("result")
     if not isinstance(error, str) or (isinstance(task, Trial) and not error and result is None):
         raise MessageError("an answer without result and error")
-    return Answer(task, error, None if result is None else _build(TrialResult, result), data)
+    return Answer(task, error, None if result is None else build(TrialResult, result), data)
 
 
 def encode_settings(settings: WorkerSettings) -> bytes:
@@ -155,8 +155,8 @@ def encode_settings(settings: WorkerSettings) -> bytes:
 def decode_settings(message: bytes) -> WorkerSettings:
     """The inverse of encode_settings. Raises MessageError."""
     head, _ = _unframe(message)
-    specs = {name: None if spec is None else _build(RunnerSpec, spec) for name, spec in head.items()}
-    return _build(WorkerSettings, specs)
+    specs = {name: None if spec is None else build(RunnerSpec, spec) for name, spec in head.items()}
+    return build(WorkerSettings, specs)
 
 
 def _frame(head: Dict[str, Any], data: bytes) -> bytes:
@@ -178,7 +178,7 @@ def _unframe(message: bytes) -> Tuple[Dict[str, Any], bytes]:
 T = TypeVar("T")
 
 
-def _build(cls: Type[T], values: Any) -> T:
+def build(cls: Type[T], values: Any) -> T:
     """An object of a dataclass from JSON values, their types checked."""
     hints = get_type_hints(cls)
     if not isinstance(values, dict) or not set(values) <= set(hints):
