@@ -146,6 +146,7 @@ class TrainConfig(Options):
 
 _BOUNDS = (
     ("steps", 0, 10**9),
+    ("minutes", 0.0, 1e6),
     ("seed", 0, 2**31 - 1),
     ("threads", 0, 1024),
     ("actors", 0, 10_000),

@@ -46,6 +46,8 @@ class Options:
         "--scan-pool and --layer-norm.")
     steps: int = option(PAPER_STEPS,
         "Number of transitions to collect in all, one per decision. The paper used 5 million.")
+    minutes: float = option(0.0,
+        "Wall time [min] after which the run ends even before --steps, interruptions not counted. 0 sets no limit.")
     seed: int = option(0,
         "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
     device: str = option("auto",

@@ -114,14 +114,19 @@ class TrainingRun:
         return self.learner.td3.updates if self.offline else self.learner.transitions
 
     @property
+    def elapsed(self) -> float:
+        """Seconds that the run has taken, interruptions not counted."""
+        return float(self.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
+
+    @property
     def goal(self) -> int:
         """How many steps the run has in all."""
         return self.config.updates if self.offline else self.config.steps
 
     @property
     def finished(self) -> bool:
-        """Whether all steps are done; the last evaluation may still be open."""
-        return self.steps >= self.goal
+        """Whether all steps are done, or the time is up; the last evaluation may still be open."""
+        return self.steps >= self.goal or 0.0 < 60.0 * self.config.minutes <= self.elapsed
 
     def run(self) -> int:
         """Trains to the end, or until SIGINT or SIGTERM."""
@@ -241,7 +246,7 @@ class TrainingRun:
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:
         """A checkpoint, and the newest policy."""
-        self.learner.save({"elapsed": self.extra.get("elapsed", 0.0) + time.monotonic() - self.began})
+        self.learner.save({"elapsed": self.elapsed})
         self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
         self._saved = time.monotonic()
 

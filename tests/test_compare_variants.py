@@ -1,0 +1,93 @@
+"""The comparison of learning variants: equal time, resumable, a row for each variant."""
+
+import csv
+import dataclasses
+
+import pytest
+
+pytest.importorskip("torch")
+
+from applr_ros1.common.errors import ApplrError
+from training import compare_variants
+from training.evaluation.run import evaluate
+from training.gorila.learner import Learner
+
+TINY = """
+seeds: [3]
+minutes: 5
+options: {env: "tests.toy_env:Line", steps: 40, hidden: "8", batch_size: 4, eval_worlds: none, tensorboard: false}
+variants:
+  plain: {}
+  quick_0.5: {updates_per_transition: 0.5}
+"""
+
+
+def test_each_variant_is_trained_judged_and_gets_a_row(tmp_path, monkeypatch, capsys):
+    """The toy environment's policies cannot drive: the toy runner stands in for the trials."""
+    file, out = tmp_path / "tiny.yaml", tmp_path / "out"
+    file.write_text(TINY)
+
+    def drive(options):
+        evaluate(dataclasses.replace(options, methods="dwa", runner="tests.toy_runner:ToyRunner", workers=0))
+
+    monkeypatch.setattr(compare_variants, "evaluate", drive)
+    command = [str(file), "--out", str(out), "--worlds", "generated:0,generated:1", "--trials", "2", "--parallel", "2"]
+    assert compare_variants.main(command) == 0, capsys.readouterr().err
+    assert "5 minutes of training" in capsys.readouterr().out
+    rows = list(csv.DictReader((out / "variants.csv").open()))
+    assert [(row["variant"], row["seeds"], float(row["transitions"])) for row in rows] == [
+        ("plain", "1", 40.0),
+        ("quick_0.5", "1", 40.0),
+    ]
+    assert [float(row["updates"]) for row in rows] == [4.0, 20.0]
+    assert rows[0]["score"] == rows[1]["score"]  # the same toy trials
+    assert "| quick_0.5 | 1 |" in (out / "variants.md").read_text()
+    assert (out / "variants.png").read_bytes().startswith(b"\x89PNG")
+    assert compare_variants.main(command) == 0
+    assert "minutes of training" not in capsys.readouterr().out  # nothing is left to do
+    file.write_text(TINY.replace("n: 0.5", "n: 0.7"))
+    assert compare_variants.main(command) == 1
+    assert "updates_per_transition 0.5, not 0.7" in capsys.readouterr().err
+
+
+def test_a_run_ends_when_its_time_is_up(tmp_path):
+    from training import train
+
+    arguments = ["--env", "tests.toy_env:Slow", "--hidden", "8", "--eval-worlds", "none", "--no-tensorboard"]
+    arguments += ["--steps", "100000", "--minutes", "0.02", "--out", str(tmp_path / "run")]
+    assert train.main(arguments) == 0
+    saved = Learner.saved(tmp_path / "run")
+    assert 0 < saved["transitions"] < 1000
+    assert saved["extra"]["elapsed"] >= 1.2
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("variants: {a: {}}", "minutes"),
+        ("minutes: 1\nvariants: {}", "variants"),
+        ("minutes: 1\nvariants: [1]", "variants"),
+        ("minutes: 1\nvariants: {a: {batchsize: 3}}", "batchsize"),
+        ("minutes: 1\nvariants: {a: {batch_size: 0}}", "batch-size"),
+        ("minutes: 1\nvariants: {../a: {}}", "'../a'"),
+        ("minutes: soon\nvariants: {a: {}}", "minutes"),
+        ("minutes: 1\nrecipe: nothing\nvariants: {a: {}}", "nothing"),
+        ("{", "YAML"),
+    ],
+)
+def test_a_file_that_cannot_be_meant_is_one_line(text, word, tmp_path):
+    file = tmp_path / "bad.yaml"
+    file.write_text(text)
+    with pytest.raises(ApplrError, match=word) as error:
+        compare_variants.read(str(file))
+    assert "\n" not in str(error.value)
+
+
+def test_the_included_comparison_can_be_read():
+    found = compare_variants.read(str(compare_variants.VARIANTS / "learning.yaml"))
+    assert len(found.runs()) == 3 * len(found.variants)
+    assert found.of("applr", 0)["layer_norm"]
+    assert not found.of("no_layer_norm", 0)["layer_norm"]
+    assert (
+        compare_variants.read(str(compare_variants.VARIANTS / "smoothness.yaml")).of("switch_5", 0)["c_switch"] == 5.0
+    )

@@ -1,0 +1,292 @@
+"""Compares variants of the learning: the same wall time and seeds for each, judged in worlds that none trained in.
+
+Started as `python -m training.compare_variants FILE.yaml --out DIR`. The YAML file holds what is common and the
+variants, each a few options of train.py (training/variants/learning.yaml is one). A comparison that was stopped
+continues with the same command. docs/training.md describes the table.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Tuple, get_type_hints
+
+import numpy as np
+import yaml
+
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.files import read_bytes, read_json, write_bytes
+from applr_ros1.planner.variant import WEIGHTS
+from training.command_line import Parser, add_simulator, add_worlds, whole
+from training.evaluation.run import EvaluationOptions, evaluate
+from training.evaluation.score import trial_seconds
+from training.evaluation.store import MEASURES_FILE, TRIALS, flag, read_rows
+from training.evaluation.trials import COLUMNS, MEASURES
+from training.gorila import config as options
+from training.gorila.learner import Learner
+from training.report.variants import draw_variants
+from training.storage import make_folder
+
+NAME = re.compile(r"^[A-Za-z0-9][\w.]*$", re.ASCII)  # of a variant
+VARIANTS = Path(__file__).resolve().parent / "variants"  # comparisons that come with the package
+CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score
+
+
+class VariantsError(ApplrError):
+    """One line: what of the YAML file or of a run is wrong."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The content of a YAML file.
+
+    Attributes:
+        variants: name -> the options in which it differs.
+        minutes: wall time of each run.
+        seeds: of the runs; each variant has one run with each.
+        recipe: that all begin with; "" for train.py's defaults.
+        options: common to all, over those of the recipe.
+    """
+
+    variants: Dict[str, dict]
+    minutes: float
+    seeds: list = field(default_factory=lambda: [0, 1, 2])
+    recipe: str = ""
+    options: dict = field(default_factory=dict)
+
+    def runs(self) -> List[Tuple[str, int]]:
+        """(variant, seed) of all runs: first each variant with the first seed, so that what is there compares."""
+        return [(name, seed) for seed in self.seeds for name in self.variants]
+
+    def of(self, name: str, seed: int) -> Dict[str, Any]:
+        """The options of a run, checked, those that follow from others included. Raises ConfigError."""
+        given = {**options.recipe(self.recipe), **self.options, **self.variants[name]}
+        given.update(seed=seed, minutes=float(self.minutes))
+        config = options.TrainConfig(**options.from_dict(given, "variant %s" % name)).resolved()
+        return {key: value for key, value in asdict(config).items() if key not in ("out", "resume")}
+
+
+def read(path: str) -> Comparison:
+    """A YAML file. Raises VariantsError or ConfigError with one line."""
+    try:
+        values = yaml.safe_load(read_bytes(path).decode())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise VariantsError("%s: not YAML (%s)" % (path, str(error).splitlines()[0])) from None
+    hints = get_type_hints(Comparison)
+    if not isinstance(values, dict) or not set(values) <= set(hints) or not {"variants", "minutes"} <= set(values):
+        raise VariantsError("%s: give variants and minutes, and if need be %s" % (path, ", ".join(sorted(hints))))
+    for name, value in values.items():
+        kind = getattr(hints[name], "__origin__", hints[name])
+        if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool):
+            raise VariantsError("%s: %s is %r, a %s is needed" % (path, name, value, kind.__name__))
+    found = Comparison(**values)
+    if not found.variants or not found.seeds or found.minutes <= 0:
+        raise VariantsError("%s: variants, seeds and minutes must not be empty" % path)
+    for name, given in found.variants.items():
+        if not isinstance(given, dict) or not NAME.match(str(name)):
+            raise VariantsError(
+                "%s: variant %r: give a name of letters, digits, . and _, and its options" % (path, name)
+            )
+    for name, seed in found.runs():
+        found.of(name, seed)
+    return found
+
+
+def train(comparison: Comparison, out: Path, parallel: int) -> None:
+    """Makes the runs that are missing or not at their end, `parallel` of them at the same time.
+
+    Raises:
+        VariantsError: for a run that failed; its folder's log says why.
+    """
+    runs = [(comparison.of(name, seed), folder_of(out, name, seed)) for name, seed in comparison.runs()]
+    waiting = [(given, folder) for given, folder in runs if not _done(given, folder)]
+    running: Dict[subprocess.Popen, Path] = {}
+    try:
+        while waiting or running:
+            while waiting and len(running) < parallel:
+                given, folder = waiting.pop(0)
+                running[_start(given, folder)] = folder
+                print("%s: %g minutes of training" % (folder, comparison.minutes), flush=True)
+            time.sleep(0.2)
+            for process in [p for p in running if p.poll() is not None]:
+                folder = running.pop(process)
+                if process.returncode != 0:
+                    raise VariantsError("%s: train.py failed; see %s" % (folder, beside(folder, ".log")))
+    finally:
+        for process in running:
+            process.send_signal(signal.SIGINT)  # which saves the run
+        for process in running:
+            process.wait()
+
+
+def folder_of(out: Path, name: str, seed: int) -> Path:
+    """The folder of a run."""
+    return out / ("%s-%d" % (name, seed))
+
+
+def beside(folder: Path, end: str) -> Path:
+    """The file that lies beside a run's folder and is called like it."""
+    return folder.parent / (folder.name + end)
+
+
+def _start(given: Dict[str, Any], folder: Path) -> subprocess.Popen:
+    command = [sys.executable, "-m", "training.train", "--out", str(folder)]
+    if (folder / "config.json").exists():
+        command += ["--resume", "--minutes", str(given["minutes"])]
+    else:
+        recipe = beside(folder, ".yaml")
+        write_bytes(recipe, yaml.safe_dump(given).encode())
+        command += ["--recipe", str(recipe)]
+    with beside(folder, ".log").open("ab") as log:
+        return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+
+
+def _done(given: Dict[str, Any], folder: Path) -> bool:
+    """Whether the run is at its end. Raises VariantsError where the folder holds a run with other options."""
+    if not (folder / "config.json").exists():
+        return False
+    stored = read_json(folder / "config.json")
+    for key, value in given.items():
+        if key != "minutes" and stored.get(key) != value:
+            raise VariantsError(
+                "%s: holds a run with %s %r, not %r; give another --out" % (folder, key, stored.get(key), value)
+            )
+    saved = Learner.saved(folder)
+    if saved is None:
+        return False
+    return saved["extra"].get("elapsed", 0.0) >= 60.0 * given["minutes"] or saved["transitions"] >= given["steps"]
+
+
+def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials: int, workers: int) -> None:
+    """Drives the best policy of each run in the validation worlds, with both kinds of distance weights."""
+    for name, seed in comparison.runs():
+        folder = folder_of(out, name, seed)
+        best = folder / "best.safetensors"
+        policy = best if best.exists() else folder / "actor.safetensors"
+        evaluate(
+            EvaluationOptions(
+                worlds=worlds,
+                methods="policy=%s" % policy,
+                trials=trials,
+                simulator=simulator,
+                workers=workers,
+                out=str(folder / "validation"),
+                weights=WEIGHTS,
+                traces=0,
+            )
+        )
+
+
+def table(comparison: Comparison, out: Path) -> List[Dict[str, Any]]:
+    """A row for each variant: means over its seeds, and the standard deviation of the score over the seeds."""
+    first, rows = None, []
+    for name in comparison.variants:
+        of_seed = [_figures(folder_of(out, name, seed)) for seed in comparison.seeds]
+        scores = np.array([figures["score"] for figures in of_seed])
+        first = scores if first is None else first
+        row: Dict[str, Any] = {"variant": name, "seeds": len(of_seed)}
+        row.update({key: float(np.nanmean([figures[key] for figures in of_seed])) for key in of_seed[0]})
+        row["spread"] = float(scores.std(ddof=1)) if len(scores) > 1 else float("nan")
+        row["against_first"] = float((scores - first).mean())
+        rows.append(row)
+    return rows
+
+
+def _figures(folder: Path) -> Dict[str, float]:
+    trials = read_rows(folder / "validation" / TRIALS, COLUMNS)
+    measures = read_rows(folder / "validation" / MEASURES_FILE, MEASURES)
+    success, contact = (np.array([flag(row[key]) for row in trials]) for key in ("success", "collided"))
+    time_s = np.array([float(row["time_s"]) for row in trials])
+    saved = Learner.saved(folder) or {}
+    nothing = not success.any()
+
+    def measured(name: str, of=np.mean) -> float:  # of the successes, as the report's table of smoothness
+        values = np.array([float(row[name]) for row in measures])
+        return float("nan") if nothing else float(of(values[success]))
+
+    return {
+        "score": float(np.mean([trial_seconds(s, t, c, CONTACT_SECONDS) for s, t, c in zip(success, time_s, contact)])),
+        "time_s": float("nan") if nothing else float(time_s[success].mean()),
+        "success": float(success.mean()),
+        "contact": float(contact.mean()),
+        "jerk": measured("mean_jerk"),
+        "turn": measured("mean_turn"),
+        "switching": measured("switching"),
+        "clearance_m": measured("min_clearance_m", np.median),
+        "transitions": float(saved.get("transitions", 0)),
+        "updates": float(saved.get("updates", 0)),
+    }
+
+
+def markdown(rows: Sequence[Dict[str, Any]]) -> str:
+    """The rows as a table."""
+    head = (
+        "| variant | seeds | score [s] | against the first | time [s] | success | contacts | jerk [m/s³] "
+        "| change of parameters | smallest range [m] | transitions | updates |"
+    )
+    lines = [head, "|---|%s" % ("---:|" * 11)]
+    for r in rows:
+        spread = "" if np.isnan(r["spread"]) else " ± %.2f" % r["spread"]
+        lines.append(
+            "| %s | %d | %.2f%s | %+.2f | %.2f | %.1f %% | %.1f %% | %.1f | %.2f | %.2f | %.0f | %.0f |"
+            % (
+                *(r["variant"], r["seeds"], r["score"], spread, r["against_first"], r["time_s"]),
+                *(100 * r["success"], 100 * r["contact"], r["jerk"], r["switching"], r["clearance_m"]),
+                *(r["transitions"], r["updates"]),
+            )
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Exit status 0; 1 or 2 with one line for a mistake; 130 after Ctrl-C."""
+    return run_main(lambda: run(arguments), "compare_variants")
+
+
+def run(arguments: Optional[Sequence[str]] = None) -> None:
+    """Trains and judges what is missing, and writes variants.csv, variants.md and variants.png."""
+    p = Parser("python -m training.compare_variants", description=__doc__ or "")
+    p.add_argument("file", help="YAML file with the variants.")
+    p.add_argument("--out", required=True, help="Folder for the runs and the table.")
+    p.add_argument(
+        "--parallel",
+        type=whole(1, 1000),
+        default=1,
+        help="Number of runs that train at the same time, and of trials that are driven at the same time afterwards. "
+        "Default: %(default)s.",
+    )
+    add_worlds(p, "generated:validation", "judge in")
+    add_simulator(p, "kinematic")
+    p.add_argument(
+        "--trials",
+        type=whole(1, 10_000),
+        default=4,
+        help="Number of trials in each world and with each kind of distance weights. Default: %(default)s.",
+    )
+    given = p.parse_args(arguments)
+    comparison, out = read(given.file), make_folder(given.out)
+    try:
+        train(comparison, out, given.parallel)
+        judge(comparison, out, given.worlds, given.simulator, given.trials, given.parallel)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; the same command continues") from None
+    rows = table(comparison, out)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]))
+    writer.writeheader()
+    writer.writerows(rows)
+    write_bytes(out / "variants.csv", text.getvalue().encode())
+    write_bytes(out / "variants.md", markdown(rows).encode())
+    draw_variants(out / "variants.png", rows)
+    print(markdown(rows), end="")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
