@@ -54,11 +54,11 @@ def test_a_run_ends_when_its_time_is_up(tmp_path):
     from training import train
 
     arguments = ["--env", "tests.toy_env:Slow", "--hidden", "8", "--eval-worlds", "none", "--no-tensorboard"]
-    arguments += ["--steps", "100000", "--minutes", "0.02", "--out", str(tmp_path / "run")]
+    arguments += ["--steps", "100000", "--minutes", "0.05", "--out", str(tmp_path / "run")]
     assert train.main(arguments) == 0
     saved = Learner.saved(tmp_path / "run")
-    assert 0 < saved["transitions"] < 1000
-    assert saved["extra"]["elapsed"] >= 1.2
+    assert saved["transitions"] < 100_000
+    assert saved["extra"]["elapsed"] >= 3.0
 
 
 @pytest.mark.parametrize(

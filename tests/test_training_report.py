@@ -11,7 +11,7 @@ from scipy import stats
 from training import compare_gazebo
 from training.evaluation import store as trial_store
 from training.evaluation import trials
-from training.report import ReportError, data, paper, statistics, tables, tables_more, write
+from training.report import ReportError, data, paper, planners, statistics, tables, tables_more, write
 from training.report.regions import clearance, region_of
 from training.report.table import Table
 from training.workers.tasks import TrialResult
@@ -292,6 +292,24 @@ def test_each_kind_of_weights_has_its_rows_in_one_table(tmp_path):
     ]
     assert page.count("(methods dwa, mine; weights per_cell and per_metre; planner cpp-like)") == page.count("<table>")
     assert "8 trials of each kind of weights" in page
+
+
+def test_evaluations_with_other_planners_stand_beside_in_one_table(tmp_path, folder):
+    plan = trials.plan([("generated:1", "generated:1")], [("dwa", "dwa"), ("applr", "dwa")], 2, 0, 0)
+    settings = {"planner": "cpp-like", "simulator": "kinematic", "protocol": "paper", "weights": ["per_cell"]}
+    store = trial_store.Store(tmp_path, settings, plan)
+    for trial in plan:
+        seconds = 30.0 if trial.method == "dwa" else 15.0
+        store.append(trial, TrialResult(True, False, False, seconds, 6.0, "finished", 7.0, 0.3, 5.0, 1.0, 0.1), None)
+    store.close()
+    others = planners.planners([data.Results(folder), data.Results(tmp_path)]).rows
+    assert [row[:4] for row in others[-2:]] == [["cpp-like", "per_cell", "Training", m] for m in ("dwa", "applr")]
+    assert [row[6] for row in others[-2:]] == ["–", "50.0"]
+    assert others[-1][4:5] + others[-1][7:] == ["15.00", "100.0", "0.0", "2"]
+    assert {(row[0], row[1]) for row in others[:-2]} == {("ours", "per_metre")}
+    (tmp_path / "evaluation.json").write_text('{"simulator": "pybullet", "protocol": "paper"}')
+    with pytest.raises(ReportError, match="different simulators"):
+        write(folder, beside=[str(tmp_path)])
 
 
 def test_nothing_to_report_is_one_line(tmp_path, folder):

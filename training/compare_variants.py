@@ -251,7 +251,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 
 def run(arguments: Optional[Sequence[str]] = None) -> None:
-    """Trains and judges what is missing, and writes variants.csv, variants.md and variants.png."""
+    """Trains and judges what is missing, and writes the table and the picture."""
     p = Parser("python -m training.compare_variants", description=__doc__ or "")
     p.add_argument("file", help="YAML file with the variants.")
     p.add_argument("--out", required=True, help="Folder for the runs and the table.")

@@ -1,4 +1,4 @@
-"""Writes the report of an evaluation again: `python -m training.report FOLDER [--training RUN]`."""
+"""Writes the report of an evaluation again: `python -m training.report FOLDER [--training RUN] [--beside FOLDER]`."""
 
 import argparse
 import sys
@@ -20,8 +20,16 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     parser.add_argument(
         "--training", default="", help="Folder of a training run whose learning curves are shown as well."
     )
+    parser.add_argument(
+        "--beside",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="Folder of another evaluation, for instance with --planner cpp-like, whose figures stand beside these in "
+        "one more table; may be given several times.",
+    )
     options = parser.parse_args(arguments)
-    print(write(options.folder, options.training))
+    print(write(options.folder, options.training, options.beside))
 
 
 if __name__ == "__main__":

@@ -11,13 +11,14 @@ import importlib.util
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Tuple
+from typing import List, Sequence, Tuple
 
 from applr_ros1.common.files import write_bytes
 from training.evaluation.trials import PROTOCOLS
 from training.provenance import sentences
 from training.report import drives, figures, paper
 from training.report.data import ReportError, Results
+from training.report.planners import planners
 from training.report.table import Table
 from training.report.tables import PAPER
 from training.report.tables_more import MORE
@@ -43,12 +44,13 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, training: str = "") -> str:
+def write(folder, training: str = "", beside: Sequence[str] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
         folder: the folder of an evaluation.
         training: a training run whose learning curves are shown; empty for none.
+        beside: folders of further evaluations, for instance with another planner, for one table over all of them.
 
     Raises:
         ReportError: trials or plotting library are missing.
@@ -56,9 +58,10 @@ def write(folder, training: str = "") -> str:
     """
     results = Results(folder)
     out = make_folder(results.folder / FOLDER)
-    kinds = [results] + [Results(folder, kind) for kind in results.weights[1:]]
+    kinds = _kinds(results)
+    others = [kind for other in beside for kind in _kinds(Results(other))]
     made = (_joined([make(each) for each in kinds], results) for make in PAPER + MORE)
-    tables = [table for table in made if table.rows]
+    tables = [table for table in (*made, *([planners(kinds + others)] if beside else [])) if table.rows]
     pictures = _pictures(results, out, training)
     for table in tables:
         for ending, text in (("csv", table.csv()), ("tex", table.latex()), ("md", table.markdown())):
@@ -69,6 +72,11 @@ def write(folder, training: str = "") -> str:
     write_bytes(out / "report.md", _markdown(title, facts, tables, pictures).encode())
     write_bytes(out / "index.html", _html(title, facts, tables, pictures).encode())
     return str(out / "index.html")
+
+
+def _kinds(results: Results) -> List[Results]:
+    """The results of each kind of weights that was driven."""
+    return [results] + [Results(results.folder, kind) for kind in results.weights[1:]]
 
 
 def _joined(tables: List[Table], results: Results) -> Table:
