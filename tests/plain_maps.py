@@ -61,14 +61,14 @@ def inflate(master, x0, y0, xn, yn, radius, resolution, weight, inscribed, infla
 class PlainCostmap:
     """Section 3: obstacle layer, inflation layer and master, in the order of the steps there."""
 
-    def __init__(self, nx, ny, resolution, origin, rolling, footprint, default, obstacles, inflation):
+    def __init__(self, nx, ny, resolution, origin, rolling, footprint, default, obstacles, source, inflation):
         self.res, self.n, self.rolling = resolution, (nx, ny), rolling
         self.default = default
         self.master, self.layer = (np.full((ny, nx), default, np.uint8) for _ in range(2))
         self.origin, self.layer_origin = list(origin), list(origin)
         self.footprint = footprint
         self.inscribed = footprints.radii(footprint)[0]
-        self.obstacles, self.inflation = obstacles, inflation
+        self.obstacles, self.source, self.inflation = obstacles, source, inflation
         self.due = True
         self.last = (-F32_MAX, -F32_MAX, F32_MAX, F32_MAX)
         self.cloud = None
@@ -138,7 +138,7 @@ class PlainCostmap:
             )
 
     def obstacle_bounds(self, pose, bounds):
-        p, grid = self.obstacles, self.layer
+        p, source, grid = self.obstacles, self.source, self.layer
 
         def widen(x, y):
             bounds[:] = min(bounds[0], x), min(bounds[1], y), max(bounds[2], x), max(bounds[3], y)
@@ -156,11 +156,11 @@ class PlainCostmap:
             points = [
                 q
                 for q in self.cloud.points.astype(np.float64).tolist()
-                if p.source_min_height <= q[2] <= p.source_max_height
+                if source.min_obstacle_height <= q[2] <= source.max_obstacle_height
             ]
-        if self.cloud is not None and p.clearing and self.cell(sensor[0], sensor[1], origin) is not None:
+        if self.cloud is not None and source.clearing and self.cell(sensor[0], sensor[1], origin) is not None:
             self.clear_rays(points, sensor, widen)
-        for x, y, z in points if p.marking else ():
+        for x, y, z in points if source.marking else ():
             if z > p.max_obstacle_height:
                 continue
             far = (
@@ -169,7 +169,7 @@ class PlainCostmap:
                 + (z - sensor[2]) * (z - sensor[2])
             )
             cell = self.cell(x, y, origin)
-            if far >= p.obstacle_range * p.obstacle_range or cell is None:
+            if far >= source.obstacle_range * source.obstacle_range or cell is None:
                 continue
             grid[cell[1], cell[0]] = 254
             widen(x, y)
@@ -183,7 +183,7 @@ class PlainCostmap:
         ex, ey = ox + self.n[0] * self.res, oy + self.n[1] * self.res
         start = self.cell(sx, sy, (ox, oy))
         widen(sx, sy)
-        reach = math.ceil(self.obstacles.raytrace_range / self.res)
+        reach = math.ceil(self.source.raytrace_range / self.res)
         for wx, wy, _ in points:
             a, b = wx - sx, wy - sy
             if wx < ox:
@@ -204,7 +204,7 @@ class PlainCostmap:
                 self.layer[y, x] = 0
             dx, dy = wx - sx, wy - sy
             full = hypot(dx, dy)
-            f = 1.0 if full == 0 else min(1.0, self.obstacles.raytrace_range / full)
+            f = 1.0 if full == 0 else min(1.0, self.source.raytrace_range / full)
             widen(sx + dx * f, sy + dy * f)
 
     def obstacle_costs(self, pose, x0, y0, xn, yn):

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from applr_ros1.planner.costmap.costmap import Costmap, CostmapError
+from applr_ros1.planner.costmap.costmap import Costmap, CostmapError, LayerDescription
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
 from applr_ros1.planner.costmap.scan import PointCloud, project
+from applr_ros1.planner.costmap.sources import Source
 from tests import map_scenes
 from tests.plain_maps import PlainCostmap
 
@@ -43,9 +44,8 @@ def test_drives_equal_the_plain_costmap(seed):
     obstacles = ObstacleParameters(
         combination_method=int(rng.choice((0, 1, 1, 1, 2))),
         footprint_clearing_enabled=bool(rng.random() < 0.8),
-        obstacle_range=float(rng.choice((2.5, 1.5))),
-        raytrace_range=float(rng.choice((3.0, 1.2))),
     )
+    source = Source(obstacle_range=float(rng.choice((2.5, 1.5))), raytrace_range=float(rng.choice((3.0, 1.2))))
     inflation = InflationParameters(
         float(rng.choice((0.3, 0.28, 0.6))), float(rng.choice((10.0, 3.0, 0.0))), True, bool(rng.random() < 0.3)
     )
@@ -61,11 +61,10 @@ def test_drives_equal_the_plain_costmap(seed):
         rolling,
         footprint,
         track_unknown,
-        obstacles,
-        inflation,
+        layers=(LayerDescription("seen", obstacles, (source,)), LayerDescription("inflated", inflation)),
     )
     plain = PlainCostmap(
-        nx, ny, resolution, origin, rolling, footprint, 255 if track_unknown else 0, obstacles, inflation
+        nx, ny, resolution, origin, rolling, footprint, 255 if track_unknown else 0, obstacles, source, inflation
     )
     circles = map_scenes.cylinders(rng, float(rng.choice((4.0, 8.0))), float(rng.uniform(0.1, 0.45)))
     for pose in map_scenes.drive(rng, 25, step=float(rng.choice((0.08, 0.3)))):

@@ -144,7 +144,7 @@ class Refusing:
     def reconfigure(self, values):
         pass
 
-    def compute_velocity(self, pose, twist, costmap):
+    def compute_velocity(self, pose, twist, costmap, frame=None):
         self.calls += 1
         return (False, (0.0, 0.0)) if self.refuse(self.calls) else (True, self.command)
 

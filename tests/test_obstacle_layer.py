@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
 from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, project
+from applr_ros1.planner.costmap.sources import Source
 
 INF = math.inf
 NOWHERE = (1e30, 1e30, -1e30, -1e30)
@@ -22,8 +23,9 @@ def scan(ranges, pose=(0.0, 0.0, 0.0), increment=0.1, range_max=30.0, height=0.0
     return LaserScan(0.0, 0.0, increment, 0.1, range_max, np.array(ranges, np.float32), pose, height)
 
 
-def layer(n=100, res=0.05, origin=(-2.5, -2.5), default=0, **parameters):
-    return ObstacleLayer(n, n, res, origin, False, default, ObstacleParameters(**parameters))
+def layer(n=100, res=0.05, origin=(-2.5, -2.5), default=0, layer=None, **source):
+    """layer: settings of the layer by name; all others are those of its one source."""
+    return ObstacleLayer(n, n, res, origin, False, default, ObstacleParameters(**layer or {}), (Source(**source),))
 
 
 def cloud(*points, origin=(0.0, 0.0, 0.0)):
@@ -32,7 +34,7 @@ def cloud(*points, origin=(0.0, 0.0, 0.0)):
 
 def observe(made, seen, pose=(0.0, 0.0, 0.0), footprint=NO_FOOTPRINT):
     made.cloud = seen
-    return made.update_bounds(pose, footprint)
+    return made.update_bounds(NOWHERE, pose, footprint)
 
 
 def cell(made, x, y):
@@ -118,7 +120,7 @@ def test_marking_comes_after_all_clearing():
     ],
 )
 def test_heights(height, cleared, marked):
-    made = layer(default=255, max_obstacle_height=1.0, source_min_height=-0.5)
+    made = layer(default=255, layer={"max_obstacle_height": 1.0}, min_obstacle_height=-0.5)
     observe(made, cloud((1.02, 0.02, height)))
     assert (made.cells[cell(made, 0.5, 0.01)] == 0) == cleared
     assert (made.cells[cell(made, 1.02, 0.02)] == 254) == marked
@@ -154,15 +156,15 @@ def test_the_last_scan_is_applied_again():
     observe(made, cloud((1.02, 0.02, 0.0)))
     made.reset()
     assert not made.cells.any()
-    made.update_bounds((0.0, 0.0, 0.0), NO_FOOTPRINT)
+    made.update_bounds(NOWHERE, (0.0, 0.0, 0.0), NO_FOOTPRINT)
     assert made.cells[cell(made, 1.02, 0.02)] == 254
 
 
 def test_no_scan_no_bounds():
-    assert layer().update_bounds((0.0, 0.0, 0.0), NO_FOOTPRINT) == NOWHERE
+    assert layer().update_bounds(NOWHERE, (0.0, 0.0, 0.0), NO_FOOTPRINT) == NOWHERE
     square = np.array([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]])
-    assert layer().update_bounds((1.0, 0.0, 0.0), square) == (0.8, -0.1, 1.2, 0.1)
-    assert layer(footprint_clearing_enabled=False).update_bounds((1.0, 0.0, 0.0), square) == NOWHERE
+    assert layer().update_bounds(NOWHERE, (1.0, 0.0, 0.0), square) == (0.8, -0.1, 1.2, 0.1)
+    assert layer(layer={"footprint_clearing_enabled": False}).update_bounds(NOWHERE, (1.0, 0.0, 0.0), square) == NOWHERE
 
 
 def test_whole_numbers_as_parameters_compile_nothing_new():
@@ -193,5 +195,5 @@ def test_clearing_outside_makes_the_whole_map_due_once():
     made = layer(n=40, origin=(-1.0, -1.0))
     made.clear_outside((0.0, 0.0, 0.0), 0.5)
     made.clear_outside((0.3, 0.0, 0.0), 0.5)
-    np.testing.assert_allclose(made.update_bounds((0.0, 0.0, 0.0), NO_FOOTPRINT), (-1.0, -1.0, 0.975, 0.975))
-    assert made.update_bounds((0.0, 0.0, 0.0), NO_FOOTPRINT) == NOWHERE
+    np.testing.assert_allclose(made.update_bounds(NOWHERE, (0.0, 0.0, 0.0), NO_FOOTPRINT), (-1.0, -1.0, 0.975, 0.975))
+    assert made.update_bounds(NOWHERE, (0.0, 0.0, 0.0), NO_FOOTPRINT) == NOWHERE

@@ -19,6 +19,8 @@ with open(os.path.join(HERE, "move_base_surface.json")) as file:
     SURFACE = json.load(file)
 with open(os.path.join(HERE, "dwa_surface.json")) as file:
     DWA_SURFACE = json.load(file)
+with open(os.path.join(HERE, "turtlebot3_surface.json")) as file:
+    MAP_SURFACE = json.load(file)
 DWA = {"base_local_planner": "dwa_local_planner/DWAPlannerROS", "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0}}
 PLANNER = "TrajectoryPlannerROS"
 
@@ -27,10 +29,10 @@ def number(value):
     return float(value) if value in ("inf", "-inf") else value
 
 
-@pytest.mark.parametrize("server", servers(JACKAL["base_local_planner"]))
+@pytest.mark.parametrize("server", servers(complete(JACKAL)))
 def test_servers_equal_the_cpp_ones(server):
     theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
-    ours = [(p.name, p.type, p.min, p.max, p.default, p.jackal) for p in SERVERS[server]]
+    ours = [(p.name, p.type, p.min, p.max, p.default, p.jackal) for p in servers(complete(JACKAL))[server].parameters]
     assert ours == [
         (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"]) for p in theirs
     ]
@@ -70,11 +72,11 @@ def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
     tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], max_rot_vel=2.0, max_trans_vel=0.3))
     assert check(tree) == []
     assert Configuration(complete(tree))["DWAPlannerROS"] == Configuration(complete(DWA))["DWAPlannerROS"]
-    assert remark(tree) == [
+    assert remark(tree)[:2] == [
         "DWAPlannerROS/max_trans_vel is an older name without effect: give max_vel_trans",
         "DWAPlannerROS/max_rot_vel is an older name without effect: give max_vel_theta",
     ]
-    assert remark(DWA) == remark(JACKAL) == []
+    assert remark(dict(DWA, local_costmap=JACKAL["local_costmap"])) == remark(JACKAL) == []
 
 
 @pytest.mark.parametrize(
@@ -87,7 +89,8 @@ def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
     ],
 )
 def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
-    (line,) = remark(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own))
+    sees = {"local_costmap": JACKAL["local_costmap"]}
+    (line,) = remark(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own, **sees))
     assert words in line
 
 
@@ -138,7 +141,7 @@ def test_jackal_is_clean_and_complete_is_stable():
     [
         ("TrajectoryPlannerROS/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
         ("zzz", 1.0, "no such parameter; remove it"),
-        ("local_costmap/inflation_radius", 0.3, "no such parameter"),
+        ("local_costmap/inflation_radiu", 0.3, "did you mean inflation_radius?"),
         ("TrajectoryPlannerROS/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
         ("TrajectoryPlannerROS/vx_samples", 0, "give a value from 1 to 300"),
         ("TrajectoryPlannerROS/vx_samples", 6.5, "give a whole number"),
@@ -153,10 +156,11 @@ def test_jackal_is_clean_and_complete_is_stable():
         ("local_costmap/footprint", "__import__('os')", "at least three points"),
         ("local_costmap/width", 100000, "cells"),
         ("local_costmap/resolution", 0.0, "cannot work"),
-        ("local_costmap/global_frame", "map", "give the same"),
-        ("local_costmap/plugins", [], "plugins"),
-        ("local_costmap/obstacles_layer/scan/data_type", "PointCloud2", "LaserScan"),
-        ("local_costmap/obstacles_layer/observation_sources", "scan bump", "one source"),
+        ("local_costmap/robot_base_frame", "base", "give the same"),
+        ("local_costmap/plugins", [{"name": "v", "type": "costmap_2d::VoxelLayer"}], "give a name and a type of"),
+        ("local_costmap/plugins", ["obstacles_layer"], "give a name and a type of"),
+        ("local_costmap/plugins", 2 * [{"name": "a", "type": "costmap_2d::StaticLayer"}], "two layers named a"),
+        ("local_costmap/obstacles_layer/scan/data_type", "Range", "LaserScan or PointCloud2"),
         ("local_costmap", 3, "no such parameter"),
         ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
     ],
@@ -184,9 +188,62 @@ def test_scan_source_may_have_any_name():
     layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
     layer["laser"]["raytrace_range"] = 4.5
     assert check(tree) == []
-    assert complete(tree)["local_costmap"]["obstacles_layer"]["scan"]["raytrace_range"] == 4.5
-    layer["laser"]["topic"] = "elsewhere"
-    assert "give the same" in check(tree)[0]
+    assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
+    layer["observation_sources"] = "laser bump"
+    assert check(tree) == []
+    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # C++'s defaults, and the ranges of the layer
+    assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
+    assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
+    layer["observation_sources"] = "bump"
+    (line,) = remark(tree)
+    assert line.startswith("local_costmap/obstacles_layer/laser has no effect: observation_sources of")
+
+
+TURTLEBOT = {  # in the shape of its navigation package
+    "global_frame": "map",
+    "static_map": True,
+    "obstacle_range": 3.0,
+    "raytrace_range": 3.5,
+    "inflation_radius": 1.0,
+    "cost_scaling_factor": 3.0,
+    "map_type": "costmap",
+    "observation_sources": "scan",
+    "scan": {"sensor_frame": "base_scan", "data_type": "LaserScan", "topic": "scan", "clearing": True},
+}
+
+
+def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
+    tree = {"global_costmap": TURTLEBOT, "local_costmap": dict(TURTLEBOT, static_map=False, track_unknown_space=True)}
+    assert check(tree) == []
+    full = complete(tree)
+    world, local = full["global_costmap"], full["local_costmap"]
+    assert [p["name"] for p in world["plugins"]] == ["static_layer", "obstacle_layer", "inflation_layer"]
+    assert [p["name"] for p in local["plugins"]] == ["obstacle_layer", "inflation_layer"]
+    theirs = MAP_SURFACE["params"]["global_costmap"]["obstacle_layer"]
+    assert world["obstacle_layer"]["scan"]["obstacle_range"] == theirs["obstacle_range"] == 3.0
+    assert world["inflation_layer"] == MAP_SURFACE["params"]["global_costmap"]["inflation_layer"]
+    assert local["track_unknown_space"] is local["obstacle_layer"]["track_unknown_space"] is True
+    assert "inflation_radius" not in world
+    assert complete(full) == full
+    assert check(full) == []
+    names = {name for name in servers(full) if "costmap" in name}
+    assert names == {name[11:] for name in MAP_SURFACE["dynamic_reconfigure"] if "costmap" in name}
+
+
+def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
+    tree = copy.deepcopy(JACKAL)
+    tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
+    full = complete(tree)["local_costmap"]
+    assert full["inflater_layer"]["inflation_radius"] == 0.7
+    assert full["obstacles_layer"]["raytrace_range"] == 5.0
+    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # the source's own is nearer
+
+
+def test_a_topic_has_one_type():
+    tree = copy.deepcopy(JACKAL)
+    tree["local_costmap"]["obstacles_layer"]["scan"]["data_type"] = "PointCloud2"
+    (line,) = check(tree)
+    assert line.endswith("PointCloud2 from the topic front/scan, another source takes LaserScan: give one type")
 
 
 def test_footprint_may_be_a_list():

@@ -80,7 +80,7 @@ class Standing:
     def set_plan(self, plan):
         pass
 
-    def compute_velocity(self, pose, twist, costmap):
+    def compute_velocity(self, pose, twist, costmap, frame=None):
         return True, (0.0, 0.0)
 
 

@@ -34,7 +34,7 @@ def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
 
 
 def place(pose: Pose, x: float, y: float) -> Tuple[float, float]:
-    """The point (x, y), given in the frame at `pose`, in the frame in which the pose is given [m]."""
+    """The point (x, y), given in the frame at `pose`, in the frame in which the pose is given [m]; arrays as well."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return pose[0] + c * x - s * y, pose[1] + s * x + c * y
 
@@ -42,6 +42,13 @@ def place(pose: Pose, x: float, y: float) -> Tuple[float, float]:
 def compose(a: Pose, b: Pose) -> Pose:
     """The pose b, given in the frame at a, in the frame in which a is given."""
     return (*place(a, b[0], b[1]), wrapped(a[2] + b[2]))
+
+
+def inverse(pose: Pose) -> Pose:
+    """The pose of the frame in which `pose` is given, in the frame at `pose`."""
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    return -x * c - y * s, x * s - y * c, -yaw
 
 
 def outside_box(dx, dy, yaw: float, size_x: float, size_y: float):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Optional
+from typing import Optional, Tuple
 
 import numpy as np
 from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion
@@ -20,9 +20,13 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.costmap.scan import LaserScan, Point, SensorCloud
+from applr_ros1.planner.costmap.static_layer import StaticMap
+from applr_ros1.planner.parameters.declarations import MAX_CELLS
 
 MAX_BEAMS = 100000
+MAX_POINTS = 5_000_000
+LEVEL = 1e-6  # squares of the x and y of a quaternion below it: a sensor that is level
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
@@ -83,8 +87,46 @@ def check_scan(message, beams: Optional[int]) -> np.ndarray:
     return ranges
 
 
-def laser_scan(message, ranges: np.ndarray, sensor_pose: Pose, height: float) -> LaserScan:
-    """The planner's scan of a message whose ranges have been checked."""
+def points_of(message) -> np.ndarray:
+    """The points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud; MessageError if they cannot be read."""
+    if hasattr(message, "points"):
+        return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
+    offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
+    if not all(axis in offsets for axis in "xyz"):
+        given = ", ".join("%s (datatype %d)" % (field.name, field.datatype) for field in message.fields)
+        raise MessageError("has the fields %s: give x, y and z as FLOAT32" % (given or "of none"))
+    n, width = message.width * message.height, message.point_step
+    if n > MAX_POINTS:
+        raise MessageError("has %d points: give at most %d" % (n, MAX_POINTS))
+    row = message.row_step if message.height > 1 else n * width
+    if width < max(offsets[axis] for axis in "xyz") + 4 or row < message.width * width:
+        raise MessageError("has point_step %d and row_step %d for %d points a row" % (width, row, message.width))
+    if len(message.data) < row * (message.height - 1) + message.width * width:
+        raise MessageError("has %d bytes for %d points of %d" % (len(message.data), n, width))
+    order = ">" if message.is_bigendian else "<"
+    kind = np.dtype(
+        {"names": list("xyz"), "formats": [order + "f4"] * 3, "offsets": [offsets[a] for a in "xyz"], "itemsize": width}
+    )
+    table = np.ndarray((message.height, message.width), kind, message.data, 0, (row, width))
+    return np.stack([table[axis].ravel() for axis in "xyz"], axis=1).astype(np.float32)
+
+
+def point_of(transform) -> Point:
+    """(x, y, z) of a geometry_msgs/Transform's translation."""
+    return transform.translation.x, transform.translation.y, transform.translation.z
+
+
+def _rotation(transform) -> Tuple[float, float, float, float]:
+    q = transform.rotation
+    return q.x, q.y, q.z, q.w
+
+
+def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] = None) -> LaserScan:
+    """The planner's scan of a message whose ranges have been checked.
+
+    transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
+    """
+    q = transform.rotation
     return LaserScan(
         message.header.stamp.to_sec(),
         message.angle_min,
@@ -92,9 +134,39 @@ def laser_scan(message, ranges: np.ndarray, sensor_pose: Pose, height: float) ->
         message.range_min,
         message.range_max,
         ranges,
-        sensor_pose,
-        height,
+        pose_of(transform),
+        transform.translation.z,
+        None if q.x * q.x + q.y * q.y < LEVEL else _rotation(transform),
+        origin,
     )
+
+
+def sensor_cloud(message, points: np.ndarray, transform, origin: Optional[Point] = None) -> SensorCloud:
+    """The planner's cloud of a message whose points were read (points_of); transform, origin: as for laser_scan."""
+    return SensorCloud(message.header.stamp.to_sec(), points, point_of(transform), _rotation(transform), origin)
+
+
+def static_map(message) -> StaticMap:
+    """The planner's map of a nav_msgs/OccupancyGrid; MessageError for one that no costmap can have."""
+    info, n = message.info, len(message.data)
+    if info.width * info.height != n or n == 0:
+        raise MessageError("has %d cells for %d x %d" % (n, info.width, info.height))
+    if n > MAX_CELLS:
+        raise MessageError("has %d cells: give at most %d" % (n, MAX_CELLS))
+    if abs(yaw_of(info.origin.orientation)) > 1e-3 and is_upright(info.origin.orientation):
+        raise MessageError(
+            "has an origin that is turned by %.3g rad: give one without yaw" % yaw_of(info.origin.orientation)
+        )
+    cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
+    place = float(info.origin.position.x), float(info.origin.position.y)
+    return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
+
+
+def update_cells(message) -> np.ndarray:
+    """The occupancies (h, w) int8 of a map_msgs/OccupancyGridUpdate; MessageError if they do not fit its size."""
+    if message.width * message.height != len(message.data):
+        raise MessageError("has %d cells for %d x %d" % (len(message.data), message.width, message.height))
+    return np.array(message.data, dtype=np.int8).reshape(message.height, message.width)
 
 
 # -- out -------------------------------------------------------------------------------------------------------

@@ -81,13 +81,13 @@ class PlanDisplay:
     """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner.
 
     Args:
-        frame: the costmaps' frame.
+        frames: of the global plan, and of what the local planner shows.
         name: the name space of the local planner.
         static: its parameters that are read once, by name.
     """
 
-    def __init__(self, frame, name, static):
-        self._frame, self._static = frame, static
+    def __init__(self, frames, name, static):
+        (self._global_frame, self._frame), self._static = frames, static
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
         self._global, self._local = (
             rospy.Publisher("~%s/%s" % (name, topic), Path, queue_size=1) for topic in ("global_plan", "local_plan")
@@ -98,13 +98,13 @@ class PlanDisplay:
 
     def planned(self, plan, stamp) -> None:
         """The global planner ran: (n, 3), empty where it found nothing."""
-        self._send(self._plan, plan, stamp)
+        self._send(self._plan, plan, stamp, self._global_frame)
 
     def controlled(self, local_planner, costmap, stamp) -> None:
         """The local planner ran. An empty path is not sent: the old one stays on display, as in C++."""
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
             if len(poses):
-                self._send(publisher, poses, stamp)
+                self._send(publisher, poses, stamp, self._frame)
         if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
             rows = local_planner.cost_cloud(costmap)
             if len(rows):
@@ -123,6 +123,6 @@ class PlanDisplay:
             frame = self._static.get("global_frame_id", self._frame)
             self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp))
 
-    def _send(self, publisher, poses, stamp) -> None:
+    def _send(self, publisher, poses, stamp, frame) -> None:
         if publisher.get_num_connections():
-            publisher.publish(conversions.path(poses, self._frame, stamp))
+            publisher.publish(conversions.path(poses, frame, stamp))

@@ -16,14 +16,16 @@ import traceback
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
+from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus
-from nav_msgs.msg import Path
+from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.planner.costmap.static_layer import MapError
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.check import remark
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, check
@@ -47,7 +49,7 @@ class MoveBaseNode:
     def __init__(self, tree):
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
-        self.frame = static["global_costmap"]["global_frame"]
+        self.frame, self.local_frame = (static[name]["global_frame"].lstrip("/") for name in COSTMAPS)
         self.thread = PlannerThread(
             self._cycle,
             lambda: self.move_base.frequency,
@@ -57,9 +59,9 @@ class MoveBaseNode:
         )
         local_planner = self.move_base.local_planner_name
         self.sensors = Sensors(
-            self.frame,
-            static["global_costmap"]["robot_base_frame"],
-            static["global_costmap"]["obstacles_layer"]["scan"]["topic"],
+            (self.local_frame, self.frame, static["global_costmap"]["robot_base_frame"]),
+            self.move_base.sources,
+            self.move_base.ray_origins,
             static[local_planner].get("odom_topic", "odom"),
         )
         self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
@@ -74,13 +76,13 @@ class MoveBaseNode:
             rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
             rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
         )
-        self._plans = PlanDisplay(self.frame, local_planner, static[local_planner])
+        self._plans = PlanDisplay((self.frame, self.local_frame), local_planner, static[local_planner])
         self._maps = {
             name: CostmapDisplay(
                 name,
                 lambda name=name: getattr(self.move_base, name),
                 lambda name=name: self.move_base.configuration(name),
-                self.frame,
+                static[name]["global_frame"].lstrip("/"),
                 static[name]["always_send_full_costmap"],
                 self.thread.post,
             )
@@ -94,8 +96,9 @@ class MoveBaseNode:
                 self.move_base.configuration(name),
                 mirror,
                 self.thread,
+                server.config,
             )
-            for name in self.move_base.servers
+            for name, server in self.move_base.declared_servers.items()
         }
         for name in ("conservative_reset", "aggressive_reset"):
             mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
@@ -114,6 +117,12 @@ class MoveBaseNode:
         subscribe += [
             ("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m)) for name in COSTMAPS
         ]
+        for topic, with_updates in self.move_base.map_topics.items():
+            subscribe.append((topic, OccupancyGrid, lambda m, topic=topic: self._take_map(topic, m)))
+            if with_updates:
+                subscribe.append(
+                    (topic + "_updates", OccupancyGridUpdate, lambda m, topic=topic: self._take_map_update(topic, m))
+                )
         for topic, kind, work in subscribe:
             rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
@@ -122,7 +131,9 @@ class MoveBaseNode:
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
         self.goals.publish_status(rospy.Time.now())
         rospy.loginfo(
-            "move_base is ready: goals on %s, scans from %s", rospy.resolve_name("move_base/goal"), self.sensors.topic
+            "move_base is ready: goals on %s, scans from %s",
+            rospy.resolve_name("move_base/goal"),
+            ", ".join(map(self.sensors.resolved, self.move_base.sources)) or "no topic",
         )
         self.thread.run()
 
@@ -130,9 +141,9 @@ class MoveBaseNode:
     def _cycle(self, stamp) -> None:
         now, move_base = stamp.to_sec(), self.move_base
         self._take_goals(stamp, now)
-        tolerance = move_base.configuration("local_costmap")["transform_tolerance"]
-        pose = self._pose = self.sensors.pose(stamp, tolerance)
-        cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.scan())
+        pose, frame = self._locate(stamp)
+        cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.observations(), frame)
+        self._pose = None if pose is None else move_base.in_global_frame(pose)
         if cycle.command is not None:
             self._send(*cycle.command)
         if cycle.result is not None:
@@ -140,12 +151,29 @@ class MoveBaseNode:
             self.goals.finish(*cycle.result, stamp)
         if self.goals.active:
             self._say_why_it_stands(pose, cycle)
-            self.goals.feedback(conversions.pose_stamped(pose or (0.0, 0.0, 0.0), self.frame, stamp), stamp)
+            self.goals.feedback(conversions.pose_stamped(self._pose or (0.0, 0.0, 0.0), self.frame, stamp), stamp)
         self.goals.publish_status(stamp)
         self._show(cycle, pose, stamp)
         if self.watchdog.is_lost(now):
             self._back_to_start_up()
         self._report_missed()
+
+    def _locate(self, stamp):
+        """(pose in the local frame, pose of the local frame in the global one); (None, None) if one is not known.
+
+        The second is None where the frames are one.
+        """
+        move_base, sensors = self.move_base, self.sensors
+        if move_base.missing_map:
+            sensors.pose_trouble = "no map on %s yet: start map_server, or give static_map: false" % rospy.resolve_name(
+                move_base.missing_map
+            )
+            return None, None
+        pose = sensors.pose(stamp, move_base.configuration_of("local_costmap")["transform_tolerance"])
+        if pose is None or self.frame == self.local_frame:
+            return pose, None
+        frame = sensors.frame(stamp, move_base.configuration_of("global_costmap")["transform_tolerance"])
+        return (pose, frame) if frame is not None else (None, None)
 
     def _take_goals(self, stamp, now) -> None:
         message = self.goals.take(stamp)
@@ -154,7 +182,7 @@ class MoveBaseNode:
             try:
                 if not conversions.is_upright(goal.pose.orientation):
                     raise MessageError(INVALID_GOAL)
-                pose = self.sensors.to_fixed(goal)
+                pose = self.sensors.to_global(goal)
                 if not all(map(math.isfinite, pose)):
                     raise MessageError("Aborting on goal because its position (%s, %s) is not finite" % pose[:2])
                 self.move_base.set_goal(pose, now)
@@ -174,19 +202,18 @@ class MoveBaseNode:
         if pose is None:
             rospy.logerr_throttle(1.0, "standing still: %s" % sensors.pose_trouble)
         elif cycle.stale:
-            why = ": " + sensors.scan_trouble if sensors.scan_trouble else ""
+            topic, after = cycle.silent
+            why = ": " + sensors.trouble(topic) if sensors.trouble(topic) else ""
             rospy.logerr_throttle(
-                1.0,
-                "standing still: no usable scan on %s for %g s%s"
-                % (sensors.topic, self.move_base.parameters["scan_timeout"], why),
+                1.0, "standing still: no usable scan on %s for %g s%s" % (sensors.resolved(topic), after, why)
             )
         else:
-            sensors.scan_trouble = ""
+            sensors.forgive()
         if cycle.recovery is not None and pose is not None:
             index, total, name = cycle.recovery
             rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
             self._recovery.publish(
-                RecoveryStatus(conversions.pose_stamped(pose, self.frame, rospy.Time.now()), index, total, name)
+                RecoveryStatus(conversions.pose_stamped(self._pose, self.frame, rospy.Time.now()), index, total, name)
             )
 
     def _show(self, cycle, pose, stamp) -> None:
@@ -194,9 +221,10 @@ class MoveBaseNode:
             self._plans.planned(self.move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
         if cycle.controlled:
             self._plans.controlled(self.move_base.local_planner, self.move_base.local_costmap, stamp)
-        for name, updated in zip(("local_costmap", "global_costmap"), cycle.updated):
+        poses = ("local_costmap", pose), ("global_costmap", self._pose)
+        for (name, place), updated in zip(poses, cycle.updated):
             if updated:
-                self._maps[name].updated(stamp, pose)
+                self._maps[name].updated(stamp, place)
 
     def _back_to_start_up(self) -> None:
         """The policy is lost: the eight parameters get their start-up values."""
@@ -242,21 +270,37 @@ class MoveBaseNode:
         except ValueError as problem:
             rospy.logerr("%s/footprint: %s: not used", name, problem)
 
+    def _take_map(self, topic, message) -> None:
+        try:
+            self.move_base.set_map(conversions.static_map(message), topic)
+        except (MessageError, MapError) as problem:
+            rospy.logerr("%s: %s: not used", topic, problem)
+        else:
+            info = message.info
+            rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
+
+    def _take_map_update(self, topic, message) -> None:
+        try:
+            cells = conversions.update_cells(message)
+            self.move_base.update_map(topic, message.x, message.y, cells)
+        except (MessageError, MapError) as problem:
+            rospy.logerr("%s_updates: %s: not used", topic, problem)
+
     def _make_plan(self, request):
         if self.goals.active or self.move_base.goal is not None:
             raise MessageError("move_base must be in an inactive state to make a plan for an external user")
         if request.start.header.frame_id:
-            start = self.sensors.to_fixed(request.start)
+            start = self.sensors.to_global(request.start)
         elif self._pose is not None:
             start = self._pose
         else:
             raise MessageError("move_base cannot make a plan: %s" % (self.sensors.pose_trouble or "no robot pose"))
-        plan = self.move_base.make_plan(start, self.sensors.to_fixed(request.goal), request.tolerance)
+        plan = self.move_base.make_plan(start, self.sensors.to_global(request.goal), request.tolerance)
         return GetPlanResponse(self._path(plan))
 
     def _navfn_plan(self, request):
         try:
-            start, goal = self.sensors.to_fixed(request.start), self.sensors.to_fixed(request.goal)
+            start, goal = self.sensors.to_global(request.start), self.sensors.to_global(request.goal)
             plan = self.move_base.plan(start, goal) if all(map(math.isfinite, start + goal)) else NO_PLAN
         except MessageError as problem:
             rospy.logerr("NavfnROS/make_plan: %s", problem)

@@ -1,4 +1,4 @@
-"""The eight dynamic_reconfigure servers of the move_base node, and the mirror of their values as ROS parameters.
+"""The dynamic_reconfigure servers of the move_base node, and the mirror of their values as ROS parameters.
 
 A request is checked and applied by MoveBase.reconfigure, between two cycles: all of it or nothing. The library's own
 server lets NaN through and writes thirty ROS parameters, one by one, before it answers.
@@ -17,19 +17,6 @@ from dynamic_reconfigure.msg import Config, ConfigDescription
 from dynamic_reconfigure.srv import Reconfigure
 
 from .planner_thread import PlannerThread, RequestTimeout
-
-CONFIGS = {"": "MoveBase", "TrajectoryPlannerROS": "TrajectoryPlanner", "DWAPlannerROS": "DWAPlanner"}
-CONFIGS.update(
-    {
-        costmap + layer: config
-        for costmap in ("global_costmap", "local_costmap")
-        for layer, config in (
-            ("", "Costmap2D"),
-            ("/inflater_layer", "InflationPlugin"),
-            ("/obstacles_layer", "ObstaclePlugin"),
-        )
-    }
-)
 
 
 class ParameterMirror:
@@ -57,13 +44,14 @@ class ReconfigureServer:
     """One dynamic_reconfigure server, under ~<name>/ (the node itself for "").
 
     Args:
-        name: Of the server, a key of CONFIGS.
+        name: Of the server below the node's, "" for the node's own.
         apply: Called with {name: value} in the planner's thread. Returns everything that is then in force, or raises
             ValueError and changes nothing.
         now: {name: value} in force at the start.
         mirror: Writes the values as ROS parameters.
         thread: The planner's thread. Values are published there too, so that they go out in the order in which they
             came into force, whoever changes them.
+        config: Name of the generated type, without "Config".
     """
 
     def __init__(
@@ -73,8 +61,9 @@ class ReconfigureServer:
         now: Dict[str, Any],
         mirror: ParameterMirror,
         thread: PlannerThread,
+        config: str,
     ):
-        kind = importlib.import_module("applr_ros1.cfg.%sConfig" % CONFIGS[name])
+        kind = importlib.import_module("applr_ros1.cfg.%sConfig" % config)
         self.name, self._apply, self._mirror, self._thread = name, apply, mirror, thread
         self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
         self._names = set(kind.defaults)

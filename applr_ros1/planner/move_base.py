@@ -11,21 +11,24 @@ from typing import Any, Dict, List, Optional
 
 import numpy as np
 
+from applr_ros1.common.angles import compose, inverse
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, project
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.static_layer import MapError, StaticMap
+from applr_ros1.planner.inputs import Inputs, Sensed
 from applr_ros1.planner.make_plan import free_square, reachable_near
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
-from applr_ros1.planner.parameters.declarations import JACKAL, namespace, servers
+from applr_ros1.planner.parameters.declarations import JACKAL, Server, namespace, servers
+from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.parts import make_costmap, make_local_planner, padded_footprint
 from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Pose, StateMachine, Twist
 from applr_ros1.planner.timer import Timer
 from applr_ros1.planner.variant import CPP_LIKE, OURS, PER_CELL, PER_METRE, Variant, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
-COSTMAPS = ("global_costmap", "local_costmap")
 
 
 class MoveBase:
@@ -44,6 +47,7 @@ class MoveBase:
         own = self.parameters["applr"]
         self._wanted = Variant(weights or own["weights"] or None, planner).checked()
         self._seed = own["seed"] if seed is None else seed
+        self._maps: Dict[str, StaticMap] = {}
         self._build()
 
     # -- the parts -------------------------------------------------------------------------------------------
@@ -66,10 +70,10 @@ class MoveBase:
         self._machine = StateMachine(self, generator(self._seed, 3) if like_cpp else None)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
-        self._scan_timeout = self.parameters["scan_timeout"]
-        self._inf_is_valid = self.parameters["local_costmap"]["obstacles_layer"]["scan"]["inf_is_valid"]
-        self._cloud: Optional[PointCloud] = None
-        self._scan_stamp: Optional[float] = None
+        self._inputs = Inputs(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
+        self.frame: Optional[Pose] = None  # of the last step
+        for topic, given in self._maps.items():
+            self._show_map(topic, given)
 
     def _take_frequencies(self) -> None:
         own = self._config[""]
@@ -125,34 +129,127 @@ class MoveBase:
         self.local_costmap.clear()
         self.global_costmap.clear()
 
+    # -- maps ------------------------------------------------------------------------------------------------
+    @property
+    def costmaps(self) -> Dict[str, Costmap]:
+        """Both costmaps by name."""
+        return {"global_costmap": self.global_costmap, "local_costmap": self.local_costmap}
+
+    @property
+    def map_topics(self) -> Dict[str, bool]:
+        """{topic: whether a static layer takes updates of that map, too} of the maps that static layers want."""
+        wanted: Dict[str, bool] = {}
+        for costmap in self.costmaps.values():
+            for layer in costmap.static_layers:
+                p = layer.parameters
+                wanted[p.map_topic] = wanted.get(p.map_topic, False) or p.subscribe_to_updates
+        return wanted
+
+    @property
+    def missing_map(self) -> str:
+        """The topic of a map that a static layer still waits for, or ""."""
+        layers = [layer for costmap in self.costmaps.values() for layer in costmap.static_layers]
+        return next((layer.parameters.map_topic for layer in layers if layer.is_waiting), "")
+
+    def set_map(self, given: StaticMap, topic: str = "") -> None:
+        """A map for the static layers that listen to `topic`, or to the first of map_topics. It outlasts a reset.
+
+        MapError for one that cannot be used: nothing has changed.
+        """
+        topic = topic or next(iter(self.map_topics), "")
+        given = given.checked()
+        if topic not in self._maps or any(
+            layer.parameters.map_topic == topic and layer.accepts()
+            for costmap in self.costmaps.values()
+            for layer in costmap.static_layers
+        ):
+            self._maps[topic] = given
+        self._show_map(topic, given)
+
+    def _show_map(self, topic, given) -> None:
+        for name, costmap in self.costmaps.items():
+            listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
+            if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
+                raise MapError(
+                    "the map on %s is in frame %s: %s rolls and can show one in %s alone"
+                    % (topic, given.frame, name, " or ".join(self._global_frames))
+                )
+        for costmap in self.costmaps.values():
+            costmap.set_map(topic, given)
+
+    @property
+    def _global_frames(self):
+        """The frames of the global and of the local costmap."""
+        return tuple(self.parameters[name]["global_frame"] for name in COSTMAPS)
+
+    def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
+        """Occupancies (h, w) int8 that changed in the map of a topic. MapError where they are not on it."""
+        for costmap in self.costmaps.values():
+            costmap.update_map(topic, x, y, cells)
+        if self.map_topics.get(topic):
+            self._maps[topic].cells[y : y + cells.shape[0], x : x + cells.shape[1]] = cells
+
     # -- one step --------------------------------------------------------------------------------------------
-    def step(self, now: float, pose: Optional[Pose], twist: Twist, scan: Optional[LaserScan] = None) -> Cycle:
+    def step(
+        self,
+        now: float,
+        pose: Optional[Pose],
+        twist: Twist,
+        scan: Optional[Sensed] = None,
+        frame: Optional[Pose] = None,
+    ) -> Cycle:
         """One turn at time `now` [s]. Parts run when their frequency says so.
 
-        pose (x, y, yaw) in the global frame, or None if it is not known; twist (v, w) as driven; scan: a new
-        one, if there is one.
+        Args:
+            now: time [s].
+            pose: (x, y, yaw) of the robot in the local costmap's frame, or None if it is not known.
+            twist: (v, w) as driven.
+            scan: what is new from the first source's topic, or {topic: observation}; None if nothing is.
+            frame: pose (x, y, yaw) of the local costmap's frame in the global one's, as localisation has it; None
+                where the two are one.
         """
         cycle = Cycle()
-        if scan is not None and (self._scan_stamp is None or scan.stamp >= self._scan_stamp):
-            self._cloud, self._scan_stamp = project(scan, self._inf_is_valid), scan.stamp
+        self.frame = frame
+        if scan is not None:
+            self._inputs.take(scan, now, frame)
         self._update_maps(now, pose, cycle)
-        self._machine.step(now, pose, twist, self._scan_is_stale(now), cycle)
+        cycle.silent = self._inputs.silent(now)
+        self._machine.step(now, pose, twist, cycle.silent is not None, cycle)
         return cycle
 
     def _update_maps(self, now, pose, cycle) -> None:
         if pose is None or self.goal is None and self._config[""]["shutdown_costmaps"]:
             return
         local, world = self._timers["local_costmap"].due(now), self._timers["global_costmap"].due(now)
+        if self.frame is not None:
+            self._place_maps()
         if local:
-            self.local_costmap.update(pose, self._cloud)
+            self.local_costmap.update(pose)
         if world:
-            self.global_costmap.update(pose, self._cloud)
+            self.global_costmap.update(self.in_global_frame(pose))
         cycle.updated = local, world
 
-    def _scan_is_stale(self, now) -> bool:
-        if self._scan_timeout <= 0.0:
-            return False
-        return self._scan_stamp is None or now - self._scan_stamp > self._scan_timeout
+    def _place_maps(self) -> None:
+        """Tell the static layers where their costmap lies in a map of the other costmap's frame."""
+        world, local = self._global_frames
+        for costmap, other in ((self.global_costmap, local), (self.local_costmap, world)):
+            for layer in costmap.static_layers:
+                place = self.frame if costmap is self.local_costmap else inverse(self.frame)
+                layer.placement = place if layer.map_frame == other else None
+
+    def in_global_frame(self, pose: Pose) -> Pose:
+        """A pose (x, y, yaw) of the local costmap's frame in the global costmap's, by the last step's `frame`."""
+        return pose if self.frame is None else compose(self.frame, pose)
+
+    @property
+    def sources(self) -> Dict[str, str]:
+        """{topic: data type} of the observation sources, those of the local costmap first."""
+        return self._inputs.data_types
+
+    @property
+    def ray_origins(self) -> Dict[str, str]:
+        """{topic: frame at whose origin the rays start} of the sources that give one."""
+        return self._inputs.ray_origins
 
     @property
     def goal(self) -> Optional[Pose]:
@@ -176,7 +273,7 @@ class MoveBase:
 
     # -- plans on request ------------------------------------------------------------------------------------
     def plan(self, start: Pose, goal: Pose, tolerance: Optional[float] = None) -> np.ndarray:
-        """A navfn plan (n, 3) from start to goal (x, y, yaw), (0, 3) if there is none: NavfnROS/make_plan."""
+        """A navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, (0, 3) if there is none: NavfnROS/make_plan."""
         own = self.parameters["NavfnROS"]
         tolerance = own["default_tolerance"] if tolerance is None else tolerance
         return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, own["allow_unknown"])
@@ -191,8 +288,9 @@ class MoveBase:
             return NO_PLAN
         own = self._config[""]
         if own["make_plan_clear_costmap"] and self.goal is None:
-            for costmap in (self.global_costmap, self.local_costmap):
-                free_square(costmap, start, self.parameters["clearing_radius"])
+            here = start if self.frame is None else compose(inverse(self.frame), start)
+            for costmap, place in ((self.global_costmap, start), (self.local_costmap, here)):
+                free_square(costmap, place, self.parameters["clearing_radius"])
         plan = self.plan(start, goal)
         if not len(plan) and tolerance > 0.0:
             plan = self._plan_near(start, goal, tolerance, own["make_plan_add_unreachable_goal"])
@@ -219,7 +317,12 @@ class MoveBase:
     @property
     def servers(self) -> List[str]:
         """The names of the dynamic_reconfigure servers that there are, "" for move_base's own."""
-        return servers(self.parameters["base_local_planner"])
+        return list(self.declared_servers)
+
+    @property
+    def declared_servers(self) -> Dict[str, Server]:
+        """The dynamic_reconfigure servers by name, with their parameters."""
+        return servers(self.parameters)
 
     def configuration(self, server: str) -> Dict[str, Any]:
         """The values in force of one server ("", "TrajectoryPlannerROS", "local_costmap", ...)."""
@@ -241,10 +344,9 @@ class MoveBase:
             self._take_frequencies()
         elif server in COSTMAPS and changed:
             self._reconfigure_costmap(server, changed)
-        elif server.endswith("inflater_layer") and changed:
-            getattr(self, server.split("/")[0]).set_inflation(**new)
-        elif server.endswith("obstacles_layer") and changed:
-            getattr(self, server.split("/")[0]).set_obstacles(**new)
+        elif server.partition("/")[0] in COSTMAPS and changed:
+            name, _, layer = server.partition("/")
+            self.costmaps[name].configure(layer, **new)
         return dict(new)
 
     def start_up_configuration(self, server: str) -> Dict[str, Any]:
@@ -265,6 +367,9 @@ class MoveBase:
     def _reconfigure_costmap(self, name, changed) -> None:
         self._timers[name].set_frequency(self._config[name]["update_frequency"])
         if changed & {"width", "height", "resolution", "origin_x", "origin_y"}:
-            setattr(self, name, make_costmap(name, self.parameters[name], self._config))
-        elif changed & {"footprint", "robot_radius", "footprint_padding"}:
+            now = self._config[name]
+            self.costmaps[name].resize(
+                now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"])
+            )
+        if changed & {"footprint", "robot_radius", "footprint_padding"}:
             getattr(self, name).set_footprint(padded_footprint(self._config[name]))

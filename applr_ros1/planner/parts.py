@@ -7,12 +7,16 @@ from typing import Any, Callable, Dict
 import numpy as np
 
 from applr_ros1.planner.costmap import footprint
-from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
+from applr_ros1.planner.costmap.grid import FREE, UNKNOWN
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap.sources import Source
+from applr_ros1.planner.costmap.static_layer import StaticParameters
 from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.parameters.declarations import namespace
+from applr_ros1.planner.parameters.layers import INFLATION_LAYER, STATIC_LAYER, layers, sources
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 
 LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] = {
@@ -38,23 +42,14 @@ def make_local_planner(full: Dict[str, Any], config, outline: np.ndarray, per_me
 
 
 def make_costmap(name: str, static: Dict[str, Any], config) -> Costmap:
-    """An empty map with its two layers.
+    """An empty map with the layers of its parameters.
 
     Args:
         name: "local_costmap" or "global_costmap".
         static: its branch of the complete parameter tree.
         config: the Configuration in force.
     """
-    now, source = config[name], static["obstacles_layer"]["scan"]
-    obstacles = ObstacleParameters(
-        obstacle_range=source["obstacle_range"],
-        raytrace_range=source["raytrace_range"],
-        source_min_height=source["min_obstacle_height"],
-        source_max_height=source["max_obstacle_height"],
-        marking=source["marking"],
-        clearing=source["clearing"],
-        **config[name + "/obstacles_layer"],
-    )
+    now = config[name]
     return Costmap(
         now["width"],
         now["height"],
@@ -62,10 +57,20 @@ def make_costmap(name: str, static: Dict[str, Any], config) -> Costmap:
         (now["origin_x"], now["origin_y"]),
         rolling=static["rolling_window"],
         footprint=padded_footprint(now),
-        track_unknown=static["track_unknown_space"],
-        obstacles=obstacles,
-        inflation=InflationParameters(**config[name + "/inflater_layer"]),
+        track_unknown=static.get("track_unknown_space", False),
+        layers=[_describe(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)],
     )
+
+
+def _describe(layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescription:
+    """A layer from its branch of the complete tree and the values in force."""
+    if layer.kind == INFLATION_LAYER:
+        return LayerDescription(layer.name, InflationParameters(**now))
+    if layer.kind == STATIC_LAYER:
+        return LayerDescription(layer.name, StaticParameters(**dict(static, **now)))
+    made = [Source(**static[name]) for name in sources(static)]
+    default = UNKNOWN if static["track_unknown_space"] else FREE
+    return LayerDescription(layer.name, ObstacleParameters(**now), made, default)
 
 
 def padded_footprint(values: Dict[str, Any]) -> np.ndarray:

@@ -5,10 +5,12 @@ Called by both local planners. Rules: base_local_planner/goal_functions.cpp:77, 
 
 from __future__ import annotations
 
-from typing import Any, Tuple
+import math
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose, inverse, place
 from applr_ros1.common.kernels import kernel
 
 NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped
@@ -20,16 +22,24 @@ def half_size(costmap: Any) -> float:
     return max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0)
 
 
-def cut_plan(plan: np.ndarray, x: float, y: float, limit: float, prune: bool) -> Tuple[np.ndarray, int]:
-    """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows.
+def cut_plan(
+    plan: np.ndarray, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None
+) -> Tuple[np.ndarray, int]:
+    """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows, in the costmap's frame.
 
     From the first point within `limit` [m] on, up to and including the first one beyond it. Pruned: without the
     leading points that are NEAR or farther away; that many (`dropped`) are also to go from the front of the stored
-    plan, even where the cut begins later.
+    plan, even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they
+    are one.
     """
-    first, last = within(plan, x, y, limit)
-    dropped = leading_far(plan[first:last], x, y) if prune else 0
-    return plan[first + dropped : last].copy(), dropped
+    if frame is None:
+        first, last = within(plan, x, y, limit)
+        cut = plan[first:last]
+    else:
+        first, last = within(plan, *place(frame, x, y), limit)
+        cut = transformed(plan[first:last], inverse(frame))
+    dropped = leading_far(cut, x, y) if prune else 0
+    return cut[dropped:].copy(), dropped
 
 
 @kernel
@@ -61,3 +71,39 @@ def _squared_distance(plan, i, x, y):
     dx = x - plan[i, 0]
     dy = y - plan[i, 1]
     return dx * dx + dy * dy
+
+
+def transformed(poses: np.ndarray, frame: Optional[Pose]) -> np.ndarray:
+    """The poses (n, 3) as they are, or moved by a pose; their angles go through quaternions and a matrix."""
+    moved = poses.copy()
+    if frame is not None:
+        moved[:, 0], moved[:, 1] = place(frame, poses[:, 0], poses[:, 1])
+    _through_matrix(moved[:, 2], 0.0 if frame is None else frame[2])
+    return moved
+
+
+@kernel
+def _through_matrix(yaws, turn):
+    """Turn the angles (n,) in place, on the way that tf takes: quaternion, matrix, quaternion."""
+    for i in range(yaws.shape[0]):
+        z = math.sin(yaws[i] / 2)
+        w = math.cos(yaws[i] / 2)
+        if turn != 0.0:
+            tz = math.sin(turn / 2)
+            tw = math.cos(turn / 2)
+            z, w = tw * z + tz * w, tw * w - tz * z
+        scale = 2 / (z * z + w * w)
+        a = w * (z * scale)
+        m = 1 - z * (z * scale)
+        trace = m + m + 1.0
+        if trace > 0:
+            r = math.sqrt(trace + 1.0)
+            w = r / 2
+        else:
+            r = math.sqrt(1.0 - m - m + 1.0)
+        back = (a + a) * (0.5 / r)
+        if trace > 0:
+            z = back
+        else:
+            z, w = r / 2, back
+        yaws[i] = math.atan2(2 * (w * z), w * w - z * z)

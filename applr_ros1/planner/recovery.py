@@ -30,10 +30,12 @@ class ClearCostmapRecovery:
         """Begin at time `now` [s]; nothing has to be remembered."""
         pass
 
-    def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:
-        """Always None: over within its first turn."""
+    def step(
+        self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
+    ) -> Optional[Tuple[float, float]]:
+        """Always None: over within its first turn. global_pose: in the global costmap's frame, None: as pose."""
         if self._clears:
-            global_costmap.clear_outside(pose, self.side)
+            global_costmap.clear_outside(global_pose or pose, self.side)
             local_costmap.clear_outside(pose, self.side)
         return None
 
@@ -60,7 +62,9 @@ class RotateRecovery:
         self._half = False
         self._until = now + self._patience * 2.0 * math.pi / max(self.fastest, 1e-3)
 
-    def step(self, now: float, pose: Pose, local_costmap, global_costmap) -> Optional[Tuple[float, float]]:
+    def step(
+        self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
+    ) -> Optional[Tuple[float, float]]:
         """The next command (0, w); None when the turn is complete, blocked or takes too long."""
         done = self._half and abs(angle_difference(self._angle, self._start)) <= self.tolerance
         if done or now > self._until:

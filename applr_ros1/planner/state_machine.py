@@ -51,7 +51,8 @@ class Cycle:
     new_plan: bool = False  # it found a plan: .global_plan
     controlled: bool = False  # the local planner ran
     updated: Tuple[bool, bool] = (False, False)  # the (local, global) costmap had an update
-    stale: bool = False  # no scan for scan_timeout: standing still
+    stale: bool = False  # a source has been silent for too long: standing still
+    silent: Optional[Tuple[str, float]] = None  # its topic and the time [s] after which it counts as silent
 
 
 class StateMachine:
@@ -120,7 +121,10 @@ class StateMachine:
         self._retries = 0
 
     def step(self, now: float, pose: Optional[Pose], twist: Twist, stale: bool, cycle: Cycle) -> None:
-        """The planner's and the controller's turns, where they are due, written into `cycle`. stale: no usable scan."""
+        """The planner's and the controller's turns, where they are due, written into `cycle`.
+
+        pose: the robot's in the local costmap's frame; stale: no usable scan.
+        """
         if self._refused is not None:
             self._end(cycle, "aborted", self._refused)
         elif self._cancelled:
@@ -158,7 +162,7 @@ class StateMachine:
     def _plan(self, now, pose, own, cycle) -> None:
         """Planner thread, one round."""
         self._woken, cycle.planned = False, True
-        plan = NO_PLAN if pose is None or self._lost else self._base.plan(pose, self.goal)
+        plan = NO_PLAN if pose is None or self._lost else self._base.plan(self._base.in_global_frame(pose), self.goal)
         if len(plan):
             self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
             self._last_plan, self._retries = now, 0
@@ -177,8 +181,9 @@ class StateMachine:
     # -- the controller's turn -------------------------------------------------------------------------------
     def _control(self, now, pose, twist, own, stale, cycle) -> None:
         """executeCycle, in its order."""
-        if pose is not None and _distance(pose, self._oscillation_pose) >= own["oscillation_distance"]:
-            self._last_oscillation, self._oscillation_pose = now, (pose[0], pose[1])
+        place = None if pose is None else self._base.in_global_frame(pose)
+        if place is not None and _distance(place, self._oscillation_pose) >= own["oscillation_distance"]:
+            self._last_oscillation, self._oscillation_pose = now, (place[0], place[1])
             if self._trigger == "oscillation":
                 self._index = 0
         if stale:
@@ -207,7 +212,7 @@ class StateMachine:
             self.state, self._trigger = CLEARING, "oscillation"
         ok, command = False, STOP
         if pose is not None:
-            ok, command = local_planner.compute_velocity(pose, twist, self._base.local_costmap)
+            ok, command = local_planner.compute_velocity(pose, twist, self._base.local_costmap, self._base.frame)
             cycle.controlled = True
         if ok:
             self._last_control, cycle.command = now, command
@@ -239,7 +244,7 @@ class StateMachine:
             self._behaviour = behaviour = base.recoveries[self._index]
             cycle.recovery = self._index, len(base.recoveries), behaviour.name
             behaviour.start(now, pose)
-        command = behaviour.step(now, pose, base.local_costmap, base.global_costmap)
+        command = behaviour.step(now, pose, base.local_costmap, base.global_costmap, base.in_global_frame(pose))
         if command is not None:
             cycle.command = command
             return

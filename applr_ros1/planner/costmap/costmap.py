@@ -1,4 +1,4 @@
-"""The layered costmap: an obstacle layer and an inflation layer over one master grid.
+"""The layered costmap: static, obstacle and inflation layers in any order over one master grid.
 
 Called by MoveBase (one local rolling map, one global map), the planners and the tests. Follows
 costmap_2d/layered_costmap.cpp; every value of the master after any sequence of updates is the C++ one's.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
-from typing import Any, Deque, Optional, Sequence, Tuple, Union
+from dataclasses import dataclass, replace
+from typing import Any, Deque, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -24,12 +24,31 @@ from applr_ros1.planner.costmap.grid import (
     world_to_map_enforce_bounds,
 )
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.merge import begin
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
 from applr_ros1.planner.costmap.scan import PointCloud
+from applr_ros1.planner.costmap.sources import Source
+from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap, StaticParameters
+
+Layer = Union[StaticLayer, ObstacleLayer, InflationLayer]
+NOTHING = (1e30, 1e30, -1e30, -1e30)  # bounds that hold no point
 
 
 class CostmapError(ApplrError):
     """A costmap that cannot be made or used so; the message is one line."""
+
+
+@dataclass
+class LayerDescription:
+    """One layer of a costmap: its name in the parameter files, its settings, and an obstacle layer's sources.
+
+    default: the value of cells that an obstacle layer has not observed, 0 or 255; None: the costmap's.
+    """
+
+    name: str
+    parameters: Union[StaticParameters, ObstacleParameters, InflationParameters]
+    sources: Sequence[Source] = ()
+    default: Optional[int] = None
 
 
 class Costmap:
@@ -38,6 +57,14 @@ class Costmap:
     cells (ny, nx) uint8: 0 free .. 252 inflated, 253 inscribed, 254 lethal, 255 unknown. origin (2,) [m]: the low
     corner of cell (0, 0). size (nx, ny). version: grows whenever a cell or the origin changed.
     window: (x0, y0, xn, yn) of the last update, what a publisher sends; None if it updated nothing.
+
+    Args:
+        size_x_m, size_y_m, resolution, origin: [m], until a static layer's map decides them.
+        rolling: whether the map moves with the robot.
+        footprint: padded vertices (n, 2) [m].
+        track_unknown: whether cells are unknown until something is known of them.
+        obstacles, inflation: the settings of an obstacle layer with one laser and an inflation layer above it.
+        layers: the layers from the lowest to the highest instead.
     """
 
     def __init__(
@@ -51,45 +78,125 @@ class Costmap:
         track_unknown: bool = False,
         obstacles: Optional[ObstacleParameters] = None,
         inflation: Optional[InflationParameters] = None,
+        layers: Optional[Sequence[LayerDescription]] = None,
     ):
+        self.rolling = bool(rolling)
+        self.default = UNKNOWN if track_unknown else FREE
+        self.version = 0
+        self.window: Optional[Tuple[int, int, int, int]] = None
+        self.size_is_locked = False  # by the map of a static layer
+        self._changes: Deque[Tuple[int, int, int, int]] = deque(maxlen=64)
+        self._allocate(size_x_m, size_y_m, resolution, origin)
+        if layers is None:
+            layers = (
+                LayerDescription("obstacles_layer", obstacles or ObstacleParameters(), (Source(),)),
+                LayerDescription("inflater_layer", inflation or InflationParameters()),
+            )
+        self.layers: List[Layer] = [self._make_layer(layer) for layer in layers]
+        self.obstacle_layers = [layer for layer in self.layers if isinstance(layer, ObstacleLayer)]
+        self.inflation_layers = [layer for layer in self.layers if isinstance(layer, InflationLayer)]
+        self.static_layers = [layer for layer in self.layers if isinstance(layer, StaticLayer)]
+        self.set_footprint(footprint)
+
+    def _allocate(self, size_x_m, size_y_m, resolution, origin):
         if not (resolution > 0 and size_x_m / resolution >= 1 and size_y_m / resolution >= 1):
             raise CostmapError(
                 "costmap of %g x %g m at %g m has no cells: give a positive resolution below the size"
                 % (size_x_m, size_y_m, resolution)
             )
-        nx, ny = int(size_x_m / resolution), int(size_y_m / resolution)
+        self._allocate_cells(int(size_x_m / resolution), int(size_y_m / resolution), resolution, origin)
+
+    def _allocate_cells(self, nx, ny, resolution, origin):
         self.size = (nx, ny)
         self.resolution = float(resolution)
-        self.rolling = bool(rolling)
-        self.default = UNKNOWN if track_unknown else FREE
         self.origin = np.array(origin, dtype=np.float64)
         self.cells = np.full((ny, nx), self.default, np.uint8)
         self._base = np.zeros((ny, nx), np.uint8)  # the cells before inflation, where the last update went
-        self.version = 0
-        self.window: Optional[Tuple[int, int, int, int]] = None
-        self._changes: Deque[Tuple[int, int, int, int]] = deque(maxlen=64)
-        self.obstacles = ObstacleLayer(
-            nx, ny, resolution, origin, rolling, self.default, obstacles or ObstacleParameters()
+
+    def _make_layer(self, made: LayerDescription) -> Layer:
+        nx, ny = self.size
+        if isinstance(made.parameters, InflationParameters):
+            return InflationLayer(nx, ny, self.resolution, made.parameters, made.name)
+        if isinstance(made.parameters, StaticParameters):
+            layer = StaticLayer(self.rolling, made.parameters, made.name)
+            layer.match_size(nx, ny, self.resolution, self.origin)
+            return layer
+        default = self.default if made.default is None else made.default
+        return ObstacleLayer(
+            nx, ny, self.resolution, self.origin, self.rolling, default, made.parameters, made.sources, made.name
         )
-        self.inflation = InflationLayer(nx, ny, resolution, inflation or InflationParameters())
-        self.set_footprint(footprint)
+
+    def resize(self, size_x_m: float, size_y_m: float, resolution: float, origin: Sequence[float]) -> None:
+        """Another size [m], resolution or origin: the map is empty after it; what sources and maps said stays.
+
+        Without effect where the map of a static layer has decided them, as in C++.
+        """
+        if not self.size_is_locked:
+            self._allocate(size_x_m, size_y_m, resolution, origin)
+            self._match_layers()
+
+    def _match_layers(self):
+        for layer in self.layers:
+            layer.match_size(*self.size, self.resolution, self.origin)
+            if isinstance(layer, StaticLayer):
+                layer.reset()
+        self._changed((0, 0) + self.size)
+
+    @property
+    def obstacles(self) -> ObstacleLayer:
+        """The lowest obstacle layer."""
+        return self.obstacle_layers[0]
+
+    @property
+    def inflation(self) -> InflationLayer:
+        """The lowest inflation layer."""
+        return self.inflation_layers[0]
 
     def set_footprint(self, footprint: Union[np.ndarray, Sequence[Sequence[float]]]) -> None:
         """Take the padded footprint (n, 2) [m]; the next update is a full one."""
         self.footprint = np.array(footprint, dtype=np.float64).reshape(-1, 2)
         self.inscribed_radius, self.circumscribed_radius = footprints.radii(self.footprint)
-        self.inflation.set_inscribed_radius(self.inscribed_radius)
+        for layer in self.inflation_layers:
+            layer.set_inscribed_radius(self.inscribed_radius)
 
     def set_inflation(self, **values: Any) -> None:
         """Set any of inflation_radius, cost_scaling_factor, enabled, inflate_unknown; shows at the next update."""
-        self.inflation.configure(replace(self.inflation.parameters, **values))
+        self.configure(self.inflation.name, **values)
 
     def set_obstacles(self, **values: Any) -> None:
         """Set any field of ObstacleParameters; shows at the next update."""
-        self.obstacles.parameters = replace(self.obstacles.parameters, **values)
+        self.configure(self.obstacles.name, **values)
+
+    def configure(self, name: str, **values: Any) -> None:
+        """Set any of the parameters of the layer `name`; they show at the next update."""
+        layer: Any = next(layer for layer in self.layers if layer.name == name)
+        layer.configure(replace(layer.parameters, **values))
+
+    def set_map(self, topic: str, given: StaticMap) -> None:
+        """A map from a topic: the static layers that listen to it take it. MapError for one that cannot be used.
+
+        A costmap that does not roll takes the map's size, resolution and origin, and is empty until its next update.
+        """
+        given = given.checked()
+        for layer in self.static_layers:
+            if layer.parameters.map_topic == topic and layer.accepts():
+                ny, nx = given.cells.shape
+                place = (nx, ny), given.resolution, given.origin
+                if not self.rolling and place != (self.size, self.resolution, tuple(self.origin.tolist())):
+                    self._allocate_cells(nx, ny, given.resolution, given.origin)
+                    self.size_is_locked = True
+                    self._match_layers()
+                layer.take(given)
+
+    def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
+        """Occupancies (h, w) int8 that changed in the map of a topic, from its cell (x, y) on. MapError: not on it."""
+        for layer in self.static_layers:
+            p = layer.parameters
+            if p.map_topic == topic and p.subscribe_to_updates:
+                layer.take_update(x, y, cells)
 
     def update(self, robot_pose: Sequence[float], scan: Optional[PointCloud] = None) -> None:
-        """One layered update for the robot's pose (x, y, yaw). `scan`: a new PointCloud, None: the last one again."""
+        """One layered update for the robot's pose (x, y, yaw). `scan`: a new PointCloud of the first source."""
         x, y, yaw = (float(v) for v in robot_pose)
         if not math.isfinite(x + y + yaw):
             raise CostmapError("costmap update at the pose %g %g %g: the pose must be finite" % (x, y, yaw))
@@ -107,13 +214,13 @@ class Costmap:
                 self.default,
             )
             if moved != (0, 0):
-                self.inflation.roll(*moved)
+                for layer in self.inflation_layers:
+                    layer.roll(*moved)
                 self._changed((0, 0, nx, ny))
-        bounds = (1e30, 1e30, -1e30, -1e30)
-        if self.obstacles.parameters.enabled:
-            bounds = self.obstacles.update_bounds(pose, self.footprint)
-        if self.inflation.parameters.enabled:
-            bounds = self.inflation.update_bounds(bounds)
+        bounds = NOTHING
+        for layer in self.layers:
+            if layer.parameters.enabled:
+                bounds = layer.update_bounds(bounds, pose, self.footprint)
         self.window = self._to_window(bounds)
         if self.window is not None:
             self._refresh(pose, self.window)
@@ -129,34 +236,58 @@ class Costmap:
         return None if xn < x0 or yn < y0 else (x0, y0, xn, yn)
 
     def _refresh(self, pose, window):
-        """The cost steps of both layers over the window."""
+        """The cost steps of all layers over the window."""
         nx, ny = self.size
-        r = 2 * self.inflation.reach
+        r = 2 * sum(layer.reach for layer in self.inflation_layers)
         around = (max(0, window[0] - r), max(0, window[1] - r), min(nx, window[2] + r), min(ny, window[3] + r))
-        self.obstacles.update_costs(self.cells, self._base, pose, self.footprint, window, around)
-        changed = self.inflation.update(self.cells, self._base, window)
+        grid = self._base
+        begin(self.cells, grid, self.default, *window, *around)
+        top = self.layers[-1] if self.layers else None
+        changed = None
+        for layer in self.layers:
+            if not isinstance(layer, InflationLayer):
+                if layer.parameters.enabled:
+                    layer.write(grid, window, pose, self.footprint)
+            elif layer is top:
+                changed = layer.update(self.cells, grid, window)
+            else:  # other layers write over the inflated costs
+                inflated = grid.copy()
+                layer.update(inflated, grid, window)
+                grid = inflated
+        if not isinstance(top, InflationLayer):
+            changed = self._copy_in(grid, around)
         if changed is not None:
             self._changed(changed)
+
+    def _copy_in(self, grid, rect):
+        """The rectangle of `grid` into the master; the rectangle if that changed anything, else None."""
+        x0, y0, xn, yn = rect
+        if np.array_equal(self.cells[y0:yn, x0:xn], grid[y0:yn, x0:xn]):
+            return None
+        self.cells[y0:yn, x0:xn] = grid[y0:yn, x0:xn]
+        return rect
 
     def clear(self) -> None:
         """The clear_costmaps service: master and layers back to the default. The newest scan marks again."""
         self.cells[:] = self.default
-        self.obstacles.reset()
-        self.inflation.reset()
+        for layer in self.layers:
+            layer.reset()
         self._changed((0, 0) + self.size)
 
     def clear_outside(self, pose: Sequence[float], side: float, inverted: bool = False) -> None:
-        """Clearing recovery: the obstacle layer forgets what lies outside the square of `side` [m] about the pose.
+        """Clearing recovery: the obstacle layers forget what lies outside the square of `side` [m] about the pose.
 
         The master shows it after the next update.
         """
-        self.obstacles.clear_outside(pose, side, inverted)
+        for layer in self.obstacle_layers:
+            layer.clear_outside(pose, side, inverted)
 
     def paint(self, cells: np.ndarray) -> None:
         """Write the non-zero cells (ny, nx) over the master and inflate the whole map: a map made by hand."""
         np.copyto(self._base, self.cells)
         np.copyto(self._base, cells, where=np.asarray(cells) != 0)
-        self.inflation.update(self.cells, self._base, (0, 0) + self.size)
+        for layer in self.inflation_layers:
+            layer.update(self.cells, self._base, (0, 0) + self.size)
         self._changed((0, 0) + self.size)
 
     def set_free(self, x0: int, y0: int, xn: int, yn: int) -> None:

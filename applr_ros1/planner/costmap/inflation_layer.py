@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any, Optional, Tuple
+from typing import Any, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -55,12 +55,23 @@ def _level_costs(distances, resolution, inscribed_radius, weight):
 class InflationLayer:
     """Keeps the tables, what is due, and the spread of the obstacles of the last update."""
 
-    def __init__(self, nx: int, ny: int, resolution: float, parameters: InflationParameters):
-        self.resolution = float(resolution)
+    def __init__(
+        self, nx: int, ny: int, resolution: float, parameters: InflationParameters, name: str = "inflater_layer"
+    ):
+        self.name = name
         self.parameters = parameters
         self.inscribed_radius = 0.0
         self.full_pass_due = False
         self._last = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
+        self._allocate(nx, ny, resolution)
+
+    def match_size(self, nx: int, ny: int, resolution: float, origin: Sequence[float]) -> None:
+        """Take the costmap's size; a full pass becomes due."""
+        self._allocate(nx, ny, resolution)
+        self.full_pass_due = True
+
+    def _allocate(self, nx, ny, resolution):
+        self.resolution = float(resolution)
         self._nx, self._ny = nx, ny
         self._level = np.full((ny + 2, nx + 2), brushfire.NONE, np.uint8)
         self._level[0, :] = self._level[-1, :] = self._level[:, 0] = self._level[:, -1] = brushfire.WALL
@@ -72,7 +83,7 @@ class InflationLayer:
         self._lost = np.empty(1 << 15, np.int64)
         self._seen: Any = None
         self._entries: Any = None  # for reaches that cannot be repaired
-        self._spread = None  # rectangle in which obstacles were spread last, None: nothing to build on
+        self._spread: Any = None  # rectangle in which obstacles were spread last, None: nothing to build on
         self._make_tables()
 
     def _make_tables(self):
@@ -108,8 +119,13 @@ class InflationLayer:
         self._make_tables()
         self.full_pass_due = True
 
-    def update_bounds(self, bounds: Tuple[float, float, float, float]) -> Tuple[float, float, float, float]:
-        """Bounds (min x, min y, max x, max y) [m], widened. inflation_layer.cpp:129."""
+    def update_bounds(
+        self,
+        bounds: Tuple[float, float, float, float],
+        pose: Optional[Sequence[float]] = None,
+        footprint: Optional[np.ndarray] = None,
+    ) -> Tuple[float, float, float, float]:
+        """Bounds (min x, min y, max x, max y) [m], widened; pose and footprint do not matter. inflation_layer.cpp:129."""
         last, self._last = self._last, bounds
         if self.full_pass_due:
             self.full_pass_due = False

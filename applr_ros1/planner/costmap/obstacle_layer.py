@@ -1,4 +1,4 @@
-"""Obstacle layer of a costmap: marks laser hits, clears along the rays, clears under the robot.
+"""Obstacle layer of a costmap: marks what the sensors hit, clears along their rays, clears under the robot.
 
 Called by costmap.Costmap. Follows costmap_2d/obstacle_layer.cpp step by step; the layer has its own grid.
 """
@@ -23,26 +23,21 @@ from applr_ros1.planner.costmap.grid import (
     world_to_map,
     world_to_map_no_bounds,
 )
+from applr_ros1.planner.costmap.merge import MAXIMUM, OVERWRITE, merge
 from applr_ros1.planner.costmap.scan import PointCloud
+from applr_ros1.planner.costmap.sources import ObservationBuffer, Source
 
-OVERWRITE = 0
-MAXIMUM = 1
+Bounds = Tuple[float, float, float, float]
 
 
 @dataclass
 class ObstacleParameters:
-    """Settings of the layer and of its one laser source, named as the ROS parameters."""
+    """Settings of the layer, named as the ROS parameters."""
 
     enabled: bool = True
     footprint_clearing_enabled: bool = True
     max_obstacle_height: float = 2.0  # [m] marking skips higher points
     combination_method: int = MAXIMUM
-    obstacle_range: float = 2.5  # [m] hits at or beyond it do not mark
-    raytrace_range: float = 3.0  # [m] rays clear up to it
-    source_min_height: float = -2.0  # [m] the source keeps points between these two
-    source_max_height: float = 2.0
-    marking: bool = True
-    clearing: bool = True
 
     def __post_init__(self):  # the kernels are compiled for these types alone
         for field in fields(self):
@@ -51,7 +46,16 @@ class ObstacleParameters:
 
 
 class ObstacleLayer:
-    """Grid `cells` (ny, nx) uint8 of 0, 254 and 255 with its own rolling `origin` (2,) [m]."""
+    """Grid `cells` (ny, nx) uint8 of 0, 254 and 255 with its own rolling `origin` (2,) [m].
+
+    Args:
+        nx, ny, resolution, origin: of the costmap.
+        rolling: whether the grid moves along with the robot.
+        default: its value where nothing was observed, 0 or 255.
+        parameters: ObstacleParameters.
+        sources: one Source for each entry of observation_sources, in that order.
+        name: of the layer in the parameter files.
+    """
 
     def __init__(
         self,
@@ -62,22 +66,41 @@ class ObstacleLayer:
         rolling: bool,
         default: int,
         parameters: ObstacleParameters,
+        sources: Sequence[Source] = (Source(),),
+        name: str = "obstacles_layer",
     ):
+        self.name = name
         self.parameters = parameters
-        self.resolution = float(resolution)
         self.rolling = bool(rolling)
         self.default = int(default)
-        self.cells = np.full((ny, nx), default, np.uint8)
-        self.origin = np.array(origin, dtype=np.float64)
-        self.cloud: Optional[PointCloud] = None  # the newest scan, applied again in every update
-        # min x, min y, max x, max y, left by a recovery
-        self._extra: Optional[Tuple[float, float, float, float]] = None
-        self._bounds = np.empty(4)
+        self.buffers = [ObservationBuffer(source) for source in sources]
         self._hits = np.empty(1024, np.int64)
+        self._bounds = np.empty(4)
+        self.match_size(nx, ny, resolution, origin)
 
-    def update_bounds(self, pose: Sequence[float], footprint: np.ndarray) -> Tuple[float, float, float, float]:
-        """Roll, clear, mark. Returns what may have changed as (min x, min y, max x, max y) [m]."""
-        p = self.parameters
+    def match_size(self, nx: int, ny: int, resolution: float, origin: Sequence[float]) -> None:
+        """Take the costmap's size and place; the grid is empty after it. What the sources last said stays."""
+        self.resolution = float(resolution)
+        self.cells = np.full((ny, nx), self.default, np.uint8)
+        self.origin = np.array(origin, dtype=np.float64)
+        self._extra: Optional[Bounds] = None  # left by a recovery
+
+    def configure(self, parameters: ObstacleParameters) -> None:
+        """Take new parameters; they show at the next update."""
+        self.parameters = parameters
+
+    @property
+    def cloud(self) -> Optional[PointCloud]:
+        """The newest cloud of the first source, None before the first."""
+        clouds = self.buffers[0].clouds
+        return clouds[0] if clouds else None
+
+    @cloud.setter
+    def cloud(self, cloud: PointCloud) -> None:
+        self.buffers[0].take(cloud, cloud.stamp)
+
+    def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
+        """Roll, clear, mark. Returns (min x, min y, max x, max y) [m], widened by what may have changed."""
         ny, nx = self.cells.shape
         if self.rolling:
             roll(
@@ -88,58 +111,60 @@ class ObstacleLayer:
                 pose[1] - size_in_meters(ny, self.resolution) / 2,
                 self.default,
             )
-        bounds = self._bounds
-        bounds[:] = (1e30, 1e30, -1e30, -1e30) if self._extra is None else self._extra
+        touched = self._bounds
+        touched[:] = bounds if self._extra is None else _union(bounds, self._extra)
         self._extra = None
-        if self.cloud is not None:
-            points = self.cloud.points
-            sx, sy, sz = self.cloud.origin
-            if len(points) > len(self._hits):
-                self._hits = np.empty(len(points), np.int64)
-            _observe(
-                self.cells,
-                self.origin,
-                self.resolution,
-                points,
-                sx,
-                sy,
-                sz,
-                p.raytrace_range,
-                cell_distance(p.raytrace_range, self.resolution),
-                p.obstacle_range,
-                p.max_obstacle_height,
-                p.source_min_height,
-                p.source_max_height,
-                p.clearing,
-                p.marking,
-                self._hits,
-                bounds,
-            )
-        if p.footprint_clearing_enabled:
-            _touch_footprint(footprint, pose[0], pose[1], pose[2], bounds)
-        low_x, low_y, high_x, high_y = bounds.tolist()
+        if len(self.buffers) == 1 and len(self.buffers[0].clouds) == 1:
+            source = self.buffers[0].source
+            self._observe(source, self.buffers[0].clouds[0], source.clearing, source.marking, touched)
+        else:  # all rays of all sources clear before any point marks
+            observed = [(buffer.source, cloud) for buffer in self.buffers for cloud in buffer.clouds]
+            for source, cloud in observed:
+                if source.clearing:
+                    self._observe(source, cloud, True, False, touched)
+            for source, cloud in observed:
+                if source.marking:
+                    self._observe(source, cloud, False, True, touched)
+        if self.parameters.footprint_clearing_enabled:
+            _touch_footprint(footprint, pose[0], pose[1], pose[2], touched)
+        low_x, low_y, high_x, high_y = touched.tolist()
         return low_x, low_y, high_x, high_y
 
-    def update_costs(
-        self,
-        master: np.ndarray,
-        base: np.ndarray,
-        pose: Sequence[float],
-        footprint: np.ndarray,
-        window: Tuple[int, int, int, int],
-        around: Tuple[int, int, int, int],
-    ) -> None:
-        """Clear under the robot, then write the cells before inflation into `base` (ny, nx) over `around`.
+    def _observe(self, source, cloud, clearing, marking, touched):
+        points = cloud.points
+        sx, sy, sz = cloud.origin
+        if len(points) > len(self._hits):
+            self._hits = np.empty(len(points), np.int64)
+        _observe(
+            self.cells,
+            self.origin,
+            self.resolution,
+            points,
+            sx,
+            sy,
+            sz,
+            source.raytrace_range,
+            cell_distance(source.raytrace_range, self.resolution),
+            source.obstacle_range,
+            self.parameters.max_obstacle_height,
+            source.min_obstacle_height,
+            source.max_obstacle_height,
+            clearing,
+            marking,
+            self._hits,
+            touched,
+        )
 
-        Inside the window (x0, y0, xn, yn) that is the default value with this layer merged into it, outside it the
-        master as it is. Both ways of merging agree, since the window has just been set to the default.
-        """
+    def write(
+        self, base: np.ndarray, window: Tuple[int, int, int, int], pose: Sequence[float], footprint: np.ndarray
+    ) -> None:
+        """Clear under the robot, then write the layer into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
         p = self.parameters
-        if p.enabled and p.footprint_clearing_enabled:
+        if p.footprint_clearing_enabled:
             ox, oy = self.origin.tolist()
             fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose[0], pose[1], pose[2], True)
-        merging = p.enabled and p.combination_method in (OVERWRITE, MAXIMUM)
-        _merge(self.cells, master, base, self.default, merging, *window, *around)
+        if p.combination_method in (OVERWRITE, MAXIMUM):
+            merge(self.cells, base, p.combination_method == MAXIMUM, *window)
 
     def reset(self) -> None:
         """Everything back to the default value. The newest scan stays and marks again."""
@@ -162,13 +187,12 @@ class ObstacleLayer:
         inside = ((ys > ends[2]) & (ys < ends[3]))[:, None] & ((xs > ends[0]) & (xs < ends[1]))[None, :]
         self.cells[inside == bool(inverted)] = UNKNOWN
         ox, oy = self.origin.tolist()
-        old = self._extra or (1e30, 1e30, -1e30, -1e30)
-        self._extra = (
-            min(old[0], ox),
-            min(old[1], oy),
-            max(old[2], ox + size_in_meters(nx, self.resolution)),
-            max(old[3], oy + size_in_meters(ny, self.resolution)),
-        )
+        whole = ox, oy, ox + size_in_meters(nx, self.resolution), oy + size_in_meters(ny, self.resolution)
+        self._extra = whole if self._extra is None else _union(self._extra, whole)
+
+
+def _union(a, b):
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 @kernel
@@ -356,28 +380,3 @@ def _clear_rays(
     bounds[1] = min_y
     bounds[2] = max_x
     bounds[3] = max_y
-
-
-@kernel
-def _merge(layer, master, base, default, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
-    empty = np.uint8(default)
-    for y in range(ay0, ayn):
-        if not y0 <= y < yn:
-            _copy(master[y, ax0:axn], base[y, ax0:axn])
-            continue
-        _copy(master[y, ax0:x0], base[y, ax0:x0])
-        _copy(master[y, xn:axn], base[y, xn:axn])
-        values = layer[y, x0:xn]
-        target = base[y, x0:xn]
-        if merging:
-            for i in range(values.shape[0]):
-                target[i] = values[i] if values[i] != UNKNOWN else empty
-        else:
-            for i in range(values.shape[0]):
-                target[i] = empty
-
-
-@kernel
-def _copy(source, target):
-    for i in range(source.shape[0]):
-        target[i] = source[i]

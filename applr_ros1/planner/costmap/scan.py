@@ -1,17 +1,21 @@
-"""A laser scan and its projection into a costmap's frame, rounded as laser_geometry and tf2 round it.
+"""What sensors say, and its projection into a costmap's frame, rounded as laser_geometry and tf2 round it.
 
-Called by MoveBase and the costmap tests: one projection serves both costmaps.
+Called by MoveBase and the costmap tests: one projection serves both costmaps where their frames are one.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Dict, Tuple
+from dataclasses import dataclass, replace
+from typing import Dict, Optional, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose, compose, place
 from applr_ros1.common.kernels import kernel
+
+Quaternion = Tuple[float, float, float, float]
+Point = Tuple[float, float, float]
 
 
 @dataclass
@@ -19,7 +23,9 @@ class LaserScan:
     """One scan.
 
     Angles [rad], ranges (n,) float32 [m], +inf = no return; `sensor_pose` (x, y, yaw) is the laser's pose in the
-    costmap's frame at `stamp` [s], `sensor_height` its z [m].
+    costmap's frame at `stamp` [s], `sensor_height` its z [m]. rotation: quaternion (x, y, z, w) of a laser that is not
+    level or hangs upside down, in place of the yaw. origin: where the rays start [m] if that is not the laser's place
+    (the parameter sensor_frame).
     """
 
     stamp: float
@@ -28,16 +34,63 @@ class LaserScan:
     range_min: float
     range_max: float
     ranges: np.ndarray
-    sensor_pose: Tuple[float, float, float]
+    sensor_pose: Pose
     sensor_height: float = 0.0
+    rotation: Optional[Quaternion] = None
+    origin: Optional[Point] = None
+
+
+@dataclass
+class SensorCloud:
+    """Points (n, 3) float32 [m] in a sensor's frame, seen at `stamp` [s].
+
+    position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), place the sensor in the costmap's frame; origin: where
+    the rays start [m] if that is not the sensor's place (the parameter sensor_frame).
+    """
+
+    stamp: float
+    points: np.ndarray
+    position: Point
+    rotation: Quaternion
+    origin: Optional[Point] = None
 
 
 @dataclass
 class PointCloud:
-    """Hits in the costmap's frame: `points` (n, 3) float32 [m], seen from `origin` (x, y, z) [m]."""
+    """Hits in the costmap's frame: `points` (n, 3) float32 [m], seen from `origin` (x, y, z) [m] at `stamp` [s]."""
 
-    origin: Tuple[float, float, float]
+    origin: Point
     points: np.ndarray
+    stamp: float = 0.0
+
+
+Observation = Union[LaserScan, SensorCloud]
+
+
+def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
+    """The PointCloud of whatever a source says; inf_is_valid counts for laser scans alone."""
+    if isinstance(observation, SensorCloud):
+        return place_cloud(observation)
+    return project(observation, inf_is_valid)
+
+
+def moved(observation: Observation, frame: Pose) -> Observation:
+    """The same observation in the frame in which `frame` (x, y, yaw) is the pose of its present frame."""
+    start = observation.origin
+    origin = None if start is None else (*place(frame, start[0], start[1]), start[2])
+    turned = None if observation.rotation is None else _turned(observation.rotation, frame[2])
+    if isinstance(observation, LaserScan):
+        pose = compose(frame, observation.sensor_pose)
+        return replace(observation, sensor_pose=pose, rotation=turned, origin=origin)
+    x, y, z = observation.position
+    return replace(observation, position=(*place(frame, x, y), z), rotation=turned, origin=origin)
+
+
+def _turned(q: Quaternion, yaw: float) -> Quaternion:
+    """The rotation q followed by a turn about z."""
+    s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    x, y, z, w = q
+    return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
 
 
 _beams: Dict[Tuple[float, float, int], np.ndarray] = {}
@@ -66,8 +119,9 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
     ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
     table = _beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
     points = np.empty((len(ranges), 3), np.float32)
-    x, y, yaw = scan.sensor_pose
-    x, y, z = float(x), float(y), float(scan.sensor_height)
+    level = scan.rotation is None
+    x, y, yaw = scan.sensor_pose if level else (0.0, 0.0, 0.0)
+    x, y, z = float(x), float(y), float(scan.sensor_height) if level else 0.0
     count = _project(
         ranges,
         table,
@@ -80,7 +134,45 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
         float(yaw),
         points,
     )
-    return PointCloud((x, y, z), points[:count])
+    if scan.rotation is not None:
+        position = float(scan.sensor_pose[0]), float(scan.sensor_pose[1]), float(scan.sensor_height)
+        return place_cloud(SensorCloud(scan.stamp, points[:count], position, scan.rotation, scan.origin))
+    return PointCloud((x, y, z) if scan.origin is None else scan.origin, points[:count], scan.stamp)
+
+
+def place_cloud(cloud: SensorCloud) -> PointCloud:
+    """The finite points of a SensorCloud in the costmap's frame, in float32 like tf2_sensor_msgs' doTransform."""
+    points = np.array(cloud.points, dtype=np.float32).reshape(-1, 3)
+    points = points[np.isfinite(points).all(axis=1)]
+    _place(points, *(np.float32(v) for v in cloud.rotation + cloud.position))
+    start = cloud.position if cloud.origin is None else cloud.origin
+    return PointCloud((float(start[0]), float(start[1]), float(start[2])), points, cloud.stamp)
+
+
+@kernel
+def _place(points, qx, qy, qz, qw, tx, ty, tz):
+    """Turn and move the points (n, 3) float32 in place; every step is rounded to float32."""
+    one = np.float32(1.0)
+    two = np.float32(2.0)
+    dx = two * qx
+    dy = two * qy
+    dz = two * qz
+    xw = dx * qw
+    yw = dy * qw
+    zw = dz * qw
+    xx = dx * qx
+    xy = dy * qx
+    xz = dz * qx
+    yy = dy * qy
+    yz = dz * qy
+    zz = dz * qz
+    for i in range(points.shape[0]):
+        x = points[i, 0]
+        y = points[i, 1]
+        z = points[i, 2]
+        points[i, 0] = (((one - (yy + zz)) * x + (xy - zw) * y) + (xz + yw) * z) + tx
+        points[i, 1] = (((xy + zw) * x + (one - (xx + zz)) * y) + (yz - xw) * z) + ty
+        points[i, 2] = (((xz - yw) * x + (yz + xw) * y) + (one - (xx + yy)) * z) + tz
 
 
 @kernel

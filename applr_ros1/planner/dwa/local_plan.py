@@ -1,14 +1,12 @@
 """The part of the global plan that the robot follows now (LocalPlannerUtil). docs/planner_dwa.md section 2."""
 
-import math
-from typing import Optional, Tuple
+from typing import Optional
 
 import numpy as np
 
-from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.plan_cut import leading_far, within
+from applr_ros1.common.angles import Pose, inverse
+from applr_ros1.planner.plan_cut import cut_plan, transformed
 
-Pose = Tuple[float, float, float]
 EMPTY = np.zeros((0, 3))
 
 
@@ -26,7 +24,7 @@ class LocalPlan:
         """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. frame: see cut."""
         if len(self.poses) == 0:
             return None
-        x, y, yaw = _transformed(self.poses[-1:], _inverse(frame))[0].tolist()
+        x, y, yaw = transformed(self.poses[-1:], None if frame is None else inverse(frame))[0].tolist()
         return x, y, yaw
 
     def cut(self, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None) -> np.ndarray:
@@ -36,62 +34,6 @@ class LocalPlan:
         even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are
         one.
         """
-        in_plan = (x, y) if frame is None else _placed(x, y, frame)
-        first, last = within(self.poses, in_plan[0], in_plan[1], limit)
-        cut = _transformed(self.poses[first:last], _inverse(frame))
-        if prune:
-            far = leading_far(cut, x, y)
-            cut = cut[far:]
-            self.poses = self.poses[far:]
-        return cut
-
-
-def _placed(x, y, frame):
-    fx, fy, yaw = frame
-    c, s = math.cos(yaw), math.sin(yaw)
-    return fx + x * c - y * s, fy + x * s + y * c
-
-
-def _inverse(frame):
-    """The pose of the plan's frame in the costmap's; None stands for the same frame."""
-    if frame is None:
-        return None
-    x, y, yaw = frame
-    c, s = math.cos(yaw), math.sin(yaw)
-    return -x * c - y * s, x * s - y * c, -yaw
-
-
-def _transformed(poses, frame):
-    """The poses (n, 3) as they are, or moved by a pose; their angles go through quaternions and a matrix."""
-    moved = poses.copy()
-    if frame is not None:
-        moved[:, 0], moved[:, 1] = _placed(poses[:, 0], poses[:, 1], frame)
-    _through_matrix(moved[:, 2], 0.0 if frame is None else frame[2])
-    return moved
-
-
-@kernel
-def _through_matrix(yaws, turn):
-    """Turn the angles (n,) in place, on the way that tf takes: quaternion, matrix, quaternion."""
-    for i in range(yaws.shape[0]):
-        z = math.sin(yaws[i] / 2)
-        w = math.cos(yaws[i] / 2)
-        if turn != 0.0:
-            tz = math.sin(turn / 2)
-            tw = math.cos(turn / 2)
-            z, w = tw * z + tz * w, tw * w - tz * z
-        scale = 2 / (z * z + w * w)
-        a = w * (z * scale)
-        m = 1 - z * (z * scale)
-        trace = m + m + 1.0
-        if trace > 0:
-            r = math.sqrt(trace + 1.0)
-            w = r / 2
-        else:
-            r = math.sqrt(1.0 - m - m + 1.0)
-        back = (a + a) * (0.5 / r)
-        if trace > 0:
-            z = back
-        else:
-            z, w = r / 2, back
-        yaws[i] = math.atan2(2 * (w * z), w * w - z * z)
+        cut, dropped = cut_plan(self.poses, x, y, limit, prune, frame)
+        self.poses = self.poses[dropped:]
+        return cut if frame is not None else transformed(cut, None)  # C++ turns by the identity, too

@@ -67,7 +67,7 @@ class DWALocalPlanner(LocalPlanner):
         self._prunes = bool(params["prune_plan"])
 
     def set_plan(self, plan: np.ndarray) -> None:
-        """The global plan (n, 3) x, y [m], yaw [rad] in the costmap's frame, from now on."""
+        """The global plan (n, 3) x, y [m], yaw [rad], from now on."""
         self.stored_plan.set(plan)
         self.planner.clear_flags()
         self.stop_rotate.new_plan()
@@ -86,32 +86,32 @@ class DWALocalPlanner(LocalPlanner):
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
 
-    def compute_velocity(self, pose, twist, costmap: Any) -> Tuple[bool, Command]:
+    def compute_velocity(self, pose, twist, costmap: Any, frame: Optional[Triple] = None) -> Tuple[bool, Command]:
         """(ok, (v, w)) for this cycle, see LocalPlanner. The goal is looked for before any command, as in C++."""
         self._forget_cycle()
         pose = tuple(float(v) for v in pose)
         v, w = (float(v) for v in twist)
         if not all(math.isfinite(v) for v in pose + (v, w)):
             return False, STANDING[:2]
-        self.goal_reached = self.is_goal_reached(pose, (v, 0.0, w))
+        self.goal_reached = self.is_goal_reached(pose, (v, 0.0, w), frame)
         if self.goal_reached:
             return True, STANDING[:2]
-        step = self.command(pose, (v, 0.0, w), costmap)
+        step = self.command(pose, (v, 0.0, w), costmap, frame)
         return step.ok, (step.command[0], step.command[2])
 
-    def is_goal_reached(self, pose: Triple, velocity: Triple) -> bool:
+    def is_goal_reached(self, pose: Triple, velocity: Triple, frame: Optional[Triple] = None) -> bool:
         """Whether place and heading are reached and the robot stands; False without a plan. Sets the latch."""
-        goal = self.stored_plan.goal()
+        goal = self.stored_plan.goal(frame)
         return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
 
-    def command(self, pose: Triple, velocity: Triple, costmap: Any) -> Step:
+    def command(self, pose: Triple, velocity: Triple, costmap: Any, frame: Optional[Triple] = None) -> Step:
         """One cycle's Step: the search's choice, or at the goal's place the command to stop or turn.
 
-        pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured.
+        pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured; frame: as in LocalPlanner.
         """
         self._forget_cycle()
-        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), self._prunes)
-        goal = self.stored_plan.goal()
+        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), self._prunes, frame)
+        goal = self.stored_plan.goal(frame)
         if goal is None or len(cut) == 0:
             return Step(False, STANDING, NO_PLAN, cut)
         if not self.stop_rotate.is_position_reached(pose, goal):

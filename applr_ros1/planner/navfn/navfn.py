@@ -31,12 +31,13 @@ class Navfn:
 
     def __init__(self, list_size: int = LIST_SIZE):
         self._costmap: Any = None
+        self._cells: Any = None  # the costmap's; another array once it was resized
         self._list_size = list_size
 
     def _attach(self, costmap, allow_unknown):
         """Begin with a costmap: everything is converted at the next plan."""
         nx, ny = costmap.size
-        self._costmap = costmap
+        self._costmap, self._cells = costmap, costmap.cells
         self._allow_unknown = allow_unknown
         self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
         self._costs.reshape(ny, nx)[1:-1, 1:-1] = 0  # no cost of navfn's: the first conversion sees all cells change
@@ -98,7 +99,7 @@ class Navfn:
 
     def _flood(self, costmap, allow_unknown, robot, goal, tolerance):
         """Bring the cost array up to date; flood again if that may change anything."""
-        if costmap is not self._costmap or allow_unknown != self._allow_unknown:
+        if costmap is not self._costmap or costmap.cells is not self._cells or allow_unknown != self._allow_unknown:
             self._attach(costmap, allow_unknown)
         nx, ny = costmap.size
         changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)

@@ -8,15 +8,16 @@ from __future__ import annotations
 import math
 
 from applr_ros1.planner.parameters.declarations import SERVERS
+from applr_ros1.planner.parameters.layers import TYPES
 
 
 def generate(server: str, node: str, name: str) -> int:
-    """Write `name`Config for the parameters of `server`; each alias becomes a parameter of its own."""
+    """Write `name`Config for the parameters of `server`, or of a type of layer; each alias becomes a parameter, too."""
     from dynamic_reconfigure import parameter_generator_catkin as catkin
 
     types = {"double": catkin.double_t, "int": catkin.int_t, "bool": catkin.bool_t, "str": catkin.str_t}
     generator = catkin.ParameterGenerator()
-    for p in SERVERS[server]:
+    for p in TYPES[server].live if server in TYPES else SERVERS[server]:
         bounds = [v if p.type in ("double", "int") and math.isfinite(v) else None for v in (p.min, p.max)]
         doc = p.doc + (" Unit: %s." % p.unit if p.unit else "")
         choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]

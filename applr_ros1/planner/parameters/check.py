@@ -17,15 +17,15 @@ from applr_ros1.planner.parameters.declarations import (
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
     MAX_CELLS,
-    PLUGINS,
     RECOVERY_TYPES,
     SERVERS,
-    STATIC,
     Parameter,
     ParameterError,
     namespace,
+    static_tables,
 )
 from applr_ros1.planner.parameters.dwa_planner_parameters import check_together, remarks
+from applr_ros1.planner.parameters.layers import COSTMAPS, INHERITED, OBSTACLE_LAYER, TYPES, arranged, layers, sources
 from applr_ros1.planner.variant import Variant
 
 
@@ -76,23 +76,18 @@ def _check_outline(text: str, label: str) -> None:
         raise ParameterError("%s is %s: give at least three points, [[x, y], ...] in metres" % (label, shown))
 
 
-def table(path: str, sources: Optional[Dict[str, str]] = None) -> Optional[Tuple[Parameter, ...]]:
-    """All parameters at one place of the tree, or None. `sources` names each obstacle layer's scan source."""
-    sources = sources or {}
-    layer, _, name = path.rpartition("/")
-    if layer in sources and name == sources[layer]:
-        path = layer + "/scan"
-    if path in SERVERS or path in STATIC:
-        return SERVERS.get(path, ()) + STATIC.get(path, ())
-    return None
+Tables = Dict[str, Tuple[Parameter, ...]]
+DATA_TYPES = ("LaserScan", "PointCloud2", "PointCloud")
 
 
-def _sources(tree) -> Dict[str, str]:
-    found = {}
-    for layer in ("global_costmap/obstacles_layer", "local_costmap/obstacles_layer"):
-        name = (branch(tree, layer) or {}).get("observation_sources")
-        found[layer] = name.strip() if isinstance(name, str) and name.strip() else "scan"
-    return found
+def tables(tree: Dict[str, Any]) -> Tables:
+    """All parameters by place, of a tree that is arranged (layers.arranged)."""
+    live = {path: table for path, table in SERVERS.items() if "costmap/" not in path}
+    for name in COSTMAPS:
+        if isinstance(tree.get(name), dict):
+            live.update({layer.path: TYPES[layer.kind].live for layer in layers(name, tree[name])})
+    static = static_tables(tree)
+    return {path: live.get(path, ()) + static.get(path, ()) for path in dict.fromkeys([*live, *static])}
 
 
 def _behaviours(tree) -> List[str]:
@@ -103,40 +98,59 @@ def _behaviours(tree) -> List[str]:
 def check(tree: Dict[str, Any]) -> List[str]:
     """What is wrong with a nested parameter tree: one line each (what, value, remedy); [] if nothing is."""
     problems: List[str] = []
-    _check(tree, "", _sources(tree), _behaviours(tree), problems)
-    if not problems:
-        try:
+    try:
+        tree = arranged(tree)
+        _check(tree, "", tables(tree), _behaviours(tree), problems)
+        if not problems:
             complete(tree)
-        except ParameterError as problem:
-            problems.append(str(problem))
+    except ParameterError as problem:
+        problems.append(str(problem))
     return problems
 
 
 def remark(tree: Dict[str, Any]) -> List[str]:
     """What a tree without mistakes gives in vain, or at a risk: one line each."""
-    if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) != "DWAPlannerROS":
-        return []
-    lines = remarks(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
-    return ["DWAPlannerROS/" + line for line in lines]
+    lines: List[str] = []
+    if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
+        found = remarks(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
+        lines += ["DWAPlannerROS/" + line for line in found]
+    tree = arranged(tree)
+    _remark_layers(tree, tables(tree), lines)
+    return lines
 
 
-def _check(here, path, sources, behaviours, problems):
-    known = {name: p for p in table(path, sources) or BEHAVIOUR for name in (p.name,) + p.aliases}
+def _remark_layers(tree, known, lines):
+    """Parameters of layers and sources that no list names, and a robot that sees nothing."""
+    for path in [path for path in known if path.partition("/")[0] in COSTMAPS]:
+        for name, value in (branch(tree, path) or {}).items():
+            label = "%s/%s" % (path, name)
+            if isinstance(value, dict) and label not in known:
+                which = "observation_sources" if "/" in path else "plugins"
+                lines.append("%s has no effect: %s of %s does not name it" % (label, which, path))
+    seen = [layer for layer in layers("local_costmap", tree.get("local_costmap", {})) if layer.kind == OBSTACLE_LAYER]
+    if not any(sources(branch(tree, layer.path) or {}) for layer in seen):
+        lines.append("local_costmap has no observation source: the robot will not see obstacles")
+
+
+def _check(here, path, known, behaviours, problems):
+    mine = {name: p for p in known.get(path, BEHAVIOUR) for name in (p.name,) + p.aliases}
+    if path in COSTMAPS:
+        mine = dict(INHERITED, **mine)
     for key, value in here.items():
         label = "%s/%s" % (path, key) if path else str(key)
-        if isinstance(value, dict) and (
-            table(label, sources) is not None
-            or label in behaviours
-            or any(other.startswith(label + "/") for other in STATIC)
-        ):
-            _check(value, label, sources, behaviours, problems)
-        elif key not in known:
-            close = difflib.get_close_matches(str(key), known, 1)
+        if isinstance(value, dict):
+            if label in known or label in behaviours:
+                _check(value, label, known, behaviours, problems)
+                continue
+            if path.partition("/")[0] in COSTMAPS and key not in mine:
+                continue  # of a layer or source that is not in use: a remark
+        if key not in mine:
+            close = difflib.get_close_matches(str(key), mine, 1)
             problems.append(
                 "%s: no such parameter; %s" % (label, "did you mean %s?" % close[0] if close else "remove it")
             )
         else:
-            p = known[key]
+            p = mine[key]
             try:
                 value = convert(p, value, label)
                 if clamp(p, value) != value and not p.clamps:
@@ -148,27 +162,30 @@ def _check(here, path, sources, behaviours, problems):
 def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     """The tree with every absent parameter at its default and both names of each alias; a new nested dict.
 
-    A scan source always stands under "scan". ParameterError, one line, for what cannot be run.
+    The parameters of layers and sources stand where C++ has them in the end (layers.arranged), and `plugins` is always
+    there. What layers inherit from their costmap stands there only where it was given. ParameterError, one line, for
+    what cannot be run.
     """
     full: Dict[str, Any] = {}
-    sources = _sources(tree)
-    for path in dict.fromkeys(list(SERVERS) + list(STATIC)):
-        given = path
-        if path.endswith("/scan"):
-            given = path[:-4] + sources[path[:-5]]
-        have, here = branch(tree, given) or {}, branch(full, path, create=True)
+    tree = arranged(tree)
+    for path, parameters in tables(tree).items():
+        have, here = branch(tree, path) or {}, branch(full, path, create=True)
         assert here is not None  # it has just been created
-        for p in table(path) or ():
-            label = "%s/%s" % (given, p.name) if given else p.name
+        for p in parameters:
+            label = "%s/%s" % (path, p.name) if path else p.name
             named = [have[name] for name in (p.name,) + p.aliases if name in have]
             if not named and p.name == "controller_frequency" and p.name in tree:
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
+            if not named and path in COSTMAPS and p.name in INHERITED:
+                continue
             if any(other != named[0] for other in named):
                 raise ParameterError(
                     "%s is %r but its other name %s is %r: give one of them" % (label, named[0], p.aliases[0], named[1])
                 )
             value = convert(p, named[0] if named else p.default, label)
             here.update({name: value for name in (p.name,) + p.aliases})
+        if path in COSTMAPS:
+            here.update({name: convert(p, have[name]) for name, p in INHERITED.items() if name in have})
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in _behaviours(tree):
@@ -188,7 +205,8 @@ def _check_whole(full):
             raise ParameterError("%s is %s: give %s" % (name, full[name], " or ".join(plugins)))
     if namespace(full["base_local_planner"]) == "DWAPlannerROS":
         check_together(full["DWAPlannerROS"])
-    for name in ("global_costmap", "local_costmap"):
+    types: Dict[str, str] = {}
+    for name in COSTMAPS:
         costmap = full[name]
         cells = costmap["width"] * costmap["height"] / costmap["resolution"] ** 2
         if cells > MAX_CELLS:
@@ -196,24 +214,30 @@ def _check_whole(full):
                 "%s/width, height are %d x %d m at %g m, %.3g cells: give at most %g"
                 % (name, costmap["width"], costmap["height"], costmap["resolution"], cells, MAX_CELLS)
             )
-        if costmap["plugins"] != PLUGINS:
-            raise ParameterError("%s/plugins is %r: give %r" % (name, costmap["plugins"], PLUGINS))
-        layer = costmap["obstacles_layer"]
-        if layer["scan"]["data_type"] != "LaserScan" or " " in layer["observation_sources"].strip():
-            raise ParameterError(
-                "%s/obstacles_layer: give one source in observation_sources, with data_type LaserScan" % name
-            )
-    topics = [full[name]["obstacles_layer"]["scan"]["topic"] for name in ("global_costmap", "local_costmap")]
-    if topics[0] != topics[1]:
-        raise ParameterError("the costmaps' scans have the topics %s and %s: give the same" % tuple(topics))
-    for key in ("global_frame", "robot_base_frame"):
-        if full["global_costmap"][key] != full["local_costmap"][key]:
-            raise ParameterError(
-                "%s is %s in global_costmap and %s in local_costmap: give the same"
-                % (key, full["global_costmap"][key], full["local_costmap"][key])
-            )
+        for layer in layers(name, costmap):
+            if layer.kind == OBSTACLE_LAYER:
+                _check_sources(layer, costmap[layer.name], types)
+    if full["global_costmap"]["robot_base_frame"] != full["local_costmap"]["robot_base_frame"]:
+        raise ParameterError(
+            "robot_base_frame is %s in global_costmap and %s in local_costmap: give the same"
+            % tuple(full[name]["robot_base_frame"] for name in COSTMAPS)
+        )
     for behaviour in full["recovery_behaviors"]:
         if not isinstance(behaviour, dict) or behaviour.get("type") not in RECOVERY_TYPES:
             raise ParameterError(
                 "recovery_behaviors has %r: give a name and a type of %s" % (behaviour, " or ".join(RECOVERY_TYPES))
+            )
+
+
+def _check_sources(layer, own, types):
+    """Data types that there are, and one for each topic; `types` collects {topic: data type}."""
+    for name in sources(own):
+        topic, kind = own[name]["topic"], own[name]["data_type"]
+        label = "%s/%s" % (layer.path, name)
+        if kind not in DATA_TYPES:
+            raise ParameterError("%s/data_type is %s: give %s" % (label, kind, " or ".join(DATA_TYPES)))
+        if types.setdefault(topic, kind) != kind:
+            raise ParameterError(
+                "%s takes %s from the topic %s, another source takes %s: give one type"
+                % (label, kind, topic, types[topic])
             )

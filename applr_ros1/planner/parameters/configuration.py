@@ -1,4 +1,4 @@
-"""The values in force in the eight dynamic_reconfigure servers: takes requests whole or refuses them whole.
+"""The values in force in the dynamic_reconfigure servers: takes requests whole or refuses them whole.
 
 MoveBase keeps one of these; it knows the declarations but not what the values do.
 """
@@ -8,10 +8,8 @@ from __future__ import annotations
 from typing import Any, Dict
 
 from applr_ros1.planner.parameters.check import clamp, convert
-from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError, servers
+from applr_ros1.planner.parameters.declarations import ParameterError, servers
 from applr_ros1.planner.parameters.dwa_planner_parameters import check_together
-
-_TABLES = {server: {name: p for p in table for name in (p.name,) + p.aliases} for server, table in SERVERS.items()}
 
 
 class Configuration:
@@ -19,8 +17,12 @@ class Configuration:
 
     def __init__(self, tree: Dict[str, Any]):
         self._start: Dict[str, Dict[str, Any]] = {}
-        for server in servers(tree["base_local_planner"]):
-            table = _TABLES[server]
+        self._declared = {name: server.parameters for name, server in servers(tree).items()}
+        self._tables = {
+            name: {key: p for p in declared for key in (p.name,) + p.aliases}
+            for name, declared in self._declared.items()
+        }
+        for server, table in self._tables.items():
             here = tree
             for part in filter(None, server.split("/")):
                 here = here[part]
@@ -50,7 +52,7 @@ class Configuration:
         finite, of another type, or useless: then the whole request counts for nothing. A parameter given
         under both names takes the one that differs from the present value, the newer name first.
         """
-        table, has = _TABLES.get(server, {}), self[server]
+        table, has = self._tables.get(server, {}), self[server]
         wanted = {}
         for name, value in values.items():
             if name not in table:
@@ -58,7 +60,7 @@ class Configuration:
             wanted[name] = clamp(table[name], convert(table[name], value))
         if wanted.get("restore_defaults"):
             return dict(self._start[server])
-        for p in SERVERS[server]:
+        for p in self._declared[server]:
             if p.aliases:
                 names = [name for name in (p.name,) + p.aliases if name in wanted]
                 changed = [name for name in names if wanted[name] != has[p.name]]

@@ -1,4 +1,4 @@
-"""Parameters of a costmap, its obstacle layer with the laser scan, and its inflation layer.
+"""Parameters of a costmap and of its static, obstacle and inflation layers, with the sources of an obstacle layer.
 
 Joined in declarations.py. Pure standard library: the .cfg files import this at build time.
 """
@@ -10,6 +10,7 @@ from applr_ros1.planner.parameters.parameter import INF, INT_MAX, flag, listing,
 # Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
 # fmt: off
+# What the Jackal's files give; files without `plugins` get the set of layers.py
 PLUGINS = [
     {"name": "obstacles_layer", "type": "costmap_2d::ObstacleLayer"},
     {"name": "inflater_layer", "type": "costmap_2d::InflationLayer"},
@@ -54,27 +55,36 @@ OBSTACLES = (
         "How this layer is combined with the costmap.", enum=COMBINATION),
 )
 
-# Read once, when the node starts: the costmap, its obstacle layer, the source of the obstacle layer
+STATIC_MAP = (
+    flag("enabled", True, None, "Whether the map is written into the costmap."),
+)
+
+# Read once, when the node starts: the costmap, its layers, the sources of an obstacle layer
 STATIC_COSTMAP = (
-    text("global_frame", "odom", "odom",
-        "Frame of the costmap. Both costmaps have to use the same one; goals are transformed into it."),
+    text("global_frame", "map", "odom",
+        "Frame of the costmap. The two costmaps may have different ones, such as map and odom; goals are transformed "
+        "into the global costmap's."),
     text("robot_base_frame", "base_link", "base_link", "Frame of the robot base."),
     flag("rolling_window", False, True, "Whether the costmap moves along with the robot."),
     flag("track_unknown_space", False, None,
-        "Whether cells are unknown instead of free until the laser has observed them."),
+        "Whether cells are unknown instead of free until a layer knows them. Where it is given it counts for the "
+        "static and obstacle layers of the costmap, too."),
     flag("always_send_full_costmap", False, None,
         "Whether the whole costmap is published each time instead of only the part that changed."),
-    listing("plugins", PLUGINS, PLUGINS,
-        "Layers of the costmap. Only an obstacle layer followed by an inflation layer is supported."),
+    listing("plugins", [], PLUGINS,
+        "Names and types of the layers, from the lowest to the highest: costmap_2d::StaticLayer, "
+        "costmap_2d::ObstacleLayer and costmap_2d::InflationLayer in any number and order. Without it there are "
+        "static_layer (with static_map), obstacle_layer and inflation_layer, and their parameters stand at the "
+        "costmap itself."),
     real("circumscribed_radius", 0.46, 0.0, INF, None, "m",
         "Four times the local costmap's value is the side of the square outside of which the aggressive reset clears "
         "the costmaps."),
     real("obstacle_range", 2.5, 0.0, INF, 2.5, "m",
-        "Without effect; exists for Clearpath's parameter files. The value of the scan source is used."),
+        "Where it is given here it counts for all obstacle layers of the costmap."),
     real("raytrace_range", 3.0, 0.0, INF, 3.0, "m",
-        "Without effect; exists for Clearpath's parameter files. The value of the scan source is used."),
-    flag("static_map", False, False, "Without effect beside plugins; exists for Clearpath's parameter files."),
-    text("map_type", "costmap", "costmap", "Without effect; exists for Clearpath's parameter files."),
+        "Where it is given here it counts for all obstacle layers of the costmap."),
+    flag("static_map", False, False, "Whether a file without plugins has a static layer. Without effect beside plugins."),
+    text("map_type", "costmap", "costmap", "Only costmap is supported in files without plugins."),
     flag("meter_scoring", False, True,
         "Without effect; exists for Clearpath's parameter files. The value of the local planner is used."),
     real("origin_z", 0.0, -INF, INF, 0.0, "m", "Without effect; exists for Clearpath's parameter files."),
@@ -84,28 +94,47 @@ STATIC_COSTMAP = (
 )
 
 STATIC_OBSTACLES = (
-    text("observation_sources", "scan", "scan",
-        "Name of the single sensor source, a laser scan. Its parameters stand below this name."),
-    real("obstacle_range", 2.5, 0.0, INF, 2.5, "m", "Without effect; the value of the scan source is used."),
-    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m", "Without effect; the value of the scan source is used."),
-    flag("track_unknown_space", False, None, "Without effect; the value of the costmap is used."),
+    text("observation_sources", "", "scan",
+        "Names of the sensor sources of the layer, separated by spaces. The parameters of each stand below its name."),
+    real("obstacle_range", 2.5, 0.0, INF, 2.5, "m",
+        "Distance from the sensor beyond which points are not marked, for sources that do not give their own."),
+    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m",
+        "Distance from the sensor up to which rays clear cells, for sources that do not give their own."),
+    flag("track_unknown_space", False, None,
+        "Whether cells of the layer are unknown until they have been observed. Without it, as the costmap."),
 )
 
 STATIC_SOURCE = (
-    text("topic", "scan", "front/scan", "Topic of the laser scan."),
-    text("data_type", "LaserScan", "LaserScan", "Message type of the source. Only LaserScan is supported."),
-    text("sensor_frame", "", "front_laser", "Without effect; the frame in the scan's header is used."),
-    flag("marking", True, True, "Whether the end points of beams mark obstacles."),
-    flag("clearing", True, True, "Whether beams clear the cells that they pass."),
+    text("topic", "", "front/scan", "Topic of the source. Without it, the name of the source."),
+    text("data_type", "PointCloud", "LaserScan", "Message type of the source: LaserScan, PointCloud2 or PointCloud."),
+    text("sensor_frame", "", "front_laser",
+        "Frame at whose origin the rays start. Empty, or where tf does not know it: the frame in the messages."),
+    flag("marking", True, True, "Whether the points mark obstacles."),
+    flag("clearing", False, True, "Whether the rays clear the cells that they pass."),
     flag("inf_is_valid", False, None,
-        "Whether a beam without return (infinite range) clears cells up to the sensor's maximum range."),
-    real("min_obstacle_height", -2.0, -INF, INF, -2.0, "m", "Height below which points are dropped."),
-    real("max_obstacle_height", 2.0, -INF, INF, 2.0, "m", "Height above which points are dropped."),
+        "Whether a beam of a LaserScan without return (infinite range) clears cells up to raytrace_range."),
+    real("min_obstacle_height", 0.0, -INF, INF, -2.0, "m", "Height in the costmap's frame below which points are dropped."),
+    real("max_obstacle_height", 2.0, -INF, INF, 2.0, "m", "Height in the costmap's frame above which points are dropped."),
     real("obstacle_range", 2.5, 0.0, INF, 2.5, "m",
-        "Distance from the sensor beyond which obstacles are not marked."),
-    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m", "Distance from the sensor up to which beams clear cells."),
-    real("observation_persistence", 0.0, 0.0, 0.0, None, "s",
-        "How long scans are kept. Only 0 is supported: the newest scan alone is used."),
+        "Distance from the sensor beyond which points are not marked."),
+    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m", "Distance from the sensor up to which rays clear cells."),
+    real("observation_persistence", 0.0, 0.0, INF, None, "s",
+        "How long messages are kept and applied again in each update. With 0 the newest alone is used."),
     real("expected_update_rate", 0.0, 0.0, INF, None, "s",
-        "Without effect; scan_timeout decides when a missing scan stops the robot."),
+        "Time without a message after which the robot stops, for sources of the local costmap. With 0 scan_timeout "
+        "alone decides."),
+)
+
+STATIC_STATIC_MAP = (
+    text("map_topic", "map", None, "Topic of the map. It is read from a latched topic, as map_server has it."),
+    flag("first_map_only", False, None, "Whether maps after the first one are ignored."),
+    flag("subscribe_to_updates", False, None, "Whether changes of the map are taken from the topic map_topic_updates."),
+    flag("track_unknown_space", True, None, "Whether unknown cells of the map are unknown in the costmap, or else free."),
+    flag("use_maximum", False, None,
+        "Whether the map leaves higher costs of the layers below alone, instead of replacing all of them."),
+    whole("lethal_cost_threshold", 100, -INT_MAX - 1, INT_MAX, None, "",
+        "Occupancy from which on a cell is lethal; values beyond 0 and 100 count as these."),
+    whole("unknown_cost_value", -1, -INT_MAX - 1, INT_MAX, None, "", "Occupancy that means that a cell is unknown."),
+    flag("trinary_costmap", True, None,
+        "Whether cells of lower occupancy are free. Otherwise their cost is in proportion to their occupancy."),
 )

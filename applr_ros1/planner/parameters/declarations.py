@@ -9,7 +9,7 @@ files import it at build time without numpy.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, NamedTuple, Tuple
 
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
@@ -21,6 +21,7 @@ from applr_ros1.planner.parameters.costmap_parameters import (
     STATIC_SOURCE,
 )
 from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER, STATIC_DWA_PLANNER
+from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, TYPES, layers, sources
 from applr_ros1.planner.parameters.move_base_parameters import (
     AGGRESSIVE_RESET,
     APPLR_NODE,
@@ -100,10 +101,39 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
 }
 
 
-def servers(base_local_planner: str) -> List[str]:
-    """The dynamic_reconfigure servers that exist with this local planner: all but those of the other ones."""
-    others = {namespace(name) for name in LOCAL_PLANNERS} - {namespace(base_local_planner)}
-    return [name for name in SERVERS if name not in others]
+class Server(NamedTuple):
+    """A dynamic_reconfigure server: the name of its generated type, without "Config", and its parameters."""
+
+    config: str
+    parameters: Tuple[Parameter, ...]
+
+
+def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
+    """The dynamic_reconfigure servers of a complete parameter tree: move_base, the local planner, costmaps, layers.
+
+    Returns:
+        {name: Server}; "" is move_base's own.
+    """
+    planner = namespace(tree["base_local_planner"])
+    found = {"": Server("MoveBase", MOVE_BASE), planner: Server(planner[: -len("ROS")], SERVERS[planner])}
+    for name in COSTMAPS:
+        found[name] = Server("Costmap2D", SERVERS[name])
+        for layer in layers(name, tree[name]):
+            found[layer.path] = Server(TYPES[layer.kind].config, TYPES[layer.kind].live)
+    return found
+
+
+def static_tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
+    """The parameters of a tree that are read once, by place; the tree is arranged (layers.arranged)."""
+    found = {path: table for path, table in STATIC.items() if "costmap/" not in path}
+    for name in COSTMAPS:
+        costmap = tree.get(name, {})
+        for layer in layers(name, costmap) if isinstance(costmap, dict) else ():
+            found[layer.path] = TYPES[layer.kind].static
+            own = costmap.get(layer.name, {})
+            if layer.kind == OBSTACLE_LAYER and isinstance(own, dict):
+                found.update({"%s/%s" % (layer.path, source): STATIC_SOURCE for source in sources(own)})
+    return found
 
 
 def namespace(plugin: str) -> str:

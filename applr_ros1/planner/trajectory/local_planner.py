@@ -10,6 +10,7 @@ from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.planner.angles import angle_difference, wrapped
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import LocalPlanner
@@ -61,7 +62,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.goal_reached = False
 
     def set_plan(self, plan: np.ndarray) -> None:
-        """The global plan (n, 3) x, y [m], yaw [rad] in the costmap's frame, from now on."""
+        """The global plan (n, 3) x, y [m], yaw [rad], from now on."""
         self._plan = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
         self._latched = False
         self.goal_reached = False
@@ -83,7 +84,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         return NO_TRAJECTORIES if self._result is None else self.planner.trajectory_cloud(costmap)
 
     def compute_velocity(
-        self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap
+        self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap, frame: Optional[Pose] = None
     ) -> Tuple[bool, Tuple[float, float]]:
         """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
 
@@ -94,7 +95,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         v, w = (float(v) for v in twist)
         if not math.isfinite(x + y + yaw + v + w):
             return False, STANDING
-        cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes)
+        cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes, frame)
         if dropped:
             self._plan = self._plan[dropped:]
         if len(cut) == 0:

@@ -1,0 +1,221 @@
+"""Static layer of a costmap: what a map from a topic (map_server, SLAM) says, written under or over other layers.
+
+Called by costmap.Costmap. Follows costmap_2d/static_layer.cpp. A costmap that does not roll takes the map's size and
+place; a rolling one shows the part of the map that it is over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.costmap.grid import FREE, LETHAL, UNKNOWN
+from applr_ros1.planner.costmap.merge import merge, replace
+
+Bounds = Tuple[float, float, float, float]
+
+
+class MapError(ApplrError):
+    """A map that cannot be used; the message is one line."""
+
+
+@dataclass(frozen=True)
+class StaticMap:
+    """An occupancy grid as nav_msgs/OccupancyGrid has it.
+
+    cells (ny, nx) int8: 0 free .. 100 occupied, -1 unknown; row 0 is the lowest y. resolution [m]; origin (x, y) [m] of
+    the lower corner in the frame `frame`.
+    """
+
+    cells: np.ndarray
+    resolution: float
+    origin: Tuple[float, float]
+    frame: str = ""
+
+    def checked(self) -> StaticMap:
+        """A copy with contiguous int8 cells. MapError for one that no costmap can have."""
+        cells = np.array(self.cells, dtype=np.int8, order="C")
+        if cells.ndim != 2 or cells.size == 0:
+            raise MapError("a map of %s cells: give it rows and columns" % "x".join(map(str, cells.shape)))
+        if not (math.isfinite(self.resolution) and self.resolution > 0 and all(map(math.isfinite, self.origin))):
+            raise MapError(
+                "a map with resolution %r m and origin %r: give finite numbers and a resolution above 0"
+                % (self.resolution, tuple(self.origin))
+            )
+        return StaticMap(cells, float(self.resolution), (float(self.origin[0]), float(self.origin[1])), self.frame)
+
+
+@dataclass
+class StaticParameters:
+    """Settings of the layer, named as the ROS parameters."""
+
+    enabled: bool = True
+    map_topic: str = "map"
+    first_map_only: bool = False
+    subscribe_to_updates: bool = False
+    track_unknown_space: bool = True  # unknown cells of the map are unknown, not free
+    use_maximum: bool = False  # known cells with a higher cost alone are written
+    lethal_cost_threshold: int = 100  # occupancy from which on a cell is lethal
+    unknown_cost_value: int = -1  # occupancy that means unknown
+    trinary_costmap: bool = True  # other cells are free; otherwise they have a cost in proportion
+
+    def __post_init__(self):
+        for field in fields(self):
+            kind: Any = type(field.default)
+            setattr(self, field.name, kind(getattr(self, field.name)))
+
+
+def interpretation(p: StaticParameters) -> np.ndarray:
+    """Costs (256,) uint8 of an occupancy read as an unsigned byte. static_layer.cpp, interpretValue."""
+    threshold = max(min(p.lethal_cost_threshold, 100), 0)
+    costs = np.empty(256, np.uint8)
+    for value in range(256):
+        if value == p.unknown_cost_value & 255:
+            costs[value] = UNKNOWN if p.track_unknown_space else FREE
+        elif value >= threshold:
+            costs[value] = LETHAL
+        else:
+            costs[value] = FREE if p.trinary_costmap else int(value / threshold * LETHAL)
+    return costs
+
+
+class StaticLayer:
+    """Grid `cells` (ny, nx) uint8 of costs with the map's own resolution and origin; nothing before the first map.
+
+    Args:
+        rolling: whether the costmap moves with the robot.
+        parameters: StaticParameters.
+        name: of the layer in the parameter files.
+
+    Attributes:
+        map_frame: the frame that the map was given in.
+        placement: pose (x, y, yaw) of the costmap's frame in the map's; None where they are one. It counts for
+            rolling costmaps alone, as in C++.
+    """
+
+    def __init__(self, rolling: bool, parameters: StaticParameters, name: str = "static_layer"):
+        self.name = name
+        self.parameters = parameters
+        self.rolling = bool(rolling)
+        self.cells: Optional[np.ndarray] = None
+        self.map_frame = ""
+        self.placement: Optional[Pose] = None
+        self._costs = interpretation(parameters)
+        self._due: Optional[Tuple[int, int, int, int]] = None  # cells that have not been written yet
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether no map has come yet."""
+        return self.cells is None
+
+    def match_size(self, nx: int, ny: int, resolution: float, origin: np.ndarray) -> None:
+        """The costmap has this size and place now. origin (2,): its own array, which moves along with a rolling map."""
+        self._master_origin, self._master_resolution = origin, float(resolution)
+
+    def configure(self, parameters: StaticParameters) -> None:
+        """Take new parameters; switched on or off, all of the map is due."""
+        if parameters.enabled != self.parameters.enabled and self.cells is not None:
+            self._due = self._all()
+        self.parameters = parameters
+
+    def accepts(self) -> bool:
+        """Whether a further map counts: only the first does with first_map_only."""
+        return self.cells is None or not self.parameters.first_map_only
+
+    def take(self, given: StaticMap) -> None:
+        """The map (checked) counts from the next update on."""
+        self.resolution, self.origin, self.map_frame = given.resolution, given.origin, given.frame
+        self.cells = self._costs[given.cells.view(np.uint8)]
+        self._due = self._all()
+
+    def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
+        """Occupancies (h, w) int8 for the map's cells from (x, y) on. MapError where they are not on the map."""
+        h, w = cells.shape
+        if self.cells is None or not (
+            x >= 0 and y >= 0 and x + w <= self.cells.shape[1] and y + h <= self.cells.shape[0]
+        ):
+            raise MapError("an update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
+        self.cells[y : y + h, x : x + w] = self._costs[np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)]
+        due = self._due or (x, y, x + w, y + h)
+        self._due = min(due[0], x), min(due[1], y), max(due[2], x + w), max(due[3], y + h)
+
+    def reset(self) -> None:
+        """The costmap was cleared: all of the map is due."""
+        if self.cells is not None:
+            self._due = self._all()
+
+    def _all(self):
+        assert self.cells is not None
+        return 0, 0, self.cells.shape[1], self.cells.shape[0]
+
+    def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
+        """(min x, min y, max x, max y) [m], widened by what is due; by the whole map where the costmap rolls."""
+        if self.cells is None:
+            return bounds
+        due, self._due = self._due, None
+        if self.rolling:
+            due = self._all()
+        if due is None:
+            return bounds
+        (ox, oy), res = self.origin, self.resolution
+        return (
+            min(bounds[0], ox + (due[0] + 0.5) * res),
+            min(bounds[1], oy + (due[1] + 0.5) * res),
+            max(bounds[2], ox + (due[2] + 0.5) * res),
+            max(bounds[3], oy + (due[3] + 0.5) * res),
+        )
+
+    def write(
+        self, base: np.ndarray, window: Tuple[int, int, int, int], pose: Sequence[float], footprint: np.ndarray
+    ) -> None:
+        """Write the map into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
+        if self.cells is None:
+            return
+        if self.rolling or self.cells.shape != base.shape:  # the latter: another layer's map gave the costmap its size
+            x, y, yaw = self.placement or (0.0, 0.0, 0.0)
+            ox, oy = self._master_origin.tolist()
+            _write_part(
+                self.cells,
+                *self.origin,
+                self.resolution,
+                base,
+                ox,
+                oy,
+                self._master_resolution,
+                self.parameters.use_maximum,
+                x,
+                y,
+                math.cos(yaw),
+                math.sin(yaw),
+                *window,
+            )
+        elif self.parameters.use_maximum:
+            merge(self.cells, base, True, *window)
+        else:
+            replace(self.cells, base, *window)
+
+
+@kernel
+def _write_part(cells, ox, oy, res, base, bx, by, base_res, use_maximum, tx, ty, c, s, x0, y0, xn, yn):
+    """Every cell of the window whose centre lies on the map takes the map's cost there."""
+    ny, nx = cells.shape
+    for j in range(y0, yn):
+        for i in range(x0, xn):
+            wx = bx + (i + 0.5) * base_res
+            wy = by + (j + 0.5) * base_res
+            px = (c * wx - s * wy) + tx
+            py = (s * wx + c * wy) + ty
+            if px < ox or py < oy:
+                continue
+            fx = (px - ox) / res
+            fy = (py - oy) / res
+            if fx >= nx or fy >= ny:
+                continue
+            value = cells[int(fy), int(fx)]
+            base[j, i] = max(value, base[j, i]) if use_maximum else value

@@ -1,0 +1,87 @@
+"""What the robot senses, on its way into the obstacle layers: who listens to which topic, and which source is silent.
+
+Called by MoveBase.
+"""
+
+from __future__ import annotations
+
+from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
+
+from applr_ros1.common.angles import Pose
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.scan import LaserScan, Observation, moved, observe
+from applr_ros1.planner.costmap.sources import ObservationBuffer
+
+Sensed = Union[Observation, Mapping[str, Observation]]
+
+
+class _Listener(NamedTuple):
+    """A source of an obstacle layer that listens to a topic."""
+
+    buffer: ObservationBuffer
+    is_global: bool  # of the global costmap
+
+
+class Inputs:
+    """The sources of both costmaps by topic.
+
+    Args:
+        local_costmap: the costmap on which the robot drives; its sources stop the robot when they fall silent.
+        global_costmap: the other one.
+        timeout: age [s] of the newest message at which a source counts as silent; 0 switches that off. It counts for
+            laser scans and for what clears: other sources may have nothing to say.
+
+    Attributes:
+        data_types: {topic: data type} of all sources, those of the local costmap first.
+        ray_origins: {topic: frame at whose origin the rays start} of the sources that give one.
+    """
+
+    def __init__(self, local_costmap: Costmap, global_costmap: Costmap, timeout: float):
+        self._local, self._timeout = local_costmap, timeout
+        self._listeners: Dict[str, List[_Listener]] = {}
+        self.data_types: Dict[str, str] = {}
+        self.ray_origins: Dict[str, str] = {}
+        self._stamps: Dict[str, float] = {}
+        for costmap, is_global in ((local_costmap, False), (global_costmap, True)):
+            for layer in costmap.obstacle_layers:
+                for buffer in layer.buffers:
+                    topic = buffer.source.topic
+                    self._listeners.setdefault(topic, []).append(_Listener(buffer, is_global))
+                    self.data_types.setdefault(topic, buffer.source.data_type)
+                    if buffer.source.sensor_frame:
+                        self.ray_origins.setdefault(topic, buffer.source.sensor_frame)
+
+    def take(self, sensed: Sensed, now: float, frame: Optional[Pose]) -> None:
+        """Hand observations to the sources that listen to their topics; those older than the last one are left out.
+
+        sensed: {topic: observation}, or one observation of the first topic; frame: as in MoveBase.step.
+        """
+        if not isinstance(sensed, Mapping):
+            sensed = {topic: sensed for topic in list(self.data_types)[:1]}
+        for topic, observation in sensed.items():
+            if topic in self._stamps and observation.stamp < self._stamps[topic]:
+                continue
+            self._stamps[topic] = observation.stamp
+            self._hand_on(topic, observation, now, frame)
+
+    def _hand_on(self, topic, observation, now, frame):
+        clouds: dict = {}  # one projection serves all sources with the same frame and the same view of +inf
+        for buffer, is_global in self._listeners.get(topic, ()):
+            valid = buffer.source.inf_is_valid and isinstance(observation, LaserScan)
+            key = is_global and frame is not None, valid
+            if key not in clouds:
+                clouds[key] = observe(moved(observation, frame) if key[0] else observation, valid)
+            buffer.take(clouds[key], now)
+
+    def silent(self, now: float) -> Optional[Tuple[str, float]]:
+        """(topic, time [s] after which) of a source of the local costmap that has been silent for too long, or None."""
+        for layer in self._local.obstacle_layers:
+            for buffer in layer.buffers:
+                source = buffer.source
+                if layer.parameters.enabled and not buffer.is_current(now):
+                    return source.topic, source.expected_update_rate
+                if self._timeout > 0.0 and (source.data_type == "LaserScan" or source.clearing):
+                    stamp = self._stamps.get(source.topic)
+                    if stamp is None or now - stamp > self._timeout:
+                        return source.topic, self._timeout
+        return None

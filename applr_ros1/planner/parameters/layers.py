@@ -1,0 +1,150 @@
+"""Which layers a costmap has, and where their parameters stand: the rules of costmap_2d_ros.cpp.
+
+Used by the check and completion of parameter trees and by declarations.servers. Pure standard library.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, NamedTuple, Tuple
+
+from applr_ros1.planner.parameters.costmap_parameters import (
+    INFLATION,
+    OBSTACLES,
+    STATIC_MAP,
+    STATIC_OBSTACLES,
+    STATIC_STATIC_MAP,
+)
+from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
+
+COSTMAPS = ("global_costmap", "local_costmap")
+
+
+class LayerType(NamedTuple):
+    """A kind of layer.
+
+    config: name of its dynamic_reconfigure type. live: the parameters of that server. static: those that are read
+    once. inherited: names that, given at the costmap, replace the layer's own values.
+    """
+
+    config: str
+    live: Tuple[Parameter, ...]
+    static: Tuple[Parameter, ...]
+    inherited: Tuple[str, ...]
+
+
+STATIC_LAYER, OBSTACLE_LAYER, INFLATION_LAYER = (
+    "costmap_2d::%sLayer" % kind for kind in ("Static", "Obstacle", "Inflation")
+)
+TYPES: Dict[str, LayerType] = {
+    STATIC_LAYER: LayerType(
+        "GenericPlugin",
+        STATIC_MAP,
+        STATIC_STATIC_MAP,
+        ("map_topic", "unknown_cost_value", "lethal_cost_threshold", "track_unknown_space"),
+    ),
+    OBSTACLE_LAYER: LayerType(
+        "ObstaclePlugin",
+        OBSTACLES,
+        STATIC_OBSTACLES,
+        ("max_obstacle_height", "raytrace_range", "obstacle_range", "track_unknown_space"),
+    ),
+    INFLATION_LAYER: LayerType("InflationPlugin", INFLATION, (), ("cost_scaling_factor", "inflation_radius")),
+}
+INHERITED: Dict[str, Parameter] = {
+    p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
+}
+# without `plugins`: (name, type); the static layer only with static_map
+BEFORE_HYDRO = (
+    ("static_layer", STATIC_LAYER),
+    ("obstacle_layer", OBSTACLE_LAYER),
+    ("inflation_layer", INFLATION_LAYER),
+)
+
+
+class Layer(NamedTuple):
+    """A layer of a costmap. path: its place in the parameter tree, such as "local_costmap/obstacle_layer"."""
+
+    path: str
+    name: str
+    kind: str  # one of TYPES
+
+
+def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
+    """The layers of the costmap `name`, from the lowest to the highest. ParameterError for a list that is none."""
+    found: List[Layer] = []
+    plugins = costmap.get("plugins", [])
+    for entry in plugins if isinstance(plugins, list) else [plugins]:
+        good = isinstance(entry, dict) and isinstance(entry.get("name"), str) and entry["name"]
+        if not good or entry.get("type") not in TYPES:
+            raise ParameterError(
+                "%s/plugins has %r: give a name and a type of %s" % (name, entry, ", ".join(sorted(TYPES)))
+            )
+        if any(layer.name == entry["name"] for layer in found):
+            raise ParameterError("%s/plugins has two layers named %s: give each its own" % (name, entry["name"]))
+        found.append(Layer("%s/%s" % (name, entry["name"]), entry["name"], entry["type"]))
+    return found
+
+
+def sources(layer: Dict[str, Any]) -> List[str]:
+    """The names of an obstacle layer's sources."""
+    listed = layer.get("observation_sources", "")
+    return listed.split() if isinstance(listed, str) else []
+
+
+def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
+    """The tree with the layers' parameters where C++ looks for them in the end; the costmaps in it are new dicts.
+
+    Files without `plugins` get their list, and what stands at the costmap moves to the layers. With `plugins`, values at
+    the costmap that the layers inherit are copied to them. Sources get the ranges that stand above them.
+    """
+    made = dict(tree)
+    for name in COSTMAPS:
+        given = tree.get(name, {})
+        if not isinstance(given, dict):
+            continue
+        costmap = made[name] = dict(given)
+        if "plugins" not in costmap:
+            _move_to_layers(costmap)
+        for layer in layers(name, costmap):
+            own = costmap.get(layer.name, {})
+            if not isinstance(own, dict):
+                continue
+            own = costmap[layer.name] = dict(own)
+            own.update({key: costmap[key] for key in TYPES[layer.kind].inherited if key in costmap})
+            if layer.kind == OBSTACLE_LAYER:
+                _arrange_sources(own, (own, costmap, tree))
+    return made
+
+
+def _move_to_layers(costmap) -> None:
+    """The set of layers that files had before `plugins` existed."""
+    with_map = costmap.get("static_map", False) is True
+    if costmap.get("map_type") == "voxel":
+        raise ParameterError("map_type is voxel: give costmap, or plugins without a voxel layer")
+    own = {layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {} for layer, _ in BEFORE_HYDRO}
+    keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
+    keys["obstacle_layer"] += ("observation_sources", *sources(costmap))
+    for layer, names in keys.items():
+        if layer != "static_layer" or with_map:
+            own[layer].update({key: costmap[key] for key in names if key in costmap})
+    for names in keys.values():
+        for key in names:
+            if key != "track_unknown_space":  # the costmap itself has it, too
+                costmap.pop(key, None)
+    costmap["plugins"] = [
+        {"name": layer, "type": kind} for layer, kind in BEFORE_HYDRO if layer != "static_layer" or with_map
+    ]
+    costmap.update({entry["name"]: own[entry["name"]] for entry in costmap["plugins"]})
+
+
+def _arrange_sources(layer, above) -> None:
+    """Each source gets its topic, and the ranges of the nearest place above it, where it has none of its own."""
+    for name in sources(layer):
+        own = layer.get(name, {})
+        if isinstance(own, dict):
+            own = layer[name] = dict(own)
+            own.setdefault("topic", name)
+            for key in ("obstacle_range", "raytrace_range"):
+                found = next((place[key] for place in above if key in place), None)
+                if key not in own and found is not None:
+                    own[key] = found
