@@ -6,7 +6,7 @@ Compiled kernels keep formulas of their own (planner/trajectory/sampling.py: the
 from __future__ import annotations
 
 import math
-from typing import Tuple
+from typing import Any, Tuple
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
     return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
-def place(pose: Pose, x: float, y: float) -> Tuple[float, float]:
+def place(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
     """The point (x, y), given in the frame at `pose`, in the frame in which the pose is given [m]; arrays as well."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return pose[0] + c * x - s * y, pose[1] + s * x + c * y

@@ -153,10 +153,9 @@ def static_map(message) -> StaticMap:
         raise MessageError("has %d cells for %d x %d" % (n, info.width, info.height))
     if n > MAX_CELLS:
         raise MessageError("has %d cells: give at most %d" % (n, MAX_CELLS))
-    if abs(yaw_of(info.origin.orientation)) > 1e-3 and is_upright(info.origin.orientation):
-        raise MessageError(
-            "has an origin that is turned by %.3g rad: give one without yaw" % yaw_of(info.origin.orientation)
-        )
+    turn = info.origin.orientation  # all zero where it was left out
+    if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
+        raise MessageError("has an origin that is turned by %.3g rad: give one without yaw" % yaw_of(turn))
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     place = float(info.origin.position.x), float(info.origin.position.y)
     return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))

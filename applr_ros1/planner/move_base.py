@@ -232,9 +232,9 @@ class MoveBase:
     def _place_maps(self) -> None:
         """Tell the static layers where their costmap lies in a map of the other costmap's frame."""
         world, local = self._global_frames
-        for costmap, other in ((self.global_costmap, local), (self.local_costmap, world)):
+        frame = self.frame or (0.0, 0.0, 0.0)
+        for costmap, other, place in ((self.global_costmap, local, inverse(frame)), (self.local_costmap, world, frame)):
             for layer in costmap.static_layers:
-                place = self.frame if costmap is self.local_costmap else inverse(self.frame)
                 layer.placement = place if layer.map_frame == other else None
 
     def in_global_frame(self, pose: Pose) -> Pose:
@@ -273,7 +273,7 @@ class MoveBase:
 
     # -- plans on request ------------------------------------------------------------------------------------
     def plan(self, start: Pose, goal: Pose, tolerance: Optional[float] = None) -> np.ndarray:
-        """A navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, (0, 3) if there is none: NavfnROS/make_plan."""
+        """A navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, (0, 3) if none (NavfnROS)."""
         own = self.parameters["NavfnROS"]
         tolerance = own["default_tolerance"] if tolerance is None else tolerance
         return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, own["allow_unknown"])

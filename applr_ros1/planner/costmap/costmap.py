@@ -214,8 +214,8 @@ class Costmap:
                 self.default,
             )
             if moved != (0, 0):
-                for layer in self.inflation_layers:
-                    layer.roll(*moved)
+                for inflation in self.inflation_layers:
+                    inflation.roll(*moved)
                 self._changed((0, 0, nx, ny))
         bounds = NOTHING
         for layer in self.layers:

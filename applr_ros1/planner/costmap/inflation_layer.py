@@ -65,7 +65,7 @@ class InflationLayer:
         self._last = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
         self._allocate(nx, ny, resolution)
 
-    def match_size(self, nx: int, ny: int, resolution: float, origin: Sequence[float]) -> None:
+    def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
         """Take the costmap's size; a full pass becomes due."""
         self._allocate(nx, ny, resolution)
         self.full_pass_due = True
@@ -125,7 +125,7 @@ class InflationLayer:
         pose: Optional[Sequence[float]] = None,
         footprint: Optional[np.ndarray] = None,
     ) -> Tuple[float, float, float, float]:
-        """Bounds (min x, min y, max x, max y) [m], widened; pose and footprint do not matter. inflation_layer.cpp:129."""
+        """Bounds (min x, min y, max x, max y) [m], widened, whatever the pose is. inflation_layer.cpp:129."""
         last, self._last = self._last, bounds
         if self.full_pass_due:
             self.full_pass_due = False

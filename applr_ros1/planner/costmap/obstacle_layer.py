@@ -62,7 +62,7 @@ class ObstacleLayer:
         nx: int,
         ny: int,
         resolution: float,
-        origin: Sequence[float],
+        origin: Any,
         rolling: bool,
         default: int,
         parameters: ObstacleParameters,
@@ -78,7 +78,7 @@ class ObstacleLayer:
         self._bounds = np.empty(4)
         self.match_size(nx, ny, resolution, origin)
 
-    def match_size(self, nx: int, ny: int, resolution: float, origin: Sequence[float]) -> None:
+    def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
         """Take the costmap's size and place; the grid is empty after it. What the sources last said stays."""
         self.resolution = float(resolution)
         self.cells = np.full((ny, nx), self.default, np.uint8)

@@ -44,8 +44,8 @@ class LaserScan:
 class SensorCloud:
     """Points (n, 3) float32 [m] in a sensor's frame, seen at `stamp` [s].
 
-    position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), place the sensor in the costmap's frame; origin: where
-    the rays start [m] if that is not the sensor's place (the parameter sensor_frame).
+    position (x, y, z) [m] and rotation, a quaternion (x, y, z, w), place the sensor in the costmap's frame; origin:
+    where the rays start [m] if that is not the sensor's place (the parameter sensor_frame).
     """
 
     stamp: float
@@ -78,12 +78,14 @@ def moved(observation: Observation, frame: Pose) -> Observation:
     """The same observation in the frame in which `frame` (x, y, yaw) is the pose of its present frame."""
     start = observation.origin
     origin = None if start is None else (*place(frame, start[0], start[1]), start[2])
-    turned = None if observation.rotation is None else _turned(observation.rotation, frame[2])
     if isinstance(observation, LaserScan):
         pose = compose(frame, observation.sensor_pose)
-        return replace(observation, sensor_pose=pose, rotation=turned, origin=origin)
+        rotation = None if observation.rotation is None else _turned(observation.rotation, frame[2])
+        return replace(observation, sensor_pose=pose, rotation=rotation, origin=origin)
     x, y, z = observation.position
-    return replace(observation, position=(*place(frame, x, y), z), rotation=turned, origin=origin)
+    return replace(
+        observation, position=(*place(frame, x, y), z), rotation=_turned(observation.rotation, frame[2]), origin=origin
+    )
 
 
 def _turned(q: Quaternion, yaw: float) -> Quaternion:

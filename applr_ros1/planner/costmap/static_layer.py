@@ -137,9 +137,8 @@ class StaticLayer:
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
         """Occupancies (h, w) int8 for the map's cells from (x, y) on. MapError where they are not on the map."""
         h, w = cells.shape
-        if self.cells is None or not (
-            x >= 0 and y >= 0 and x + w <= self.cells.shape[1] and y + h <= self.cells.shape[0]
-        ):
+        ny, nx = (0, 0) if self.cells is None else self.cells.shape
+        if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:
             raise MapError("an update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
         self.cells[y : y + h, x : x + w] = self._costs[np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)]
         due = self._due or (x, y, x + w, y + h)

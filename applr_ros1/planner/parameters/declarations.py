@@ -9,7 +9,7 @@ files import it at build time without numpy.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Dict, NamedTuple, Tuple
+from typing import Any, Dict, List, NamedTuple, Tuple
 
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,

@@ -94,8 +94,8 @@ def sources(layer: Dict[str, Any]) -> List[str]:
 def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     """The tree with the layers' parameters where C++ looks for them in the end; the costmaps in it are new dicts.
 
-    Files without `plugins` get their list, and what stands at the costmap moves to the layers. With `plugins`, values at
-    the costmap that the layers inherit are copied to them. Sources get the ranges that stand above them.
+    Files without `plugins` get their list, and what stands at the costmap moves to the layers. With `plugins`, values
+    at the costmap that the layers inherit are copied to them. Sources get the ranges that stand above them.
     """
     made = dict(tree)
     for name in COSTMAPS:

@@ -13,18 +13,22 @@ from typing import List
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.planner.parameters.declarations import SERVERS, STATIC, Parameter
+from applr_ros1.planner.parameters.layers import TYPES
 
 BEGIN, END = "<!-- begin: written by python -m applr_ros1.planner.parameters.table -->", "<!-- end -->"
 WIDTH = 119
+OBSTACLES, INFLATION = "local_costmap/obstacles_layer", "local_costmap/inflater_layer"
+MAP = "costmap_2d::StaticLayer"
 PLACES = {
     "": "`/move_base`",
     "TrajectoryPlannerROS": "`/move_base/TrajectoryPlannerROS`",
     "DWAPlannerROS": "`/move_base/DWAPlannerROS`",
     "NavfnROS": "`/move_base/NavfnROS`",
     "local_costmap": "`/move_base/local_costmap` and `/move_base/global_costmap`",
-    "local_costmap/inflater_layer": "`inflater_layer` of both costmaps",
-    "local_costmap/obstacles_layer": "`obstacles_layer` of both costmaps",
-    "local_costmap/obstacles_layer/scan": "`obstacles_layer/scan` of both costmaps",
+    MAP: "Each static layer (`static_layer` in files without `plugins`)",
+    OBSTACLES: "Each obstacle layer (`obstacles_layer` on the Jackal, `obstacle_layer` in files without `plugins`)",
+    OBSTACLES + "/scan": "Each source of an obstacle layer (`scan` on the Jackal)",
+    INFLATION: "Each inflation layer (`inflater_layer` on the Jackal, `inflation_layer` in files without `plugins`)",
 }
 
 
@@ -32,8 +36,8 @@ def tables() -> str:
     """Markdown: a list for every dynamic_reconfigure server, then one for what is read only at start-up."""
     parts = [BEGIN, ""]
     for title, declared in (
-        ("Live, through dynamic_reconfigure", SERVERS),
-        ("Read once, when the node starts", STATIC),
+        ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
+        ("Read once, when the node starts", dict(STATIC, **{MAP: TYPES[MAP].static})),
     ):
         parts += ["## " + title, ""]
         for path in PLACES:
