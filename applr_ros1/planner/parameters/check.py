@@ -163,8 +163,8 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     """The tree with every absent parameter at its default and both names of each alias; a new nested dict.
 
     The parameters of layers and sources stand where C++ has them in the end (layers.arranged), and `plugins` is always
-    there. What layers inherit from their costmap stands there only where it was given. ParameterError, one line, for
-    what cannot be run.
+    there. What layers inherit from their costmap stands at the layers alone, but for a track_unknown_space that was
+    given. ParameterError, one line, for what cannot be run.
     """
     full: Dict[str, Any] = {}
     tree = arranged(tree)
@@ -176,16 +176,14 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
             named = [have[name] for name in (p.name,) + p.aliases if name in have]
             if not named and p.name == "controller_frequency" and p.name in tree:
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
-            if not named and path in COSTMAPS and p.name in INHERITED:
-                continue
+            if path in COSTMAPS and p.name in INHERITED and not (named and p.name == "track_unknown_space"):
+                continue  # the layers have it
             if any(other != named[0] for other in named):
                 raise ParameterError(
                     "%s is %r but its other name %s is %r: give one of them" % (label, named[0], p.aliases[0], named[1])
                 )
             value = convert(p, named[0] if named else p.default, label)
             here.update({name: value for name in (p.name,) + p.aliases})
-        if path in COSTMAPS:
-            here.update({name: convert(p, have[name]) for name, p in INHERITED.items() if name in have})
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in _behaviours(tree):
