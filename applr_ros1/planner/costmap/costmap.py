@@ -241,10 +241,18 @@ class Costmap:
         r = 2 * sum(layer.reach for layer in self.inflation_layers)
         around = (max(0, window[0] - r), max(0, window[1] - r), min(nx, window[2] + r), min(ny, window[3] + r))
         grid = self._base
-        begin(self.cells, grid, self.default, *window, *around)
+        lowest: Any = self.layers[0] if self.layers else None
+        if isinstance(lowest, ObstacleLayer) and lowest.parameters.enabled:
+            lowest.clear_footprint(pose, self.footprint)
+            begin(self.cells, grid, self.default, lowest.cells, lowest.is_merging, *window, *around)
+        else:
+            lowest = None
+            begin(self.cells, grid, self.default, grid, False, *window, *around)
         top = self.layers[-1] if self.layers else None
         changed = None
         for layer in self.layers:
+            if layer is lowest:
+                continue
             if not isinstance(layer, InflationLayer):
                 if layer.parameters.enabled:
                     layer.write(grid, window, pose, self.footprint)

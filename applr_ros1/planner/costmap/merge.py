@@ -15,16 +15,28 @@ MAXIMUM = 1
 
 
 @kernel
-def begin(master, base, default, x0, y0, xn, yn, ax0, ay0, axn, ayn):
-    """`base` becomes the default value inside the window, and as the master is in the rest of the rectangle around."""
+def begin(master, base, default, layer, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
+    """`base` becomes the default value inside the window, and as the master is in the rest of the rectangle around.
+
+    With `merging` the known cells of the lowest layer are written into the window at once; on default values it makes
+    no difference how they are combined.
+    """
     empty = np.uint8(default)
+    unknown = np.uint8(UNKNOWN)
     for y in range(ay0, ayn):
-        if y0 <= y < yn:
-            _copy(master[y, ax0:x0], base[y, ax0:x0])
-            _copy(master[y, xn:axn], base[y, xn:axn])
-            _fill(base[y, x0:xn], empty)
-        else:
+        if not y0 <= y < yn:
             _copy(master[y, ax0:axn], base[y, ax0:axn])
+            continue
+        _copy(master[y, ax0:x0], base[y, ax0:x0])
+        _copy(master[y, xn:axn], base[y, xn:axn])
+        target = base[y, x0:xn]
+        if merging:
+            values = layer[y, x0:xn]
+            for i in range(values.shape[0]):
+                target[i] = values[i] if values[i] != unknown else empty
+        else:
+            for i in range(target.shape[0]):
+                target[i] = empty
 
 
 @kernel
@@ -56,9 +68,3 @@ def replace(layer, base, x0, y0, xn, yn):
 def _copy(source, target):
     for i in range(source.shape[0]):
         target[i] = source[i]
-
-
-@kernel
-def _fill(target, value):
-    for i in range(target.shape[0]):
-        target[i] = value

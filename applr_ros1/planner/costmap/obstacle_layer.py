@@ -159,12 +159,20 @@ class ObstacleLayer:
         self, base: np.ndarray, window: Tuple[int, int, int, int], pose: Sequence[float], footprint: np.ndarray
     ) -> None:
         """Clear under the robot, then write the layer into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
-        p = self.parameters
-        if p.footprint_clearing_enabled:
+        self.clear_footprint(pose, footprint)
+        if self.is_merging:
+            merge(self.cells, base, self.parameters.combination_method == MAXIMUM, *window)
+
+    def clear_footprint(self, pose: Sequence[float], footprint: np.ndarray) -> None:
+        """With footprint_clearing_enabled: what is under the robot becomes free."""
+        if self.parameters.footprint_clearing_enabled:
             ox, oy = self.origin.tolist()
             fill_footprint(self.cells, FREE, ox, oy, self.resolution, footprint, pose[0], pose[1], pose[2], True)
-        if p.combination_method in (OVERWRITE, MAXIMUM):
-            merge(self.cells, base, p.combination_method == MAXIMUM, *window)
+
+    @property
+    def is_merging(self) -> bool:
+        """Whether the layer is written at all: with an unknown combination_method it is not."""
+        return self.parameters.combination_method in (OVERWRITE, MAXIMUM)
 
     def reset(self) -> None:
         """Everything back to the default value. The newest scan stays and marks again."""
