@@ -116,7 +116,7 @@ class StaticLayer:
 
     def match_size(self, nx: int, ny: int, resolution: float, origin: np.ndarray) -> None:
         """The costmap has this size and place now. origin (2,): its own array, which moves along with a rolling map."""
-        self._master_origin, self._master_resolution = origin, float(resolution)
+        self._master_size, self._master_origin, self._master_resolution = (nx, ny), origin, float(resolution)
 
     def configure(self, parameters: StaticParameters) -> None:
         """Take new parameters; switched on or off, all of the map is due."""
@@ -154,15 +154,19 @@ class StaticLayer:
         return 0, 0, self.cells.shape[1], self.cells.shape[0]
 
     def update_bounds(self, bounds: Bounds, pose: Sequence[float], footprint: np.ndarray) -> Bounds:
-        """(min x, min y, max x, max y) [m], widened by what is due; by the whole map where the costmap rolls."""
+        """(min x, min y, max x, max y) [m], widened by what is due; by the whole costmap where that rolls.
+
+        C++ widens a rolling costmap by the map's own corners, which miss it where the two have different frames.
+        """
         if self.cells is None:
             return bounds
         due, self._due = self._due, None
+        (ox, oy), res = self.origin, self.resolution
         if self.rolling:
-            due = self._all()
+            due = (0, 0, *self._master_size)
+            (ox, oy), res = self._master_origin.tolist(), self._master_resolution
         if due is None:
             return bounds
-        (ox, oy), res = self.origin, self.resolution
         return (
             min(bounds[0], ox + (due[0] + 0.5) * res),
             min(bounds[1], oy + (due[1] + 0.5) * res),
