@@ -26,7 +26,9 @@ def nothing(*_):
 
 
 class Running:
-    """A PlannerThread at 200 Hz of wall time. `hold`: while it is set, no cycle ends."""
+    """A PlannerThread at 200 Hz of wall time. `hold`: while it is set, no cycle ends. takes: [s], a cycle's length."""
+
+    takes = 0.0
 
     def __init__(self, monkeypatch):
         rospy.rostime.set_rostime_initialized(True)
@@ -37,6 +39,7 @@ class Running:
         self.thread.start()
 
     def _cycle(self, now):
+        time.sleep(self.takes)
         while self.hold.is_set():
             self.held.set()
             time.sleep(0.001)
@@ -58,6 +61,11 @@ def running(monkeypatch):
     made = Running(monkeypatch)
     yield made
     made.end()
+
+
+def test_requests_are_answered_between_cycles_that_take_too_long(running):
+    running.takes = 0.02  # four times the period
+    assert [running.planner.ask(lambda k=k: k, cost=k) for k in range(3)] == [0, 1, 2]
 
 
 def test_a_request_that_was_not_answered_never_runs(running):
@@ -130,7 +138,7 @@ def test_changes_are_published_in_the_order_in_which_they_come_into_force(runnin
 
     mirror = SimpleNamespace(write=lambda namespace, values: time.sleep(0.001))
     server = reconfigure_server.ReconfigureServer(
-        "local_costmap", apply, {"publish_frequency": -1.0}, mirror, running.planner
+        "local_costmap", apply, {"publish_frequency": -1.0}, mirror, running.planner, "Costmap2D"
     )
     published.clear()
 

@@ -131,6 +131,7 @@ class PlannerThread:
                 self._cycle(now)
             except Exception as error:
                 self._failed(error)
+            self._serve_overdue()
 
     def _append(self, request: _Request) -> None:
         self._requests.append(request)
@@ -179,6 +180,11 @@ class PlannerThread:
         finally:
             request.done.set()
         return True
+
+    def _serve_overdue(self) -> None:
+        """Do one request that has waited for too long: cycles that take longer than their period leave no other time."""
+        if self._requests and time.monotonic() - self._requests[0].since > LONGEST_DELAY:
+            self._serve(0.0)
 
     def _sleep(self, seconds: float, since: Optional[rospy.Time] = None) -> None:
         with self._wake:
