@@ -182,7 +182,7 @@ class PlannerThread:
         return True
 
     def _serve_overdue(self) -> None:
-        """Do one request that has waited for too long: cycles that take longer than their period leave no other time."""
+        """Do one request that has waited for too long: cycles that are longer than their period leave no other time."""
         if self._requests and time.monotonic() - self._requests[0].since > LONGEST_DELAY:
             self._serve(0.0)
 
