@@ -17,6 +17,7 @@ from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, SensorCloud, 
 from applr_ros1.planner.costmap.sources import ObservationBuffer, Source
 from applr_ros1.planner.costmap.static_layer import MapError, StaticMap, StaticParameters, interpretation
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots import JACKAL as JACKAL_ROBOT
 from tests import map_scenes
 from tests.plain_maps import inflate
 
@@ -343,3 +344,26 @@ def test_two_layers_each_see_their_own_source():
     marked = np.argwhere(made.local_costmap.cells == 254) * 0.05 + made.local_costmap.origin[::-1]
     assert 3 <= len(marked) < 20
     assert (np.hypot(marked[:, 1] - 1.5, marked[:, 0]) < 0.3).all()
+
+
+def test_the_map_of_a_world_is_what_the_laser_sees():
+    """Every hit of the laser lies in an occupied cell or beside one, and no cell on the course's path is occupied."""
+    import worlds
+    from sim_bridge.lidar import Lidar
+    from worlds.occupancy import occupancy
+
+    world = worlds.load("physical_course")
+    cells, origin = occupancy(world, 0.05)
+    near = cells.copy()
+    for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+        near |= np.roll(cells, (dy, dx), axis=(0, 1))
+    lidar = Lidar(JACKAL_ROBOT.laser, world.cylinders, world.boxes)
+    angles = JACKAL_ROBOT.laser.first_angle + JACKAL_ROBOT.laser.increment * np.arange(JACKAL_ROBOT.laser.beams)
+    for x, y in world.course.path[:: max(1, len(world.course.path) // 20)]:
+        ranges = lidar.scan(x, y, 0.3)
+        hit = np.isfinite(ranges)
+        mx = ((x + ranges * np.cos(angles + 0.3))[hit] - origin[0]) / 0.05
+        my = ((y + ranges * np.sin(angles + 0.3))[hit] - origin[1]) / 0.05
+        assert (near[my.astype(int), mx.astype(int)] == 100).all()
+        assert cells[int((y - origin[1]) / 0.05), int((x - origin[0]) / 0.05)] == 0
+    assert 0.02 < (cells == 100).mean() < 0.2

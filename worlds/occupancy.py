@@ -1,0 +1,59 @@
+"""A world as an occupancy grid, as a mapping robot would have drawn it: what map_server serves.
+
+Called by the simulated robot on ROS, which publishes it, and by tests.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import outside_box
+
+from .world import World
+
+OCCUPIED = 100
+
+
+def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tuple[np.ndarray, Tuple[float, float]]:
+    """The standing obstacles of a world; those that move are on no map.
+
+    Args:
+        world: the world.
+        resolution: edge of a cell [m].
+        margin: free space around obstacles and course [m].
+
+    Returns:
+        (cells, origin): (ny, nx) int8, 100 where an obstacle reaches into a cell's inner circle and 0 elsewhere, row 0
+        at the lowest y; and the lower corner (x, y) [m] in the world's frame.
+    """
+    boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
+    half = 0.5 * np.stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]], axis=1)
+    reach = np.concatenate([np.repeat(world.cylinders[:, 2:], 2, axis=1), half])
+    centres = np.concatenate([world.cylinders[:, :2], boxes[:, :2]])
+    course = np.array([world.course.start[:2], world.course.goal[:2]])
+    low = np.vstack([centres - reach, course]).min(axis=0) - margin
+    high = np.vstack([centres + reach, course]).max(axis=0) + margin
+    low = np.floor(low / resolution) * resolution
+    nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
+    cells = np.zeros((ny, nx), np.int8)
+    near = 0.5 * resolution
+    for x, y, radius in world.cylinders.tolist():
+        block, dx, dy = _around(cells, low, resolution, x, y, radius + near)
+        block[np.hypot(dx, dy) <= radius + near] = OCCUPIED
+    for x, y, yaw, size_x, size_y in world.boxes.tolist():
+        block, dx, dy = _around(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + near)
+        block[np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) <= near] = OCCUPIED
+    return cells, (float(low[0]), float(low[1]))
+
+
+def _around(cells, low, resolution, x, y, reach):
+    """The cells within `reach` of (x, y) along both axes, and their centres less x (1, n) and y (m, 1)."""
+    ny, nx = cells.shape
+    first = [max(0, int((v - reach - o) / resolution)) for v, o in zip((x, y), low)]
+    last = [min(n, int((v + reach - o) / resolution) + 1) for v, o, n in zip((x, y), low, (nx, ny))]
+    columns = low[0] + (np.arange(first[0], last[0]) + 0.5) * resolution
+    rows = low[1] + (np.arange(first[1], last[1]) + 0.5) * resolution
+    return cells[first[1] : last[1], first[0] : last[0]], columns[None, :] - x, rows[:, None] - y
