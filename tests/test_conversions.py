@@ -1,5 +1,6 @@
 """Messages written in one piece equal the generated classes' byte for byte; scans and quaternions are judged."""
 
+import copy
 import io
 import math
 from types import SimpleNamespace
@@ -7,13 +8,14 @@ from types import SimpleNamespace
 import genpy
 import numpy as np
 import pytest
-from geometry_msgs.msg import Quaternion
-from nav_msgs.msg import OccupancyGrid, Path
-from sensor_msgs.msg import LaserScan
+from geometry_msgs.msg import Point32, Quaternion, Transform, Vector3
+from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
+from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
 
 from applr_ros1.common import angles
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
+from applr_ros1.planner.costmap.scan import project
 
 STAMP = genpy.Time(12, 345)
 
@@ -109,3 +111,56 @@ def test_scans_that_cannot_be_used(change, words):
         setattr(scan, name, value)
     with pytest.raises(MessageError, match=words):
         conversions.check_scan(scan, 4)
+
+
+def test_a_laser_that_hangs_upside_down_or_tilted_sees_what_is_there():
+    """Beams of 1, 2 and 3 m; the laser at (1, 2, 0.5), hanging by a roll of pi and turned by 0.3, or pitched by 0.2."""
+    message = LaserScan(angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0])
+    angles, ranges = -0.4 + 0.5 * np.arange(3), np.array([1.0, 2.0, 3.0], np.float32)
+    place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
+    hanging = conversions.laser_scan(message, ranges, place)
+    assert hanging.rotation is None
+    points = sorted(project(hanging).points.tolist())
+    expected = [(1.0 + r * math.cos(0.3 - a), 2.0 + r * math.sin(0.3 - a), 0.5) for r, a in zip(ranges, angles)]
+    np.testing.assert_allclose(points, sorted(expected), atol=1e-5)
+    place.rotation = Quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))
+    points = project(conversions.laser_scan(message, ranges, place)).points
+    np.testing.assert_allclose(points[:, 2], 0.5 - ranges * np.cos(angles) * math.sin(0.2), atol=1e-5)
+    np.testing.assert_allclose(points[:, 1], 2.0 + ranges * np.sin(angles), atol=1e-5)
+
+
+def test_points_of_clouds():
+    """Fields in any order, rows with padding, either byte order; and the older message."""
+    kind = np.dtype({"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20], "itemsize": 24})
+    table = np.zeros((2, 3), kind)
+    table["x"], table["y"], table["z"] = np.arange(6).reshape(2, 3), 10.0, -1.5
+    rows = b"".join(row.tobytes() + b"pad" for row in table)
+    message = PointCloud2(height=2, width=3, point_step=24, row_step=75, is_bigendian=True, data=rows)
+    message.fields = [PointField(name, offset, PointField.FLOAT32, 1) for name, offset in zip("zxy", (4, 12, 20))]
+    points = conversions.points_of(message)
+    np.testing.assert_array_equal(points, [(k, 10.0, -1.5) for k in range(6)])
+    np.testing.assert_array_equal(conversions.points_of(PointCloud(points=[Point32(1.0, 2.0, 3.0)])), [(1.0, 2.0, 3.0)])
+    for change, words in (
+        ({"data": rows[:-4]}, "bytes for 6 points"),
+        ({"fields": message.fields[:2]}, "give x, y and z as FLOAT32"),
+        ({"point_step": 20}, "point_step 20"),
+        ({"width": 2**31}, "give at most"),
+    ):
+        wrong = copy.deepcopy(message)
+        for name, value in change.items():
+            setattr(wrong, name, value)
+        with pytest.raises(MessageError, match=words):
+            conversions.points_of(wrong)
+
+
+def test_maps():
+    message = OccupancyGrid(data=[0, 100, -1, 50, 0, 0])
+    message.header.frame_id = "/map"
+    message.info.width, message.info.height, message.info.resolution = 3, 2, 0.05
+    made = conversions.static_map(message)
+    assert (made.cells.tolist(), made.frame, made.origin) == ([[0, 100, -1], [50, 0, 0]], "map", (0.0, 0.0))
+    message.info.origin.orientation.z = 1.0
+    with pytest.raises(MessageError, match="turned by 3.14 rad: give one without yaw"):
+        conversions.static_map(message)
+    with pytest.raises(MessageError, match="has 6 cells for 4 x 2"):
+        conversions.static_map(OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2)))

@@ -24,6 +24,7 @@ from applr_ros1.robots import Robot, load
 
 from .sensors import Sensors
 
+SCAN = "scan"
 LOOK = 0.01  # s of wall time between looks for a new scan
 REPORT = 1.0  # s of wall time between diagnostics
 
@@ -47,7 +48,7 @@ class CollisionMonitorNode:
         self._last = rospy.get_rostime()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
-        self.sensors = Sensors(fixed, base, "scan")
+        self.sensors = Sensors((fixed, fixed, base), {SCAN: "LaserScan"}, {})
         self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
@@ -71,7 +72,7 @@ class CollisionMonitorNode:
             self.sensors.forget()
             self.monitor.reset()
         self._last = now
-        scan = self.sensors.scan()
+        scan = self.sensors.observations().get(SCAN)
         pose = None if scan is None else self.sensors.pose(now, self._tolerance)
         if pose is not None:
             self.monitor.see(scan, pose)
@@ -96,8 +97,8 @@ class CollisionMonitorNode:
         if trouble:
             return Verdict((0.0, 0.0), STOP, 0.0, trouble)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
-        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.scan_trouble:
-            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.scan_trouble))
+        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(SCAN):
+            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.trouble(SCAN)))
         return verdict
 
     def _report(self) -> None:

@@ -26,7 +26,7 @@ from applr_ros1.planner.parameters.declarations import MAX_CELLS
 
 MAX_BEAMS = 100000
 MAX_POINTS = 5_000_000
-LEVEL = 1e-6  # squares of the x and y of a quaternion below it: a sensor that is level
+LEVEL = 2e-6  # 1 less the cosine of the tilt up to which a sensor counts as level
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
@@ -126,17 +126,21 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
     """
-    q = transform.rotation
+    rotation = _rotation(transform)
+    upright = 1.0 - 2.0 * (rotation[0] ** 2 + rotation[1] ** 2)  # cosine between the laser's z axis and the frame's
+    first, step = message.angle_min, message.angle_increment
+    if upright < LEVEL - 1.0:  # it hangs upside down: its beams run the other way round
+        first, ranges = -(first + (len(ranges) - 1) * step), ranges[::-1]
     return LaserScan(
         message.header.stamp.to_sec(),
-        message.angle_min,
-        message.angle_increment,
+        first,
+        step,
         message.range_min,
         message.range_max,
         ranges,
         pose_of(transform),
         transform.translation.z,
-        None if q.x * q.x + q.y * q.y < LEVEL else _rotation(transform),
+        None if abs(upright) > 1.0 - LEVEL else rotation,
         origin,
     )
 
