@@ -7,3 +7,11 @@ when the repository's root comes first on `sys.path`.
 import pkgutil
 
 __path__ = pkgutil.extend_path(__path__, __name__)
+
+try:  # gymnasium.make("applr_ros1:applr_ros1/Navigation-v0") imports this package to learn of the environment
+    import gymnasium
+except ImportError:  # as on a robot, which needs none
+    pass
+else:
+    if "applr_ros1/Navigation-v0" not in gymnasium.registry:
+        gymnasium.register("applr_ros1/Navigation-v0", entry_point="training.mdp.env:ApplrEnv")

@@ -1,6 +1,8 @@
 """The trial loop, the reward and the environment: the paper's MDP, both checkers, repeatable."""
 
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import gymnasium
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 
 import sim_bridge
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
 from training.mdp.episode import Episode, Outcome, nearest
@@ -238,6 +241,26 @@ def test_gymnasiums_checker(env):
     from gymnasium.utils.env_checker import check_env
 
     check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_made_by_the_packages_name_it_renders_and_passes_the_check():
+    from gymnasium.utils.env_checker import check_env
+
+    command = "import applr_ros1, gymnasium; gymnasium.spec('applr_ros1/Navigation-v0')"
+    subprocess.run([sys.executable, "-c", command], check=True)
+    name = "applr_ros1:applr_ros1/Navigation-v0"
+    made = gymnasium.make(name, worlds="generated:7", render_mode="rgb_array", limit=2)
+    check_env(made.unwrapped)
+    made.reset(seed=1)
+    before = made.render()
+    assert before.dtype == np.uint8
+    assert before.shape == (536, 297, 3)
+    made.step(made.unwrapped.space.to_action(made.unwrapped.space.theta0).astype(np.float32))
+    after = made.render()
+    assert 100 < (before != after).any(axis=2).sum() < 0.1 * before[:, :, 0].size  # robot, way and scan moved
+    with pytest.raises(ApplrError, match="render_mode is 'human'"):
+        type(made.unwrapped)(worlds="generated:7", render_mode="human")
+    made.close()
 
 
 @pytest.mark.filterwarnings("error")

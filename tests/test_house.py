@@ -57,6 +57,8 @@ LEARNING = NUMBERS | {
     "onnxscript",
     "safetensors",
     "stable_baselines3",
+    "minari",
+    "h5py",
     "tqdm",
     "yaml",
 }
@@ -71,7 +73,7 @@ MAY_KNOW = (
     ("applr_ros1/robots/", {"yaml"}),
     ("applr_ros1/nodes/", None),
     ("applr_ros1/scripts/", None),
-    ("applr_ros1/", set()),
+    ("applr_ros1/", {"gymnasium"}),
     ("sim_bridge/ros_bridge", None),
     ("sim_bridge/gazebo/", None),
     ("sim_bridge/ros_", None),

@@ -18,6 +18,7 @@ from applr_ros1.common.tensors import unpack
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
 MAX_NAME = 255  # characters in the name of an actor or a world
 MAX_INT = 2**53
+MOST_TERMS = 100  # of a reward
 NUMBERS = ("return", "length", "success", "collided", "timeout", "aborted", "flipped", "time_s", "sigma", "version")
 
 
@@ -132,13 +133,19 @@ class Trajectory:
     def check_info(self) -> None:
         """Raises TrajectoryError unless the info identifies the episode and can be written into a table.
 
-        Names are printable text, since one with a newline would break a table of episodes; NUMBERS are numbers or None.
+        Names are printable text, since one with a newline would break a table of episodes; NUMBERS are numbers or None,
+        and terms are the sums of the reward's terms by name.
         """
         actor, episode, world = (self.info.get(name) for name in ("actor", "episode", "world"))
         if not (_is_name(actor) and type(episode) is int and 0 <= episode <= MAX_INT):
             raise TrajectoryError("no valid actor and episode number (%.40r, %.40r)" % (actor, episode))
         if not (world is None or _is_name(world) or _is_number(world)):
             raise TrajectoryError("info: world is %.40r, which is no name" % (world,))
+        terms = self.info.get("terms", {})
+        if not (isinstance(terms, dict) and len(terms) <= MOST_TERMS and all(map(_is_name, terms))):
+            raise TrajectoryError("info: terms is %.40r; at most %d named sums are taken" % (terms, MOST_TERMS))
+        if not all(map(_is_number, terms.values())):
+            raise TrajectoryError("info: terms of the reward are %.80r, which are no numbers" % terms)
         for name in NUMBERS:
             if not (self.info.get(name) is None or _is_number(self.info[name])):
                 raise TrajectoryError("info: %s is %.40r, which is no number" % (name, self.info[name]))

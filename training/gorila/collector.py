@@ -48,6 +48,8 @@ class Collector:
             if name in episode.info:
                 value = episode.info[name]
                 info[name] = value.item() if isinstance(value, np.generic) else value
+        if episode.terms:
+            info["terms"] = episode.terms
         info.update(actor=task.actor, episode=task.episode, version=task.version, sigma=task.sigma)
         trajectory = Trajectory.of(
             self.layout, episode.observations, episode.actions, episode.rewards, episode.terminated, info

@@ -12,16 +12,28 @@ import numpy as np
 
 from training.evaluation.periodic import THETA0
 
+NOT_HYPER = ("out", "resume", "ray_address", "tensorboard")  # options that say where a run is, not how it learns
+JUDGED_BY = ("held_out/score", "held_out/success")  # what TensorBoard's table of hyper-parameters shows of each run
+
 
 class TensorBoardLog:
-    """TensorBoard events in the run's folder, where the package is there."""
+    """TensorBoard events in the run's folder, where the package is there.
 
-    def __init__(self, folder: Path, step: int):
+    Args:
+        folder: of the run.
+        step: where it goes on; what a killed run wrote behind it is dropped.
+        options: of the run, the hyper-parameters by which TensorBoard compares runs.
+    """
+
+    def __init__(self, folder: Path, step: int, options: Dict[str, Any]):
         self.writer: Any = None
         try:
             from torch.utils.tensorboard import SummaryWriter
+            from torch.utils.tensorboard.summary import hparams
 
-            self.writer = SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=step)
+            self.writer = SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=step + 1)
+            for summary in hparams({k: v for k, v in options.items() if k not in NOT_HYPER}, dict.fromkeys(JUDGED_BY)):
+                self.writer.file_writer.add_summary(summary)
         except ImportError:
             print("no TensorBoard here: its events are not written", file=sys.stderr)
 
@@ -30,6 +42,11 @@ class TensorBoardLog:
         for name, value in values.items():
             if self.writer and isinstance(value, (int, float)) and np.isfinite(value):
                 self.writer.add_scalar("%s/%s" % (prefix, name), value, step)
+
+    def episode(self, info: Dict[str, Any], step: int) -> None:
+        """A training episode: its return, and what each term of the reward had in it."""
+        self.scalars("episode", {name: info.get(name) for name in ("return", "length", "time_s")}, step)
+        self.scalars("reward", info.get("terms", {}), step)
 
     def round(self, summary: Dict[str, Any]) -> None:
         """A round of the periodic evaluation."""

@@ -71,7 +71,7 @@ class TrainingRun:
         order = easiest_first(worlds) if config.curriculum and worlds else None
         self.scheduler = TaskScheduler(config, len(worlds) if worlds else None, order, self.learner.replay.episodes_of)
         self.scheduler.transitions = self.learner.transitions
-        self.board = TensorBoardLog(self.folder, self.steps) if config.tensorboard else None
+        self.board = TensorBoardLog(self.folder, self.steps, asdict(config)) if config.tensorboard else None
         self.line = ProgressLine()
         self.stopping: Optional[str] = None
         self.errors = 0
@@ -187,6 +187,8 @@ class TrainingRun:
         self.errors = 0
         self.episodes.add(self.learner.transitions, trajectory.info)
         self.scheduler.transitions = self.learner.transitions
+        if self.board:
+            self.board.episode(trajectory.info, self.steps)
         while self.learner.updates_due and not self.stopping:
             self.learner.train(10)
             self._publish()

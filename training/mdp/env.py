@@ -21,10 +21,11 @@ from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.episode import Episode
+from training.mdp.episode import Episode, laser_pose
 from training.mdp.reward import Reward, failed
+from worlds.top_view import top_view
 
-ID = "applr_ros1/Navigation-v0"
+ID = "applr_ros1/Navigation-v0"  # registered in applr_ros1/__init__.py
 
 
 class ApplrEnv(gymnasium.Env):
@@ -43,9 +44,14 @@ class ApplrEnv(gymnasium.Env):
         weights: how the planner's distance biases count: "per_cell", "per_metre", or "drawn" at each reset.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
+        record: keep the driven path in .episode.trace.
+        render_mode: "rgb_array", in which render() returns a picture from above, or None.
+
+    Raises:
+        ApplrError: of one line, for what cannot be.
     """
 
-    metadata = {"render_modes": []}
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}
     scan_beams = LAYOUT.beams  # of the observation, its first numbers; the replay stores them in coarser steps
 
     def __init__(
@@ -64,6 +70,8 @@ class ApplrEnv(gymnasium.Env):
         record: bool = False,
         render_mode: Optional[str] = None,
     ):
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
         self.worlds = load_worlds(worlds)
         self.render_mode = render_mode
         if isinstance(simulator, str):
@@ -73,7 +81,12 @@ class ApplrEnv(gymnasium.Env):
             params = dict(params, planner_frequency=float(planner_frequency))
         move_base = MoveBase(params, weights, planner)
         self.episode = Episode(
-            simulator, move_base, limit=limit, period=period, end_on_contact=end_on_contact, record=record
+            simulator,
+            move_base,
+            limit=limit,
+            period=period,
+            end_on_contact=end_on_contact,
+            record=record or render_mode is not None,
         )
         self.space = self.episode.space
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (LAYOUT.beams + 1 + len(SPACE),), np.float32)
@@ -101,6 +114,20 @@ class ApplrEnv(gymnasium.Env):
         info = self._info(outcome)
         info["reward"] = terms
         return self.episode.observation(), float(reward), terminated, truncated, info
+
+    def render(self):
+        """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() draws nothing without render_mode: give make() render_mode='rgb_array'")
+            return None
+        episode, state = self.episode, self.episode.simulator.state
+        if episode.outcome is None:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        layout, ranges, (x, y, yaw) = episode.layout, episode.outcome.ranges, laser_pose(state.pose)
+        angles = yaw + np.linspace(layout.angle_min, layout.angle_max, layout.beams)
+        near = np.isfinite(ranges) & (ranges <= layout.range_cap)  # what the policy sees
+        points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])[near]
+        return top_view(episode.world, state.pose, episode.trace.pose, points, state.time)
 
     def close(self):
         """Close the simulator."""
@@ -141,7 +168,3 @@ class ApplrEnv(gymnasium.Env):
 def load_worlds(spec):
     """The worlds of a specification, several with commas between them; a list of World stays as it is."""
     return worlds_package.Worlds(spec) if isinstance(spec, str) else list(spec)
-
-
-if ID not in gymnasium.registry:
-    gymnasium.register(ID, entry_point="training.mdp.env:ApplrEnv")

@@ -1,0 +1,113 @@
+"""Exports experience as a Minari dataset: `python -m training.export_minari FOLDER ID`, for offline learning elsewhere.
+
+FOLDER is a training run or a dataset of this package, ID the new dataset's name, such as jackal/applr-v0. It needs the
+package minari with its extra hdf5. The scans have the resolution in which they were stored (7.8 mm).
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import sys
+import warnings
+from pathlib import Path
+from typing import Iterator, List, Optional
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError, reason, run_main
+from training.command_line import Parser
+from training.experience.dataset import Dataset
+from training.experience.journal import Journal
+from training.experience.trajectory import Layout, Trajectory
+
+AT_ONCE = 500  # episodes that are held in memory
+
+
+class MinariError(ApplrError):
+    """A dataset that cannot be exported; one line."""
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """The command. Exit status 0; 1 with one line on stderr where nothing can be exported."""
+    parser = Parser("python -m training.export_minari", description=__doc__)
+    parser.add_argument("folder", help="Folder of a training run or of a dataset.")
+    parser.add_argument("id", help="Name of the Minari dataset, NAME-vNUMBER, with namespaces before it if you like.")
+    parser.add_argument(
+        "--root", default="", help="Folder of Minari's datasets. Without it Minari's own, MINARI_DATASETS_PATH."
+    )
+    return run_main(lambda: _export(parser.parse_args(arguments)), "export_minari")
+
+
+def _export(options: argparse.Namespace) -> None:
+    if options.root:
+        os.environ["MINARI_DATASETS_PATH"] = str(Path(options.root).resolve())
+    made = export(options.folder, options.id)
+    print("%s: %d episodes, %d steps" % (options.id, made.total_episodes, made.total_steps))
+
+
+def export(folder: str, name: str, layout: Layout = Layout()):
+    """Write the episodes of a run or dataset into a new Minari dataset, and return it.
+
+    Args:
+        folder: of the run or dataset.
+        name: of the Minari dataset.
+        layout: what observations and actions consist of.
+
+    Raises:
+        MinariError: Minari is not installed or refuses the name, or there are no episodes.
+        DatasetError, StorageError, TrajectoryError: the folder is none, or damaged.
+    """
+    try:
+        import gymnasium
+        import h5py  # noqa: F401 - what Minari stores with
+        import minari
+        from minari.data_collector import EpisodeBuffer
+    except ImportError as missing:
+        raise MinariError('minari is missing (%s): pip install "minari[hdf5]"' % reason(missing)) from None
+
+    def buffer(number: int, t: Trajectory) -> EpisodeBuffer:
+        last = np.arange(len(t)) == len(t) - 1
+        return EpisodeBuffer(
+            id=number,
+            observations=layout.restore(t.scan, t.rest),
+            actions=t.action,
+            rewards=t.reward.astype(np.float64),
+            terminations=last & t.terminated,
+            truncations=last & (not t.terminated),
+        )
+
+    episodes = enumerate(_episodes(Path(folder), layout))
+    first = [buffer(*e) for e in itertools.islice(episodes, AT_ONCE)]
+    if not first:
+        raise MinariError("%s: holds no episodes" % folder)
+    warnings.filterwarnings("ignore", category=UserWarning, module="minari")  # that author and such are not named
+    try:
+        made = minari.create_dataset_from_buffers(
+            name,
+            first,
+            observation_space=gymnasium.spaces.Box(-1.0, 1.0, (layout.size,), np.float32),
+            action_space=gymnasium.spaces.Box(-1.0, 1.0, (layout.action,), np.float32),
+            description="Decisions over planner parameters, exported from %s." % Path(folder).resolve().name,
+        )
+    except ValueError as error:
+        raise MinariError("%s: %s" % (name, reason(error))) from None
+    while more := [buffer(*e) for e in itertools.islice(episodes, AT_ONCE)]:
+        made.update_dataset_from_buffer(more)
+    return made
+
+
+def _episodes(folder: Path, layout: Layout) -> Iterator[Trajectory]:
+    """The trajectories of a run's journal or of a dataset, checked."""
+    if not (folder / "journal").is_dir():
+        yield from Dataset(folder, layout)
+        return
+    for blob in Journal(folder / "journal").read():
+        trajectory = Trajectory.unpack(blob)
+        trajectory.check(layout)
+        yield trajectory
+
+
+if __name__ == "__main__":
+    sys.exit(main())
