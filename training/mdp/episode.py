@@ -97,7 +97,7 @@ class _NoLocalPlanner:
     def set_plan(self, plan) -> None:
         pass
 
-    def compute_velocity(self, pose, twist, costmap):
+    def compute_velocity(self, pose, twist, costmap, frame=None):
         return True, (0.0, 0.0)
 
 
