@@ -11,6 +11,7 @@ import pytest
 from applr_ros1.policy.parameter_space import SPACE
 from training.evaluation import store as trial_store
 from training.evaluation import trials
+from training.report import __main__ as report
 from training.report import drives, write
 from training.workers.tasks import TrialResult
 
@@ -76,3 +77,32 @@ def test_without_traces_there_is_no_page(folder):
         path.unlink()
     assert "drives.html" not in Path(write(folder)).read_text()
     assert not (folder / "report" / drives.FILE).exists()
+
+
+def test_evaluations_of_other_worlds_are_joined(folder, tmp_path_factory, capsys):
+    more = tmp_path_factory.mktemp("more")
+
+    def drive(out, world, **changed):
+        plan = trials.plan([(world, world)], [(m, m) for m in METHODS], 1, seed=0)
+        settings = {"worlds": [world], "world_specs": [world], "weights": ["per_cell"], **changed}
+        store = trial_store.Store(out, settings, plan)
+        for task in plan:
+            store.append(task, TrialResult(True, False, False, 5.0, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
+        store.close()
+        return str(out)
+
+    assert report.main([str(folder), "--join", drive(more / "a", "generated:8")]) == 0
+    rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
+    assert rows == [[name, method] for name in ("Training", "Test", "Other") for method in METHODS]
+    page = (folder / "report" / drives.FILE).read_text()
+    assert '"name":"generated:8"' in page
+    assert '"name":"generated:7"' in page
+    capsys.readouterr()
+    for other, words in (
+        (drive(more / "b", "generated:7"), "both have generated:7"),
+        (drive(more / "c", "generated:9", simulator="kinematic"), "another simulator"),
+    ):
+        assert report.main([str(folder), "--join", other]) == 1
+        line = capsys.readouterr().err
+        assert words in line
+        assert line.count("\n") == 1

@@ -28,8 +28,16 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         help="Folder of another evaluation, for instance with --planner cpp-like, whose figures stand beside these in "
         "one more table; may be given several times.",
     )
+    parser.add_argument(
+        "--join",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="Folder of an evaluation of the same methods in other worlds, for instance the training worlds with fewer "
+        "trials, which all tables count in; may be given several times.",
+    )
     options = parser.parse_args(arguments)
-    print(write(options.folder, options.training, options.beside))
+    print(write(options.folder, options.training, options.beside, options.join))
 
 
 if __name__ == "__main__":

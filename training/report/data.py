@@ -9,19 +9,21 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
-from training.evaluation.store import MEASURES_FILE, OLDER, SETTINGS, TRIALS, flag, read_rows
+from training.evaluation.store import MEASURES_FILE, OLDER, SETTINGS, TRIALS, flag, read_rows, read_trace
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN
 from worlds import builtin
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
+SAME = ("methods", "simulator", "protocol", "weights", "planner", "monitor", "robot", "seed")  # of joined evaluations
+ADDED = ("worlds", "world_specs", "worlds_with_movers", "provenance")
 
 
 class ReportError(ApplrError):
@@ -57,19 +59,34 @@ class Results:
     Args:
         folder: the folder of an evaluation.
         weights: the kind, where several were driven; the first one if left out.
+        joined: folders of evaluations of the same methods in other worlds, whose trials count as if they were here.
+
+    Raises:
+        ReportError: there are no trials, or the joined evaluations do not fit together.
+        StorageError: a folder cannot be read.
     """
 
-    def __init__(self, folder: os.PathLike | str, weights: str = ""):
-        self.folder = Path(folder)
-        rows = read_rows(self.folder / TRIALS, COLUMNS)
+    def __init__(self, folder: os.PathLike | str, weights: str = "", joined: Sequence[os.PathLike | str] = ()):
+        self.folder, self.joined = Path(folder), [Path(other) for other in joined]
+        self._folder_of: Dict[str, Path] = {}  # of each world
+        rows, measures = [], []
+        for place in (self.folder, *self.joined):
+            found = read_rows(place / TRIALS, COLUMNS)
+            for world in dict.fromkeys(row["world"] for row in found):
+                if self._folder_of.setdefault(world, place) != place:
+                    raise ReportError(
+                        "%s and %s both have %s; join other worlds" % (self._folder_of[world], place, world)
+                    )
+            rows += found
+            measures += read_rows(place / MEASURES_FILE, MEASURES)
         several = list(dict.fromkeys(row[WEIGHTS_COLUMN] for row in rows if WEIGHTS_COLUMN in row))
         self.kind = (weights or several[0]) if several else ""
         rows = [row for row in rows if row.get(WEIGHTS_COLUMN, "") == self.kind]
-        measures = read_rows(self.folder / MEASURES_FILE, MEASURES)
         if not rows:
             raise ReportError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
-        path = self.folder / SETTINGS
-        self.settings: Dict[str, Any] = read_json(path) if path.exists() else {}
+        self.settings = _settings(self.folder)
+        for place in self.joined:
+            self._join(place)
         self.weights: List[str] = several or self.settings.get("weights", OLDER["weights"])
         self.planner: str = self.settings.get("planner", OLDER["planner"])
         if self.settings.get("monitor", OLDER["monitor"]):
@@ -84,6 +101,23 @@ class Results:
             self.cells = self._cells(rows, measures)
         except ValueError as error:
             raise ReportError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
+
+    def _join(self, place: Path) -> None:
+        """Takes over another evaluation's worlds. Raises ReportError where something else differs, too."""
+        other = _settings(place)
+        for name in SAME:
+            here, there = (each.get(name, OLDER.get(name)) for each in (self.settings, other))
+            if here != there:
+                raise ReportError(
+                    "%s: driven with another %s than %s; it cannot be joined" % (place, name, self.folder)
+                )
+        for name in ADDED:
+            self.settings[name] = [*self.settings.get(name, []), *other.get(name, [])]
+        self.settings["wall_s"] = self.settings.get("wall_s", 0.0) + other.get("wall_s", 0.0)
+
+    def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
+        """What was recorded of a trial (store.read_trace), None where nothing was."""
+        return read_trace(self._folder_of[world], world, method, trial, self.kind)
 
     @staticmethod
     def _cells(rows: List[Dict[str, str]], measures: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:
@@ -123,6 +157,11 @@ class Results:
         """A field of all trials of `method` in `worlds`."""
         parts = [getattr(self.cells[method][w], field) for w in worlds if w in self.cells[method]]
         return np.concatenate(parts) if parts else np.zeros(0)
+
+
+def _settings(folder: Path) -> Dict[str, Any]:
+    """What an evaluation says of itself; nothing where it has no such file."""
+    return dict(read_json(folder / SETTINGS)) if (folder / SETTINGS).exists() else {}
 
 
 def _cell(trials: List[Dict[str, str]]) -> Cell:

@@ -15,7 +15,6 @@ import numpy as np
 from applr_ros1 import robots
 from applr_ros1.common.files import read_bytes, write_bytes
 from applr_ros1.policy.parameter_space import SPACE
-from training.evaluation.store import read_trace
 from training.report.data import Results
 from training.report.figures import colors, load
 from training.storage import make_folder
@@ -98,7 +97,7 @@ def _drives(results: Results, world: str, method: str, label: Dict[str, int]) ->
     """The drives of one method in a world whose traces were kept: how each ended, and what was driven."""
     cell, found = results.cells[method].get(world), []
     for trial in range(0 if cell is None else min(MOST_TRIALS, len(cell.success))):
-        trace = read_trace(results.folder, world, method, trial, results.kind)
+        trace = results.trace(world, method, trial)
         if cell is None or trace is None or not len(trace["pose"]):
             continue
         last = len(trace["pose"]) - 1

@@ -13,7 +13,6 @@ import numpy as np
 
 import worlds as worlds_package
 from applr_ros1.policy.parameter_space import SPACE
-from training.evaluation.store import read_trace
 from training.report.data import Results
 from training.report.regions import REGIONS, region_of
 from worlds import World, WorldError
@@ -100,7 +99,7 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
 
 def profile(results: Results, folder: Path, name: str, method: str) -> Optional[str]:
     """A method's parameters along one course, regions coloured (paper, Fig. 5)."""
-    world, trace = load(results, name), read_trace(results.folder, name, method, 0, results.kind)
+    world, trace = load(results, name), results.trace(name, method, 0)
     if world is None or trace is None or not len(trace["theta"]):
         return None
     from worlds.draw import draw
@@ -166,9 +165,7 @@ def load(results: Results, name: str) -> Optional[World]:
 
 
 def _traces(results: Results, name: str) -> Dict[str, dict]:
-    found = {
-        m: read_trace(results.folder, name, m, 0, results.kind) for m in results.methods if name in results.cells[m]
-    }
+    found = {m: results.trace(name, m, 0) for m in results.methods if name in results.cells[m]}
     return {m: trace for m, trace in found.items() if trace is not None and len(trace["pose"])}
 
 

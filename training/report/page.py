@@ -44,19 +44,20 @@ th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-ch
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
 
-def write(folder, training: str = "", beside: Sequence[str] = ()) -> str:
+def write(folder, training: str = "", beside: Sequence[str] = (), joined: Sequence[str] = ()) -> str:
     """Write folder/report/ and return the path of its index.html.
 
     Args:
         folder: the folder of an evaluation.
         training: a training run whose learning curves are shown; empty for none.
         beside: folders of further evaluations, for instance with another planner, for one table over all of them.
+        joined: folders of evaluations of the same methods in other worlds, which all tables count in.
 
     Raises:
-        ReportError: trials or plotting library are missing.
+        ReportError: trials or plotting library are missing, or joined evaluations do not fit together.
         StorageError: the folder cannot be read or written.
     """
-    results = Results(folder)
+    results = Results(folder, joined=joined)
     out = make_folder(results.folder / FOLDER)
     kinds = _kinds(results)
     others = [kind for other in beside for kind in _kinds(Results(other))]
@@ -76,7 +77,7 @@ def write(folder, training: str = "", beside: Sequence[str] = ()) -> str:
 
 def _kinds(results: Results) -> List[Results]:
     """The results of each kind of weights that was driven."""
-    return [results] + [Results(results.folder, kind) for kind in results.weights[1:]]
+    return [results] + [Results(results.folder, kind, results.joined) for kind in results.weights[1:]]
 
 
 def _joined(tables: List[Table], results: Results) -> Table:
