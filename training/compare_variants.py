@@ -192,11 +192,16 @@ def table(comparison: Comparison, out: Path) -> List[Dict[str, Any]]:
         scores = np.array([figures["score"] for figures in of_seed])
         first = scores if first is None else first
         row: Dict[str, Any] = {"variant": name, "seeds": len(of_seed)}
-        row.update({key: float(np.nanmean([figures[key] for figures in of_seed])) for key in of_seed[0]})
+        row.update({key: _mean([figures[key] for figures in of_seed]) for key in of_seed[0]})
         row["spread"] = float(scores.std(ddof=1)) if len(scores) > 1 else float("nan")
         row["against_first"] = float((scores - first).mean())
         rows.append(row)
     return rows
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.mean(known)) if known else float("nan")
 
 
 def _figures(folder: Path) -> Dict[str, float]:
