@@ -12,6 +12,7 @@ import argparse
 import json
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -22,14 +23,15 @@ from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, WEIGHTS
 from applr_ros1.policy import appld as runtime
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
 from training.bags.reader import BagError, TopicNames, find
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
 from training.baselines.appld.card import card
 from training.baselines.appld.demonstration import Demonstration, read
-from training.command_line import Parser, add_seed, number, whole
+from training.command_line import Parser, add_robot, add_seed, number, whole
 from training.storage import make_folder
 
 
@@ -43,19 +45,21 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     fits = _fits(demonstrations, found, options, say)
     labels = [np.full(s.last - s.first, s.context) for s in found.segments]
     scans = [demonstrations[s.demonstration].seen[s.first : s.last] for s in found.segments]
+    space, layout = space_of(options.robot), layout_of(options.robot)
     weights, classifier = appld_classifier.train(
-        appld_classifier.inputs(np.concatenate(scans)),
+        appld_classifier.inputs(np.concatenate(scans), layout),
         np.concatenate(labels),
         len(found.names),
         options.seed,
         options.steps,
+        layout,
     )
     say("classifier: %s of the instants right, %s of those held out" % (classifier["accuracy"], classifier["held_out"]))
     log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
     make_folder(Path(out).parent)
     short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
-    runtime.save(out, sets, weights, {"training": json.dumps(dict(short, weights=options.weights))})
+    runtime.save(out, sets, weights, {"training": json.dumps(dict(short, weights=options.weights))}, space, layout)
     stem = str(Path(out).with_suffix(""))
     write_json(stem + "_log.json", log)
     write_bytes(stem + ".md", card(log).encode())
@@ -86,14 +90,14 @@ def _fits(demonstrations, found, options, say) -> List[appld_fit.Fit]:
                 *last.error,
                 last.evaluations,
                 last.instants,
-                json.dumps(_short(last.theta)),
+                json.dumps(_short(space_of(options.robot), last.theta)),
             )
         )
     return fits
 
 
-def _short(theta) -> Dict[str, float]:
-    return {name: round(value, 3) for name, value in SPACE.as_dict(theta).items()}
+def _short(space, theta) -> Dict[str, float]:
+    return {name: round(value, 3) for name, value in space.as_dict(theta).items()}
 
 
 def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str, Any]:
@@ -113,7 +117,7 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
             {
                 "name": name,
                 "features": dict(zip(contexts.FEATURES, mean.round(3).tolist())),
-                "parameters": SPACE.as_dict(f.theta),
+                "parameters": space_of(options.robot).as_dict(f.theta),
                 "loss": round(f.loss, 5),
                 "loss_theta0": round(f.loss_theta0, 5),
                 "rms_v_w": f.error,
@@ -124,6 +128,7 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
             }
             for name, mean, f in zip(found.names, found.means, fits)
         ],
+        "beams": layout_of(options.robot).beams,
         "classifier": classifier,
         "turn_weight": appld_fit.TURN_WEIGHT,
         "pull": appld_fit.PULL,
@@ -182,17 +187,10 @@ def parse(arguments=None) -> argparse.Namespace:
         help="Number of gradient steps of the classifier's training. Default: %(default)s.",
     )
     add_seed(p)
-    p.add_argument(
-        "--scan", default=TopicNames.scan, help="Topic of the laser scans in the bags. Default: %(default)s."
-    )
-    p.add_argument(
-        "--odometry", default=TopicNames.odometry, help="Topic of the odometry in the bags. Default: %(default)s."
-    )
-    p.add_argument(
-        "--command",
-        default=TopicNames.command,
-        help="Topic of the velocity commands in the bags. Default: %(default)s.",
-    )
+    add_robot(p)
+    p.add_argument("--scan", help="Topic of the laser scans in the bags. Default: the robot's.")
+    p.add_argument("--odometry", help="Topic of the odometry in the bags. Default: the robot's.")
+    p.add_argument("--command", help="Topic of the velocity commands in the bags. Default: the robot's.")
     p.add_argument("--verbose", action="store_true", help="Print a line for each generation of the search.")
     given = without_remappings(arguments)
     options = p.parse_args(given)
@@ -217,9 +215,10 @@ def run(options: argparse.Namespace) -> None:
     bags = find(options.bags)
     if not bags:
         raise BagError("%s: no bags there" % ", ".join(options.bags))
-    topics = TopicNames(scan=options.scan, odometry=options.odometry, command=options.command)
+    given = {name: getattr(options, name) for name in ("scan", "odometry", "command") if getattr(options, name)}
+    topics = replace(TopicNames.of(options.robot), **given)
     try:
-        log = learn([read(bag, topics) for bag in bags], options.out, options)
+        log = learn([read(bag, topics, options.robot) for bag in bags], options.out, options)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; nothing was written") from None
     print("%s: %d contexts in %.0f s" % (options.out, len(log["contexts"]), log["seconds"]))

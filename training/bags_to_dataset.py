@@ -8,22 +8,30 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Dict, List
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.policy.observation import sizes_of
+from applr_ros1.robots import JACKAL, Robot
 from training.bags.episodes import BagReport, trajectories
 from training.bags.reader import BagError, TopicNames, find, read
-from training.command_line import Parser, number
+from training.command_line import Parser, add_robot, number
 from training.experience.dataset import Writer
-from training.experience.trajectory import TrajectoryError
+from training.experience.trajectory import Layout, TrajectoryError
 from training.mdp.reward import Reward
 
 
 def convert(
-    paths, folder, topics: TopicNames = TopicNames(), reward: Reward = Reward(), finish=None, say=print
+    paths,
+    folder,
+    topics: TopicNames = TopicNames(),
+    reward: Reward = Reward(),
+    finish=None,
+    say=print,
+    robot: Robot = JACKAL,
 ) -> dict:
     """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns its manifest.
 
@@ -35,11 +43,11 @@ def convert(
         raise BagError("%s: no bags there; give .bag files or ROS 2 bag folders" % ", ".join(map(str, paths)))
     read_bags: List[Dict[str, Any]] = []
     source = {"bags": read_bags, "reward": asdict(reward)}
-    writer = Writer(folder, source=source)
+    writer = Writer(folder, Layout(*sizes_of(robot)), source)
     for bag in bags:
         report = BagReport()
         try:
-            for trajectory in trajectories(read(bag, topics), reward, writer.layout, report, finish):
+            for trajectory in trajectories(read(bag, topics, robot), reward, writer.layout, report, finish):
                 writer.add(trajectory)
         except (BagError, TrajectoryError) as error:
             report.skip(str(error).partition(": ")[2].partition(" (")[0] if isinstance(error, BagError) else str(error))
@@ -94,11 +102,11 @@ def parse(arguments) -> argparse.Namespace:
         help="Coefficient of the reward to use instead of its default; can be given several times. Names: %s."
         % ", ".join(f.name for f in fields(Reward)),
     )
+    add_robot(parser)
     for topic in fields(TopicNames):
         parser.add_argument(
             "--" + topic.name.replace("_", "-"),
-            default=topic.default,
-            help="Topic or name space in the bags. Default: %(default)s.",
+            help="Topic or name space in the bags. Default: %s for the Jackal." % topic.default,
         )
     return parser.parse_args(without_remappings(arguments))
 
@@ -111,8 +119,9 @@ def main(arguments=None) -> int:
 def run(options: argparse.Namespace) -> None:
     """Converts the bags that the options name."""
     reward = Reward(**dict(_coefficient(text) for text in options.reward))
-    topics = TopicNames(**{f.name: getattr(options, f.name) for f in fields(TopicNames)})
-    manifest = convert(options.bags, options.out, topics, reward, options.finish)
+    given = {f.name: getattr(options, f.name) for f in fields(TopicNames) if getattr(options, f.name)}
+    topics = replace(TopicNames.of(options.robot), **given)
+    manifest = convert(options.bags, options.out, topics, reward, options.finish, robot=options.robot)
     print("%s: %d transitions in %d shards" % (options.out, manifest["transitions"], len(manifest["shards"])))
 
 

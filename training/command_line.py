@@ -6,8 +6,9 @@ import argparse
 from typing import Callable, NoReturn
 
 import sim_bridge
-from applr_ros1.common.errors import UsageError
+from applr_ros1.common.errors import ApplrError, UsageError
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
+from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from worlds.loading import FORMS
 
 
@@ -71,6 +72,26 @@ def add_worlds(parser: argparse.ArgumentParser, default: str, purpose: str = "dr
         "--worlds",
         default=default,
         help="Worlds to %s: %s; several are separated by commas. Default: %%(default)s." % (purpose, FORMS),
+    )
+
+
+def robot(text: str) -> Robot:
+    """A type for add_argument: the robot of a name or folder."""
+    try:
+        return load(text)
+    except ApplrError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Declares --robot, whose value is a robots.Robot."""
+    parser.add_argument(
+        "--robot",
+        type=robot,
+        default=JACKAL,
+        metavar="NAME",
+        help="Robot that drives, at whose scale the worlds are: %s, or a folder with robot.yaml (docs/robots.md). "
+        "Default: jackal." % ", ".join(NAMES),
     )
 
 

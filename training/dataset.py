@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import List, Optional
 
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.files import read_json
+from applr_ros1.policy.observation import sizes_of
+from applr_ros1.robots import JACKAL, load
 from training.command_line import Parser, number
 from training.experience.dataset import export_replay
+from training.experience.trajectory import Layout
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -26,7 +31,10 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
-    manifest = export_replay(options.run, options.folder, c_switch=options.c_switch)
+    config = Path(options.run) / "config.json"
+    robot = read_json(config).get("robot", JACKAL.name) if config.exists() else JACKAL.name
+    layout = Layout(*sizes_of(load(robot)))
+    manifest = export_replay(options.run, options.folder, layout, options.c_switch)
     print("%d transitions in %s" % (manifest["transitions"], options.folder))
 
 

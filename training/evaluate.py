@@ -15,7 +15,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy import methods
-from training.command_line import Parser, add_planner, add_seed, add_simulator, add_worlds, whole
+from training.command_line import Parser, add_planner, add_robot, add_seed, add_simulator, add_worlds, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.trials import PROTOCOLS
 from training.report import write
@@ -51,6 +51,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         ),
     )
     add_worlds(p, defaults.worlds)
+    add_robot(p)
     p.add_argument(
         "--methods",
         default=defaults.methods,

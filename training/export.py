@@ -1,8 +1,8 @@
 """Writes a trained policy as ONNX and TorchScript for other programs.
 
 `python -m training.export actor.safetensors OUT_FOLDER`. Both take "observation" (n, 729) float32 and return "action"
-(n, 8) in [-1, 1]; the metadata are included. The result is compared with the policy: a difference over 1e-5 is an
-error.
+(n, 8) in [-1, 1], with other numbers for other robots than the Jackal; the metadata are included. The result is
+compared with the policy: a difference over 1e-5 is an error.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def difference(actor: Actor, onnx_bytes: Optional[bytes] = None, torchscript_byt
 
 def export(path, folder) -> Dict[str, str]:
     """Writes NAME.onnx and NAME.pt beside each other; returns {format: file}."""
-    actor, folder = Actor.load(path), make_folder(folder)
+    actor, folder = Actor.load(path, None), make_folder(folder)
     stem, written = Path(path).stem, {}
     for kind, suffix, data in (("onnx", ".onnx", to_onnx(actor)), ("torchscript", ".pt", to_torchscript(actor))):
         apart = difference(actor, **{kind + "_bytes": data})

@@ -8,6 +8,7 @@ continues with the same command and comes to the same result.
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import time
@@ -21,12 +22,14 @@ import numpy as np
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, reason, run_main
 from applr_ros1.common.files import read_json, write_json
-from applr_ros1.policy.parameter_space import SPACE, SpaceError
+from applr_ros1.policy.parameter_space import SPACE, Space, SpaceError, space_of
+from training import tuned_files
 from training.baselines.set_search import SearchOptions, choose, explore, finalists
 from training.baselines.set_trials import SetTrials, TrialFile
 from training.command_line import (
     Parser,
     add_planner,
+    add_robot,
     add_seed,
     add_simulator,
     add_weights,
@@ -45,6 +48,7 @@ def parser() -> Parser:
     """The command line. A mistake raises UsageError."""
     p = Parser("static_search.py", description=(__doc__ or "").splitlines()[0])
     add_worlds(p, "generated:learn", "search over")
+    add_robot(p)
     add_simulator(p, "kinematic")
     add_weights(p)
     add_planner(p)
@@ -131,7 +135,8 @@ def parser() -> Parser:
         default="applr_ros1/models/static.json",
         help='JSON file for the best set: {"weights": WHAT, "parameters": {NAME: VALUE}}, where WHAT says what its '
         "distance weights count. Beside it, NAME_log.json takes the log and NAME_trials.jsonl "
-        "every trial, from which a stopped search continues. Default: %(default)s.",
+        "every trial, from which a stopped search continues. With --robot, the folder NAME/ROBOT takes copies of the "
+        "robot's own parameter files with the set in them, ready for its navigation package. Default: %(default)s.",
     )
     return p
 
@@ -147,9 +152,10 @@ def run(arguments: List[str]) -> None:
     stem = str(Path(options.out).with_suffix(""))
     make_folder(Path(options.out).parent)
     worlds, final_worlds = (
-        [w[:2] for w in world_list(text, "paper")] for text in (options.worlds, options.final_worlds)
+        [w[:2] for w in world_list(text, "paper", options.robot)] for text in (options.worlds, options.final_worlds)
     )
-    starts = [start(path) for path in options.start] or [SPACE.theta0]
+    space = space_of(options.robot)
+    starts = [start(path, space) for path in options.start] or [space.theta0]
     chosen = SearchOptions(**{f.name: getattr(options, f.name) for f in fields(SearchOptions)})
     began, file = time.monotonic(), TrialFile(stem + "_trials.jsonl")
 
@@ -164,13 +170,14 @@ def run(arguments: List[str]) -> None:
             options.planner,
             planner_frequency,
             file,
+            robot=options.robot,
         )
 
     try:
         with closing(driver(worlds, options.simulator, options.planner_frequency)) as trials:
             log = explore(trials, starts, chosen, show)
         with closing(driver(final_worlds, options.final_simulator, None)) as last:
-            table = choose(last, finalists(starts, log), chosen, show)
+            table = choose(last, finalists(space, starts, log), chosen, show)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; the same command continues") from None
     finally:
@@ -187,17 +194,24 @@ def run(arguments: List[str]) -> None:
     write_json(options.out, {"weights": options.weights, "parameters": found["theta"]})
     write_json(stem + "_log.json", found)
     print("%s: %s" % (options.out, found["theta"]))
+    if any(word.split("=")[0] == "--robot" for word in arguments):
+        left = tuned_files.write(options.robot, space.from_dict(found["theta"]), stem)
+        print(
+            "%s: %s's own parameter files with this set" % (os.path.join(stem, options.robot.name), options.robot.name)
+        )
+        if left:
+            print("to be entered by hand, because none of these files has a place for them: %s" % ", ".join(left))
 
 
-def start(path: str) -> np.ndarray:
-    """The set (8,) in a JSON file: one set, or the one that an earlier search found, by its log."""
+def start(path: str, space: Space = SPACE) -> np.ndarray:
+    """The set (n,) in a JSON file: one set, or the one that an earlier search found, by its log."""
     content = read_json(path)
     if isinstance(content, dict) and "theta" in content:
         try:
-            return SPACE.from_dict(dict(content["theta"]))
+            return space.from_dict(dict(content["theta"]))
         except (TypeError, ValueError, SpaceError) as error:
             raise UsageError("--start %s: no set of parameters (%s)" % (path, reason(error))) from None
-    return SPACE.read(path)
+    return space.read(path)
 
 
 def show(line: str) -> None:

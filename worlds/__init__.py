@@ -1,6 +1,7 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
 
 from .loading import Worlds, load, load_all, specs
+from .scaling import scaled
 from .world import Course, Mover, World, WorldError
 
-__all__ = ["Course", "Mover", "World", "WorldError", "Worlds", "load", "load_all", "specs"]
+__all__ = ["Course", "Mover", "World", "WorldError", "Worlds", "load", "load_all", "scaled", "specs"]

@@ -48,11 +48,18 @@ class Inputs:
         odom: Topic of the nav_msgs/Odometry.
         plan: Topic of the global plan, a nav_msgs/Path.
         move_base: Namespace of move_base, whose status says which goal is pursued.
+        turned: Yaw [rad] of the laser in the robot's frame.
     """
 
     def __init__(
-        self, scan="front/scan", odom="odometry/filtered", plan="move_base/NavfnROS/plan", move_base="move_base"
+        self,
+        scan="front/scan",
+        odom="odometry/filtered",
+        plan="move_base/NavfnROS/plan",
+        move_base="move_base",
+        turned=0.0,
     ):
+        self._turned = turned
         self._names = {"scan": scan, "odometry": odom, "plan": plan}
         self._names = {what: rospy.resolve_name(name) for what, name in self._names.items()}
         self._lock = threading.Lock()
@@ -95,7 +102,7 @@ class Inputs:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
         scan = _unpack(packed_scan, LaserScan)
         _check_age("scan", self._names["scan"], now, scan.header.stamp)
-        ranges = layout.resample(scan.ranges, scan.angle_min, scan.angle_increment)
+        ranges = layout.resample(scan.ranges, scan.angle_min + self._turned, scan.angle_increment)
         if not odometry:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
         nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))

@@ -27,7 +27,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.distance_weights import CHOICES, FIT, Compensation
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SPACE, SpaceError
+from applr_ros1.policy.parameter_space import SpaceError, space_of
+from applr_ros1.robots import JACKAL, load
 
 TICK = 0.05  # s of ROS time between looks at the clock
 LATE = 0.1  # share of a period after which a decision counts as late
@@ -48,15 +49,26 @@ class ApplrNode:
         max_speed: Largest max_vel_x [m/s] that is set, whatever the method chooses.
         seed: Of what a method draws; the courses have seed, seed + 1 ...
         weights: How the node knows what the planner's distance weights count (planner_weights.CHOICES).
+        robot: Description of the robot that is driven.
     """
 
     def __init__(
-        self, method, inputs, topics, period=None, namespace="/move_base", max_speed=math.inf, seed=0, weights=FIT
+        self,
+        method,
+        inputs,
+        topics,
+        period=None,
+        namespace="/move_base",
+        max_speed=math.inf,
+        seed=0,
+        weights=FIT,
+        robot=JACKAL,
     ):
+        self.robot, self.space = robot, space_of(robot)
         self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
         self._own_period = period
         self.enabled = True
-        self._cap = np.where(np.array(SPACE.names) == "max_vel_x", max_speed, math.inf)
+        self._cap = np.where(np.array(self.space.names) == "max_vel_x", max_speed, math.inf)
         self._report_jump = Throttled(rospy.logwarn)
         self.counts = Counter()
         self.trouble = ""  # newest line about what is wrong; "" when nothing is
@@ -66,7 +78,7 @@ class ApplrNode:
         self._base_set = False  # whether what a goal-less planner should have has been sent
         self._lock = threading.Lock()  # of trouble
         self._deciding = threading.Lock()  # of method, enabled and the course's state
-        self.client = ReconfigureClient(namespace, SPACE, self._on_restart)
+        self.client = ReconfigureClient(namespace, self.space, self._on_restart)
         self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
         self.weights = PlannerWeights(self.client, weights)
 
@@ -191,7 +203,7 @@ class ApplrNode:
             seen = self.inputs.snapshot(now, layout)
             target = local_goal(seen.plan, seen.pose, layout.lookahead)
             phi = goal_angle(target)
-            obs = observe(seen.ranges, phi, theta_prev, layout=layout)
+            obs = observe(seen.ranges, phi, theta_prev, self.space, layout)
         except ObservationError as e:
             if (now - self._due).to_sec() >= self.period:  # tried for a whole period
                 self._due = now
@@ -204,7 +216,8 @@ class ApplrNode:
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
-        theta, refused = self._ask(Context(obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec()))
+        time = (now - self._began).to_sec()
+        theta, refused = self._ask(Context(obs, seen.ranges, phi, theta_prev, time, space=self.space))
         self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")
@@ -216,7 +229,7 @@ class ApplrNode:
     def _ask(self, context):
         """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
         try:
-            return self._capped(SPACE.clip(self.method.theta(context))), ""
+            return self._capped(self.space.clip(self.method.theta(context))), ""
         except ApplrError as e:
             return None, str(e)
         except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
@@ -229,12 +242,12 @@ class ApplrNode:
         self._warn(line)
         if self._failures == LOST_AFTER and not self.method.static:
             self._warn(f"no decision for {LOST_AFTER} periods: back to theta_0")
-            self.worker.request(self._capped(SPACE.theta0))
+            self.worker.request(self._capped(self.space.theta0))
 
     def _base(self):
         """What the planner has between goals: theta_0, or the one set of a static method."""
         static = self.enabled and self.method.static
-        theta = self._capped(SPACE.clip(self.method.theta(None)) if static else SPACE.theta0)
+        theta = self._capped(self.space.clip(self.method.theta(None)) if static else self.space.theta0)
         has = self.client.theta()
         if has is None or not np.array_equal(has, theta) or self.worker.busy:
             self.worker.request(theta)
@@ -246,7 +259,7 @@ class ApplrNode:
     def shutdown(self):
         """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
         self.worker.stop()
-        theta = self._capped(SPACE.theta0)
+        theta = self._capped(self.space.theta0)
         if self.worker.applied is None:
             return
         if self.client.compensation.needed or not np.array_equal(self.worker.applied, theta):
@@ -320,14 +333,14 @@ class ApplrNode:
         return "idle: no goal" if self._goal is None else "deciding"
 
 
-def make_method(mode, policy, parameters):
+def make_method(mode, policy, parameters, robot=JACKAL):
     """The method for `mode`. When its file cannot be used: one line, and the planner drives on theta_0."""
     try:
-        return methods.make_mode(mode, policy, parameters), ""
+        return methods.make_mode(mode, policy, parameters, robot), ""
     except ApplrError as e:
         if mode not in methods.METHODS and mode not in methods.MODES:
             raise
-        return methods.make_mode("dwa"), str(e)
+        return methods.make_mode("dwa", robot=robot), str(e)
 
 
 def _number(name, default, low, high):
@@ -353,23 +366,27 @@ def main():
             _number("seed", 0, 0, 2**31 - 1),
             rospy.resolve_name(_text("move_base", "move_base")),
         )
-        slowest = float(SPACE.low[SPACE.names.index("max_vel_x")])
+        robot = load(_text("robot", JACKAL.name))
+        space = space_of(robot)
+        slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", math.inf)  # none: nothing to cap
         max_speed = _number("max_speed", math.inf, slowest, math.inf)
         topics = (
-            _text("scan_topic", "front/scan"),
-            _text("odom_topic", "odometry/filtered"),
+            _text("scan_topic", robot.topics.scan),
+            _text("odom_topic", robot.topics.odometry),
             _text("plan_topic", namespace + "/NavfnROS/plan"),
         )
         mode, weights = _text("mode", "applr"), _text("weights", FIT)
         if weights not in CHOICES:
             raise SpaceError(f"weights is {weights!r}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
-        method, trouble = make_method(mode, _text("policy", ""), _text("parameters", ""))
+        method, trouble = make_method(mode, _text("policy", ""), _text("parameters", ""), robot)
     except ApplrError as e:
         print(f"applr: {e}", file=sys.stderr)
         return 1
-    inputs = Inputs(*topics, namespace)
-    topics = ApplrTopics()
-    node = ApplrNode(method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed), weights)
+    inputs = Inputs(*topics, namespace, robot.laser.pose[2])
+    topics = ApplrTopics(space=space)
+    node = ApplrNode(
+        method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed), weights, robot
+    )
     Services(node)
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")

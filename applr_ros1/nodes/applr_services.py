@@ -39,7 +39,7 @@ class Services:
     def _set_mode(self, request):
         mode = request.mode or self._node.method.name
         try:
-            method = methods.make_mode(mode, request.policy, request.parameters)
+            method = methods.make_mode(mode, request.policy, request.parameters, self._node.robot)
         except (ValueError, OSError) as problem:
             rospy.logerr("applr: mode stays %s: %s", self._node.method.name, problem)
             return SetModeResponse(False, str(problem))

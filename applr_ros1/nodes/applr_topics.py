@@ -14,7 +14,7 @@ from std_msgs.msg import Float32MultiArray, Float64MultiArray, MultiArrayDimensi
 
 from applr_ros1.common.angles import place, quaternion_of
 from applr_ros1.msg import Decision, Parameters
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 
 class ApplrTopics:
@@ -22,9 +22,11 @@ class ApplrTopics:
 
     Args:
         prefix: What the topics' names begin with.
+        space: The parameters.
     """
 
-    def __init__(self, prefix="applr"):
+    def __init__(self, prefix="applr", space: Space = SPACE):
+        self._space = space
         self._name = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self._heartbeat = rospy.Publisher(prefix + "/heartbeat", Time, queue_size=1)
         self._observation = rospy.Publisher(prefix + "/observation", Float32MultiArray, queue_size=5)
@@ -57,8 +59,8 @@ class ApplrTopics:
                     "frame": seen.frame,
                     "pose": seen.pose,
                     "local_goal": target,
-                    "theta_prev": SPACE.as_dict(theta_prev),
-                    "theta": None if theta is None else SPACE.as_dict(theta),
+                    "theta_prev": self._space.as_dict(theta_prev),
+                    "theta": None if theta is None else self._space.as_dict(theta),
                     "refused": refused,
                 }
             )
@@ -69,7 +71,10 @@ class ApplrTopics:
         typed.scan, typed.odometry, typed.plan = seen.scan_stamp, seen.odom_stamp, seen.plan_stamp
         typed.x, typed.y, typed.yaw = seen.pose
         typed.local_goal_x, typed.local_goal_y = target
-        typed.before, typed.after = parameters_message(theta_prev, now), parameters_message(theta, now)
+        typed.before, typed.after = (
+            parameters_message(theta_prev, now, self._space),
+            parameters_message(theta, now, self._space),
+        )
         self._typed_decision.publish(typed)
 
     def weights(self, multipliers):
@@ -80,10 +85,10 @@ class ApplrTopics:
         self._weights.publish(json.dumps(multipliers))
 
     def parameters(self, theta, now):
-        """Publish theta (8,), the parameters in force at ROS time `now`."""
-        self._typed_parameters.publish(parameters_message(theta, now))
+        """Publish theta (n,), the parameters in force at ROS time `now`."""
+        self._typed_parameters.publish(parameters_message(theta, now, self._space))
         message = Float64MultiArray(data=theta)
-        message.layout.dim = [MultiArrayDimension(",".join(SPACE.names), len(theta), len(theta))]
+        message.layout.dim = [MultiArrayDimension(",".join(self._space.names), len(theta), len(theta))]
         self._parameters.publish(message)
 
     def diagnostics(self, now, trouble, lost, doing, values):
@@ -109,17 +114,17 @@ class ApplrTopics:
         self._diagnostics.publish(message)
 
 
-def parameters_message(theta, stamp):
-    """An applr_ros1/Parameters of theta (8,); without names and values for None."""
+def parameters_message(theta, stamp, space=SPACE):
+    """An applr_ros1/Parameters of theta (n,); without names and values for None."""
     message = Parameters()
     message.header.stamp = stamp
     fields = [name for name in message.__slots__ if name not in ("header", "names", "values")]
     for name in fields:
         setattr(message, name, nan)
     if theta is not None:
-        message.names, message.values = list(SPACE.names), [float(value) for value in theta]
+        message.names, message.values = list(space.names), [float(value) for value in theta]
         for name, value in zip(message.names, message.values):
-            aliases = (name,) + SPACE.targets[name][0].names
+            aliases = (name,) + space.targets[name][0].names
             for alias in [alias for alias in aliases if alias in fields][:1]:
                 setattr(message, alias, value)
     return message

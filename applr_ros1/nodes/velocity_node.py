@@ -18,7 +18,6 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.policy import methods
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SPACE
 
 
 class VelocityNode:
@@ -80,11 +79,14 @@ class VelocityNode:
         layout = self.method.layout
         seen = self.inputs.snapshot(now, layout)
         phi = goal_angle(local_goal(seen.plan, seen.pose, layout.lookahead))
-        observation = observe(seen.ranges, phi, SPACE.theta0, layout=layout)
+        space = self.method.space
+        observation = observe(seen.ranges, phi, space.theta0, space, layout)
         with self._lock:
             target, twist = self._target, self._twist
         time = (now - self._began).to_sec()
-        return methods.Context(observation, seen.ranges, phi, SPACE.theta0, time, seen.pose, twist, target, seen.plan)
+        return methods.Context(
+            observation, seen.ranges, phi, space.theta0, time, seen.pose, twist, target, seen.plan, space
+        )
 
     def _on_goal(self, message):
         p, q = message.pose.position, message.pose.orientation

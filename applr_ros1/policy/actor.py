@@ -18,7 +18,8 @@ from applr_ros1.policy.distance_weights import stated_weights
 from applr_ros1.policy.layout import Layout, ObservationError
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space, SpaceError
+from applr_ros1.robots import JACKAL
 
 FORMAT = "applr-actor-1"
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
@@ -46,13 +47,24 @@ class Actor:
     def load(cls, path, space=SPACE):
         """Read an actor file. How it sees a scan is its own: see `layout`.
 
+        Args:
+            path: The file.
+            space: What it has to be for; None: whatever it states, for looking at a file of any robot.
+
         Raises:
-            ActorError: It is absent, damaged, too big, of other shapes, made for another parameter space, or its
-                checksum is wrong.
+            ActorError: It is absent, damaged, too big, of other shapes, made for another robot or parameter space, or
+                its checksum is wrong.
         """
         path = os.fspath(path)
         weights, metadata = _read(path)
-        _compare(path, "parameter space", metadata.get("space"), json.loads(space.to_json()))
+        if space is None:
+            space = _stated(path, metadata)
+        robot = metadata.get("robot", JACKAL.name)  # files that name none are older than other robots
+        if robot != space.robot:
+            raise ActorError(f"{path}: it is for the robot {_short(robot)}: here {space.robot} runs; train one for it")
+        described = json.loads(space.to_json())
+        del described["theta0"]  # a robot's own parameter files may start elsewhere
+        _compare(path, "parameter space", metadata.get("space"), described)
         try:
             layout = Layout.from_dict(_named(path, "layout", metadata.get("layout")), len(space))
             _layers(weights, space, layout, path)
@@ -72,14 +84,15 @@ class Actor:
 def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """Writes an actor file, whole or not at all (a temporary file beside it, then renamed).
 
-    weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Space, layout and
-    checksum are added. Raises ActorError.
+    weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Robot, space,
+    layout and checksum are added. Raises ActorError.
     """
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
     _layers(weights, space, layout, "actor to save")
     header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
     described = json.dumps(layout.to_dict(len(space)))
     header.update(format=FORMAT, space=space.to_json(), layout=described, sha256=checksum(weights))
+    header["robot"] = json.dumps(space.robot)
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header), ActorError)
 
 
@@ -117,6 +130,14 @@ def _named(path, what, found):
             f"{path}: its metadata name no {what}; it was not written by this package, give a file that train.py wrote"
         )
     return found
+
+
+def _stated(path, metadata):
+    """The space that an actor's metadata state."""
+    try:
+        return Space.stated(_named(path, "parameter space", metadata.get("space")), metadata.get("robot", JACKAL.name))
+    except SpaceError as e:
+        raise ActorError(f"{path}: {e}; copy or train it again") from None
 
 
 def _compare(path, what, found, expected):

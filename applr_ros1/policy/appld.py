@@ -14,11 +14,12 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.distance_weights import stated_weights
+from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, SpaceError
+from applr_ros1.robots import JACKAL
 
-AHEAD, LEFT, RIGHT = (LAYOUT.sector(bearing, math.radians(45.0)) for bearing in (0.0, 1.442, -1.442))
 FORMAT = "applr-appld-1"
 MAX_BYTES = 64 * 2**20
 MAX_CONTEXTS = 64
@@ -39,38 +40,46 @@ class AppldError(ApplrError):
 class Appld:
     """Contexts with their parameter sets, and a classifier.
 
-    contexts  {name: theta (8,)}; values outside the space are clipped to it
+    contexts  {name: theta (n,)}; values outside the space are clipped to it
     weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the
               observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
+    layout    how it sees a scan; another one has another number of inputs
     """
 
-    def __init__(self, contexts, weights, space=SPACE, metadata=None):
-        self.names = list(contexts)
+    def __init__(self, contexts, weights, space=SPACE, metadata=None, layout=LAYOUT):
+        self.names, self.space, self.layout = list(contexts), space, layout
         self.sets = np.array([space.clip(theta) for theta in contexts.values()])
-        self.layers = _layers(weights, len(self.names))
+        self.layers = _layers(weights, len(self.names), layout)
         self.metadata = metadata or {}
         self.weights = stated_weights({"training": _training(self.metadata)})
 
     @classmethod
     def load(cls, path, space=SPACE):
-        """Reads a file that `save` wrote. Raises AppldError."""
+        """Reads a file that `save` wrote. Raises AppldError; for one of another robot, too."""
         path = os.fspath(path)
         data = files.read_bytes(path, MAX_BYTES, AppldError)
         weights, header = unpack(data, path, AppldError)
         if header.get("format") != FORMAT:
             raise AppldError(f"{path}: no APPLD file (format {header.get('format')!r}, expected {FORMAT!r})")
+        robot = header.get("robot", JACKAL.name)  # files that name none are older than other robots
+        if robot != space.robot:
+            raise AppldError(f"{path}: it is for the robot {robot[:60]}: here {space.robot} runs; learn one for it")
         try:
+            names = json.loads(header["names"]) if "names" in header else list(SPACE.names)
+            if names != list(space.names):
+                raise AppldError(f"its sets are of {', '.join(map(str, names))[:200]}")
+            layout = Layout.from_dict(json.loads(header["layout"]), 0) if "layout" in header else LAYOUT
             contexts = {str(c["name"]): space.clip(c["theta"]) for c in json.loads(header["contexts"])}
-            return cls(contexts, weights, space, {k: v for k, v in header.items() if k != "contexts"})
-        except (KeyError, TypeError, ValueError) as error:
+            return cls(contexts, weights, space, {k: v for k, v in header.items() if k != "contexts"}, layout)
+        except (ApplrError, KeyError, TypeError, ValueError) as error:
             raise AppldError(f"{path}: its contexts or layers do not fit ({error})") from None
 
     def context(self, obs):
         """The index of the context that an observation (729,), or its first 720 entries, shows."""
-        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[: LAYOUT.beams])))
+        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[: self.layout.beams])))
 
     def theta(self, obs):
-        """The parameters (8,) float64 for an observation (729,) float32."""
+        """The parameters (n,) float64 for an observation float32."""
         return self.sets[self.context(obs)].copy()
 
 
@@ -89,12 +98,16 @@ class Published:
     CLOSE = 0.8  # [m], 45 degrees ahead
 
     def __init__(self, space=SPACE):
+        if space.names != SPACE.names:
+            raise AppldError("appld:published: these sets are for the Jackal: learn some for %s" % space.robot)
+        self.space, self.layout = space, LAYOUT
+        self._sides = [LAYOUT.sector(bearing, math.radians(45.0)) for bearing in (0.0, -1.442, 1.442)]
         self.sets = np.array([space.clip(theta) for theta in PUBLISHED.values()])
 
     def context(self, obs):
         """The index into `names` for an observation (729,)."""
         ranges = np.asarray(obs, dtype=np.float64)[: LAYOUT.beams] + 1.0
-        ahead, right, left = (ranges[beams].min() for beams in (AHEAD, RIGHT, LEFT))
+        ahead, right, left = (ranges[beams].min() for beams in self._sides)
         if ahead > self.FREE:
             return self.names.index("open")
         if right < self.SIDE and left < self.SIDE:
@@ -102,15 +115,16 @@ class Published:
         return self.names.index("obstacle" if ahead < self.CLOSE else "curve")
 
     def theta(self, obs):
-        """The parameters (8,) float64 for an observation (729,) float32."""
+        """The parameters (n,) float64 for an observation float32."""
         return self.sets[self.context(obs)].copy()
 
 
-def save(path, contexts, weights, metadata=None):
+def save(path, contexts, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """Writes an APPLD file, whole or not at all. contexts: {name: theta}; metadata: {str: str}, where it comes from."""
-    _layers(weights, len(contexts))
+    _layers(weights, len(contexts), layout)
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
-    header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries))
+    header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries), robot=space.robot)
+    header.update(names=json.dumps(space.names), layout=json.dumps(layout.to_dict(0)))
     tensors = {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()}
     files.write_bytes(path, safetensors.numpy.save(tensors, metadata=header), AppldError)
 
@@ -123,10 +137,10 @@ def _training(metadata):
         return None
 
 
-def _layers(weights, outputs):
+def _layers(weights, outputs, layout):
     if not 1 <= outputs <= MAX_CONTEXTS:
         raise AppldError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
-    return layers_of(weights, LAYOUT.beams, outputs, "APPLD's network", AppldError)
+    return layers_of(weights, layout.beams, outputs, "APPLD's network", AppldError)
 
 
 __all__ = ["Appld", "AppldError", "Published", "PUBLISHED", "SpaceError", "save"]

@@ -8,6 +8,8 @@ from typing import Any, Mapping, Tuple
 
 import numpy as np
 
+from applr_ros1.policy.parameter_space import SPACE, Space
+
 PERIOD = 2.0  # s between two decisions in the paper; files that state no other period have this one
 COMMAND_PERIOD = 0.05  # s between two commands of a method that commands velocities and states no period
 
@@ -17,16 +19,18 @@ class Context:
     """What a method may look at when it decides.
 
     Attributes:
-        observation: (729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, parameters in force.
+        observation: (729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, parameters in force; other
+            numbers for other robots than the Jackal.
         ranges: (720,) float32 [m], +inf where nothing returned. Scans of other lasers are resampled to this: see
             Layout in layout.py.
         phi: Angle to the local goal [rad].
-        theta: (8,) float64, the parameters that the planner has now.
+        theta: (n,) float64, the parameters that the planner has now.
         time: Time since the goal was sent [s].
         pose: (x, y, yaw) [m, m, rad] of the robot as its odometry states it. Goal and plan are in the same frame.
         twist: (v, w) [m/s, rad/s] of the robot by its odometry.
         goal: (x, y, yaw) [m, m, rad] that was sent.
         plan: (n, >= 2) x, y [m] of the newest global plan, from robot to goal; (0, 2) before the first one.
+        space: The parameters that are in theta.
     """
 
     observation: np.ndarray
@@ -38,6 +42,7 @@ class Context:
     twist: Tuple[float, float] = (0.0, 0.0)
     goal: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    space: Space = SPACE
 
 
 def period_of(metadata: Mapping[str, Any]) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.policy.layout import Layout, ObservationError
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, space_of
 
 MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
 RANGE_CAP = 2.0  # [m] at the Jackal's scale; the paper caps the scan there
@@ -37,6 +37,12 @@ def layout_of(robot):
             raise ObservationError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
         beams = min(MOST_BEAMS, int(round(2.0 * half / step)) + 1)
     return Layout(beams, -half, half, RANGE_CAP * scale, LOOKAHEAD * scale)
+
+
+def sizes_of(robot):
+    """(beams, further numbers of an observation, parameters) of a robots.Robot: (720, 9, 8) for the Jackal."""
+    parameters = len(space_of(robot))
+    return layout_of(robot).beams, 1 + parameters, parameters
 
 
 LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m

@@ -16,7 +16,7 @@ from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters import check
-from applr_ros1.planner.parameters.declarations import SERVERS
+from applr_ros1.planner.parameters.declarations import servers
 
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
 
@@ -164,6 +164,21 @@ class Space:
             }
         )
 
+    @classmethod
+    def stated(cls, values, robot):
+        """The space that a dict from to_json describes; without targets, for it belongs to no move_base.
+
+        Raises SpaceError where it describes none.
+        """
+        try:
+            low, high, theta0 = (np.array(values[name], dtype=np.float64) for name in ("low", "high", "theta0"))
+            integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))
+        except (KeyError, TypeError, ValueError):
+            raise SpaceError("parameter space: names, low, high, integer or theta0 are missing or damaged") from None
+        if any(column.shape != (len(names),) for column in (low, high, integer, theta0)):
+            raise SpaceError("parameter space: names, low, high, integer and theta0 differ in length")
+        return cls(names, low, high, integer, theta0, robot=str(robot))
+
     def _check(self, vector, what):
         if vector.shape[-1:] != (len(self.names),):
             raise SpaceError(f"{what} vector has shape {vector.shape}: {len(self.names)} values are needed")
@@ -197,11 +212,12 @@ def space_of(robot):
 def _start(robot, parameter, tree):
     """The value of a parameter in a complete tree, after checking all that it sets against the declarations."""
     label = f"robot {robot.name}: parameter_space.{parameter.name}"
+    known_servers = servers(tree)
     for setting in parameter.settings:
-        where = f"server {setting.server} of move_base"
-        if setting.server not in SERVERS:
-            raise SpaceError(f"{label}: there is no {where}; give {', '.join(filter(None, SERVERS))}")
-        known = {name: p for p in SERVERS[setting.server] for name in (p.name,) + p.aliases}
+        where = f"server {setting.server} of move_base" if setting.server else "move_base's own server"
+        if setting.server not in known_servers:
+            raise SpaceError(f"{label}: there is no {where}; give {', '.join(filter(None, known_servers))}")
+        known = {name: p for p in known_servers[setting.server].parameters for name in (p.name,) + p.aliases}
         declared = known.get(setting.names[0])
         if declared is None:
             raise SpaceError(f"{label}: {where} has no parameter {setting.names[0]}; docs/parameters.md lists them")

@@ -22,7 +22,7 @@ def space(section: Any, label: str) -> Tuple[SpaceParameter, ...]:
     """The parameters in the order of the file.
 
     section: {NAME: {range: [low, high], integer: BOOL, sets: [{server, name, aliases, mirrored}, ...]}, ...}; without
-    a name a setting has that of the parameter.
+    a name a setting has that of the parameter; the server "" is move_base itself.
     """
     if not isinstance(section, dict) or not 1 <= len(section) <= MAX_PARAMETERS:
         raise RobotError("%s is %s: give one to %d parameters by name" % (label, shown(section), MAX_PARAMETERS))
@@ -57,6 +57,8 @@ def _setting(given, name, label):
     aliases = given.get("aliases", [])
     names = [given.get("name", name)] + (aliases if isinstance(aliases, list) else [aliases])
     for key, value in [("server", server)] + [("name", value) for value in names]:
+        if key == "server" and value == "":  # move_base itself
+            continue
         if not isinstance(value, str) or not ROS_NAME.fullmatch(value) or value.startswith("/"):
             raise RobotError("%s.%s is %s: give a name of move_base's" % (label, key, shown(value)))
     return Setting(server, tuple(names), _flag(given.get("mirrored", False), label + ".mirrored"))

@@ -45,6 +45,13 @@ class TopicNames:
     command: str = "/cmd_vel"
     demonstration: str = "/demonstration"  # String: JSON of who demonstrated (teleop.py, demonstrate.py)
 
+    @classmethod
+    def of(cls, robot: robots.Robot) -> "TopicNames":
+        """Those of a robot without a namespace."""
+        given = robot.topics
+        scan, odometry, command = ("/" + name.lstrip("/") for name in (given.scan, given.odometry, given.cmd_vel))
+        return cls(scan=scan, odometry=odometry, command=command)
+
 
 @dataclass
 class Recording:

@@ -18,8 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
-from applr_ros1.policy.parameter_space import SPACE
-from sim_bridge import jackal
+from applr_ros1.robots import JACKAL, Robot
 from training.bags.reader import SECOND, TopicNames
 from training.mdp.episode import Episode, Outcome
 
@@ -33,10 +32,19 @@ _RESULT = {
 
 
 class BagWriter:
-    """A ROS 1 bag with the stack's topics. Times in seconds from 0; a context manager. Raises StorageError."""
+    """A ROS 1 bag with the topics of a robot's stack; times in seconds from 0; a context manager.
 
-    def __init__(self, path, topics: TopicNames = TopicNames()):
-        self.path, self.topics = Path(path), topics
+    Args:
+        path: Of the bag, which must not exist.
+        topics: Names of the topics.
+        robot: Whose laser and frames they are.
+
+    Raises:
+        StorageError: The bag is there already, or cannot be written.
+    """
+
+    def __init__(self, path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL):
+        self.path, self.topics, self.robot = Path(path), topics, robot
         self.store = get_typestore(Stores.ROS1_NOETIC)
         for name, text in _RESULT.items():
             self.store.register(get_types_from_msg(text, name))
@@ -62,21 +70,21 @@ class BagWriter:
 
     # -- the topics --------------------------------------------------------------------------------
     def scan(self, time: float, ranges) -> None:
-        """Write a scan: ranges (720,) [m] of the Jackal's laser."""
+        """Write a scan: ranges (beams,) [m] of the robot's laser."""
         empty = np.empty(0, np.float32)
-        last = jackal.ANGLE_MIN + jackal.ANGLE_INCREMENT * (len(ranges) - 1)
+        laser = self.robot.laser
         self._put(
             self.topics.scan,
             "sensor_msgs/msg/LaserScan",
             time,
-            self._header(time, "front_laser"),
-            jackal.ANGLE_MIN,
-            last,
-            jackal.ANGLE_INCREMENT,
+            self._header(time, laser.frame),
+            laser.first_angle,
+            laser.first_angle + laser.increment * (len(ranges) - 1),
+            laser.increment,
             0.0,
-            0.02,
-            jackal.RANGE_MIN,
-            jackal.RANGE_MAX,
+            1.0 / laser.rate,
+            laser.range_min,
+            laser.range_max,
             np.ascontiguousarray(ranges, np.float32),
             empty,
         )
@@ -88,8 +96,8 @@ class BagWriter:
             self.topics.odometry,
             "nav_msgs/msg/Odometry",
             time,
-            self._header(time, "odom"),
-            "base_link",
+            self._header(time, self.robot.frames.odom),
+            self.robot.frames.base,
             make("geometry_msgs/msg/PoseWithCovariance", self._pose(pose), zeros),
             make(
                 "geometry_msgs/msg/TwistWithCovariance",
@@ -220,7 +228,7 @@ class RecordingEpisode(Episode):
     """An Episode that writes all that it drives into a BagWriter, course after course."""
 
     def __init__(self, simulator, move_base, writer: BagWriter, **options):
-        super().__init__(simulator, move_base, **options)
+        super().__init__(simulator, move_base, writer.robot, **options)
         self.writer = writer
         self.courses = self._number = 0
         self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
@@ -262,12 +270,13 @@ class RecordingEpisode(Episode):
         return self._ahead + self.simulator.state.time
 
     def _cycle(self):
-        before, now = self.simulator.state, self._now
+        before, now, ranges = self.simulator.state, self._now, self._ranges
         cycle, state = super()._cycle()
         if self._goal_id:
             if self._scanned != now:  # a decision's scan was taken at the same moment, with other noise
                 self.writer.odometry(now, before.odom_pose, before.odom_twist)
-                self.writer.scan(now, self._ranges)
+                if self._ranges is not ranges:
+                    self.writer.scan(now, self._ranges)
             if state.contact:
                 self.writer.contact(self._ahead + state.time)
         return cycle, state
@@ -277,7 +286,7 @@ class RecordingEpisode(Episode):
         now, state = self._now, self.simulator.state
         self.writer.status(now, self._goal_id)
         self.writer.odometry(now, state.odom_pose, state.odom_twist)
-        self.writer.scan(now, outcome.ranges)
+        self.writer.scan(now, self._seen)
         self._scanned = now
         if plan is not None and len(plan):
             self.writer.plan(now, plan)
@@ -300,7 +309,7 @@ class RecordingEpisode(Episode):
         )
 
     def _parameters(self, later: float = 0.0) -> None:
-        for server in SPACE.servers:
+        for server in self.space.servers:
             self.writer.parameters(self._now + later, server, self.move_base.configuration(server))
 
 

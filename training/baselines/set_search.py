@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, List, Sequence, Tuple
 import cma
 import numpy as np
 
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import Space
 from training.baselines.race import Result, race
 from training.baselines.set_trials import SetTrials
 from training.evaluation.score import summary, trial_seconds
@@ -45,7 +45,7 @@ def explore(
 
     Args:
         trials: drives the candidates.
-        starts: sets (8,), at least one. The distribution begins around the first; all take part in the first
+        starts: sets (n,), at least one. The distribution begins around the first; all take part in the first
             generation.
         options: of the search.
         tell: takes a line of progress for each generation.
@@ -53,9 +53,9 @@ def explore(
     Returns:
         A dict of JSON values for each generation, with its "winner" and the "mean" of the distribution after it.
     """
-    rng = np.random.default_rng(options.seed)
+    rng, space = np.random.default_rng(options.seed), trials.space
     strategy = cma.CMAEvolutionStrategy(
-        np.clip(SPACE.to_action(starts[0]), -0.9, 0.9),  # not from the very edge of the box
+        np.clip(space.to_action(starts[0]), -0.9, 0.9),  # not from the very edge of the box
         options.sigma,
         {"bounds": [-1, 1], "popsize": options.population, "seed": options.seed + 1, "verbose": -9},
     )
@@ -63,10 +63,10 @@ def explore(
     for generation in range(options.generations):
         drawn = rng.permutation(len(trials.worlds))[: options.worlds_per_set].tolist()
         candidates = strategy.ask()
-        sets = np.array([SPACE.to_theta(action) for action in candidates])
+        sets = np.array([space.to_theta(action) for action in candidates])
         if generation == 0:
             for i, theta in enumerate(starts[: len(candidates)]):
-                candidates[i], sets[i] = SPACE.to_action(theta), SPACE.clip(theta)
+                candidates[i], sets[i] = space.to_action(theta), space.clip(theta)
         results, raced = drive_race(
             trials,
             sets,
@@ -86,8 +86,8 @@ def explore(
                 "sigma": float(strategy.sigma),
                 "trials_of_each": [len(scores) for scores in raced.scores],
                 "scores": [round(float(scores.mean()), 3) for scores in raced.scores],
-                "winner": _line(sets[winner], results[winner], options.contact_seconds),
-                "mean": {"theta": SPACE.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()},
+                "winner": _line(space, sets[winner], results[winner], options.contact_seconds),
+                "mean": {"theta": space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()},
                 "trials": trials.driven,
                 "seconds": round(time.monotonic() - began, 1),
             }
@@ -110,9 +110,9 @@ def explore(
     return log
 
 
-def finalists(starts: Sequence[np.ndarray], log: List[Dict[str, Any]]) -> List[List[float]]:
+def finalists(space: Space, starts: Sequence[np.ndarray], log: List[Dict[str, Any]]) -> List[List[float]]:
     """Sets for the last race, each once: theta_0, the given ones, means and winners of the last generations."""
-    found = [SPACE.theta0, *(SPACE.clip(theta) for theta in starts)]
+    found = [space.theta0, *(space.clip(theta) for theta in starts)]
     found += [line[which]["theta"] for line in log[-FINALISTS:] for which in ("mean", "winner")]
     return [list(theta) for theta in dict.fromkeys(tuple(float(value) for value in theta) for theta in found)]
 
@@ -124,7 +124,7 @@ def choose(
 
     Args:
         trials: drives the sets, in each of its worlds options.final_trials times.
-        sets: (8,) each.
+        sets: (n,) each.
         options: of the search.
         tell: takes a line of progress for each set at the end.
 
@@ -135,11 +135,11 @@ def choose(
     jobs = [(world, trial) for trial in range(options.final_trials) for world in order]
     blocks = [jobs[i : i + FINAL_BLOCK] for i in range(0, len(jobs), FINAL_BLOCK)]
     results, raced = drive_race(trials, np.array(sets), blocks, options.seed, options.contact_seconds)
-    table = [_line(np.array(sets[i]), results[i], options.contact_seconds) for i in raced.ranking]
+    table = [_line(trials.space, np.array(sets[i]), results[i], options.contact_seconds) for i in raced.ranking]
     for line in table:
         tell(
             "%.2f s in %d trials (success %.3f, contact %.3f): %s"
-            % (line["score"], line["trials"], line["success"], line["collided"], SPACE.as_dict(np.array(line["theta"])))
+            % (line["score"], line["trials"], line["success"], line["collided"], line["parameters"])
         )
     return table
 
@@ -152,7 +152,7 @@ def drive_race(
     contact_seconds: float,
     halve: bool = False,
 ) -> Tuple[List[List[TrialResult]], Result]:
-    """Races sets (k, 8) through blocks of jobs: the results of each, and how the race ended."""
+    """Races sets (k, n) through blocks of jobs: the results of each, and how the race ended."""
     results: List[List[TrialResult]] = [[] for _ in sets]
 
     def drive(racing: List[int], block: Sequence[Job]) -> np.ndarray:
@@ -172,7 +172,7 @@ def halving_blocks(jobs: Sequence[Job]) -> List[Sequence[Job]]:
     return [block for block in (jobs[:first], jobs[first:second], jobs[second:]) if block]
 
 
-def _line(theta: np.ndarray, results: List[TrialResult], contact_seconds: float) -> Dict[str, Any]:
+def _line(space: Space, theta: np.ndarray, results: List[TrialResult], contact_seconds: float) -> Dict[str, Any]:
     found = summary(results, contact_seconds)
     names = ("score", "time_s", "success", "collided", "trials")
-    return {**{name: found[name] for name in names}, "theta": theta.tolist(), "parameters": SPACE.as_dict(theta)}
+    return {**{name: found[name] for name in names}, "theta": theta.tolist(), "parameters": space.as_dict(theta)}

@@ -17,7 +17,8 @@ import numpy as np
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL, Robot
 from training.evaluation.periodic import CHOOSING
 from training.evaluation.trials import TRIAL_RUNNER, seed_of
 from training.workers.pool import PoolError, make_pool
@@ -88,6 +89,7 @@ class SetTrials:
         planner_frequency: global plans per simulated second; None: as many as the robot makes.
         file: where trials are kept and looked up; None: nowhere.
         runner: "module:Class" that drives the trials.
+        robot: whose parameters they are, and which drives.
     """
 
     def __init__(
@@ -102,12 +104,17 @@ class SetTrials:
         planner_frequency: Optional[int] = None,
         file: Optional[TrialFile] = None,
         runner: str = TRIAL_RUNNER,
+        robot: Robot = JACKAL,
     ):
+        self.space = space_of(robot)
         self.worlds, self.weights, self.planner = worlds, weights, planner
         self.driven = 0  # trials, those of the file included
         self._file, self._setting = file, [simulator, planner_frequency]
         self._queue: Deque[Trial] = deque()
         options: Dict[str, Any] = {"simulator": simulator}
+        if robot is not JACKAL:  # a runner of one's own need not know of robots
+            options["robot"] = robot.folder
+            self._setting.append(robot.name)
         if planner_frequency is not None:
             options["planner_frequency"] = planner_frequency
         self.pool = make_pool(
@@ -124,7 +131,7 @@ class SetTrials:
         """Each set in each job: a list of results, in the order of the jobs, for each set.
 
         Args:
-            sets: (k, 8), a set of parameters in a row.
+            sets: (k, n), a set of parameters in a row.
             jobs: (index of the world, number of the trial there); all sets drive a job with the same seed.
             seed: from which the seeds of the trials follow.
 
@@ -157,7 +164,7 @@ class SetTrials:
 
     def _trial(self, values: np.ndarray, world: int, number: int, seed: int) -> Trial:
         name, spec = self.worlds[world]
-        theta = tuple(float(value) for value in SPACE.clip(values))
+        theta = tuple(float(value) for value in self.space.clip(values))
         seed = seed_of(CHOOSING + seed, name, number)
         return Trial(name, "set", number, seed, spec, "", self.weights, self.planner, theta=theta)
 

@@ -16,8 +16,9 @@ from tqdm import tqdm
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
+from applr_ros1.robots import JACKAL, Robot
 from training.evaluation.store import TRIALS, Store
-from training.evaluation.trials import TRIAL_RUNNER, plan, world_list
+from training.evaluation.trials import TRIAL_RUNNER, described, plan, world_list
 from training.provenance import provenance
 from training.workers.pool import Pool, make_pool
 from training.workers.tasks import Answer, RunnerSpec, Trial, WorkerSettings
@@ -48,6 +49,7 @@ class EvaluationOptions:
     monitor: bool = False
     traces: int = 1
     runner: str = TRIAL_RUNNER
+    robot: Robot = JACKAL
 
 
 def evaluate(options: EvaluationOptions) -> None:
@@ -56,8 +58,8 @@ def evaluate(options: EvaluationOptions) -> None:
     Raises:
         ApplrError: with one line; what was driven so far is kept.
     """
-    worlds = world_list(options.worlds, options.protocol)
-    chosen = methods.parse(options.methods)
+    worlds = world_list(options.worlds, options.protocol, options.robot)
+    chosen = methods.parse(options.methods, options.robot)
     trials = plan(
         [w[:2] for w in worlds],
         chosen,
@@ -90,7 +92,8 @@ def settings(
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": digest.hexdigest(),
         "world_specs": [spec for _, spec, _ in worlds],
-        "methods": {name: methods.make(spec).describe() for name, spec in chosen},
+        "methods": {name: methods.make(spec, options.robot).describe() for name, spec in chosen},
+        "robot": described(options.robot),
         "simulator": options.simulator,
         "protocol": options.protocol,
         "weights": options.weights,
@@ -108,6 +111,8 @@ def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None
     arguments: Dict[str, Any] = {"simulator": options.simulator, "protocol": options.protocol}
     if options.monitor:
         arguments["monitor"] = True
+    if options.robot is not JACKAL:  # a worker of one's own need not know of robots
+        arguments["robot"] = options.robot.folder
     runner = RunnerSpec(options.runner, arguments)
     pool = make_pool(
         WorkerSettings(trial=runner),

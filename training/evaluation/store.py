@@ -20,13 +20,15 @@ from applr_ros1.common.arrays import unpack_npz
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from applr_ros1.policy.decision import PERIOD
-from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, key_of
+from applr_ros1.robots import JACKAL
+from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, described, key_of
 from training.storage import Lock, make_folder
 from training.workers.tasks import Trial, TrialResult
 
 OLDER = {
     "weights": ["per_metre"],
     "planner": "ours",
+    "robot": described(JACKAL),
     "monitor": False,
     "worlds_with_movers": [],
 }  # what evaluations drove that do not name them

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import json
 import zlib
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
 
@@ -17,11 +18,13 @@ import numpy as np
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL, Robot, load
 from training.mdp.episode import Episode, Trace
 from training.mdp.reward import Reward
 from training.workers.tasks import POLICY, Answer, Trial, TrialResult
@@ -111,6 +114,17 @@ def under(protocol: str, world: World) -> World:
     return dataclasses.replace(world, course=field.challenge_course(world.course.path))
 
 
+def at_scale(protocol: str, spec: str, robot: Robot = JACKAL) -> World:
+    """The world that a robot drives under a protocol: with its course, at the robot's scale. Raises WorldError."""
+    return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
+
+
+def described(robot: Robot) -> Dict[str, Any]:
+    """What evaluation.json says of the robot: name, length and width [m], scale of the worlds, parameter space."""
+    space = json.loads(space_of(robot).to_json())
+    return {"name": robot.name, "body": list(robot.body.size[:2]), "world_scale": robot.world_scale, "space": space}
+
+
 TRIAL_RUNNER = "training.evaluation.trials:TrialRunner"  # as workers are told
 
 
@@ -126,6 +140,7 @@ class TrialRunner:
         period: decision period [s]; None: each method's own.
         monitor: whether the collision monitor stands between the planner and the base.
         planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
+        robot: name or folder of the robot that drives; worlds are at its scale.
     """
 
     def __init__(
@@ -136,13 +151,16 @@ class TrialRunner:
         period: Optional[float] = None,
         monitor: bool = False,
         planner_frequency: Optional[int] = None,
+        robot: str = JACKAL.name,
     ):
-        self.monitor = CollisionMonitor() if monitor else None
+        self.robot = load(robot)
+        self.space = space_of(self.robot)
+        self.monitor = CollisionMonitor(MonitorSettings.of(self.robot)) if monitor else None
         self.protocol, self.reward = protocol, Reward(**(reward or {}))
-        self.simulator, self.period = sim_bridge.make(simulator), period
-        self._params = JACKAL
+        self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
+        self._params = self.robot.parameters()
         if planner_frequency is not None:
-            self._params = dict(JACKAL, planner_frequency=float(planner_frequency))
+            self._params["planner_frequency"] = float(planner_frequency)
         self._episodes: Dict[Tuple[str, str], Episode] = {}
         self._worlds: Dict[str, World] = {}
         self._methods: Dict[str, methods.Method] = {}
@@ -160,11 +178,11 @@ class TrialRunner:
         changes: List[float] = []
         total = 0.0
         while not outcome.over:
-            context, before = episode.context(), SPACE.to_action(outcome.theta)
+            context, before = episode.context(), self.space.to_action(outcome.theta)
             outcome = (
                 episode.drive(*method.command(context)) if method.commands else episode.decide(method.theta(context))
             )
-            changes.append(float(np.abs(SPACE.to_action(outcome.theta) - before).mean()))
+            changes.append(float(np.abs(self.space.to_action(outcome.theta) - before).mean()))
             total += self.reward(outcome, changes[-1], episode.limit, episode.period)[0]
         result = TrialResult(
             success=bool(outcome.success),
@@ -189,7 +207,8 @@ class TrialRunner:
         if key not in self._episodes:
             self._episodes[key] = Episode(
                 self.simulator,
-                MoveBase(self._params, weights, planner),
+                MoveBase(self._params, weights=weights, planner=planner),
+                self.robot,
                 end_on_contact=PROTOCOLS[self.protocol].end_on_contact,
                 record=True,
                 monitor=self.monitor,
@@ -200,29 +219,29 @@ class TrialRunner:
         if spec not in self._worlds:
             if len(self._worlds) >= 400:
                 self._worlds.clear()
-            self._worlds[spec] = under(self.protocol, worlds_package.load(spec))
+            self._worlds[spec] = at_scale(self.protocol, spec, self.robot)
         return self._worlds[spec]
 
     def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
         if task.theta is not None:
-            return methods.FixedParameters(np.array(task.theta))
+            return methods.for_robot(methods.FixedParameters(np.array(task.theta), space=self.space), self.robot)
         if task.method_spec == POLICY:
             if policy is None:
                 raise ValueError("a trial of the policy came without a policy")
-            return methods.ObservationPolicy(_Learnt(policy))
+            return methods.ObservationPolicy(_Learnt(policy, self.robot))
         if task.method_spec not in self._methods:
-            self._methods[task.method_spec] = methods.make(task.method_spec)
+            self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
         return self._methods[task.method_spec]
 
 
 class _Learnt:
     """The policy that is being learnt, as what ObservationPolicy asks."""
 
-    def __init__(self, policy: PolicyWeights):
-        self.policy = policy
+    def __init__(self, policy: PolicyWeights, robot: Robot):
+        self.policy, self.space, self.layout = policy, space_of(robot), layout_of(robot)
 
     def theta(self, observation: np.ndarray) -> np.ndarray:
-        return SPACE.to_theta(self.policy(observation))
+        return self.space.to_theta(self.policy(observation))
 
 
 def pack_trace(trace: Trace) -> bytes:
@@ -239,12 +258,12 @@ def pack_trace(trace: Trace) -> bytes:
     return buffer.getvalue()
 
 
-def world_list(text: str, protocol: str) -> List[Tuple[str, str, World]]:
-    """[(name, specification, World), ...] of a comma-separated list, checked. Raises WorldError."""
+def world_list(text: str, protocol: str, robot: Robot = JACKAL) -> List[Tuple[str, str, World]]:
+    """[(name, specification, World), ...] of a comma-separated list, checked, for a robot. Raises WorldError."""
     found: List[Tuple[str, str, World]] = []
     for part in text.split(","):
         for spec in worlds_package.specs(part.strip()):
-            world = under(protocol, worlds_package.load(spec))
+            world = at_scale(protocol, spec, robot)
             if any(world.name == name for name, _, _ in found):
                 raise WorldError("two worlds are called %r: evaluate one at a time, or rename a file" % world.name)
             found.append((world.name, spec, world))

@@ -19,6 +19,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json
 from applr_ros1.planner.variant import PER_METRE
+from applr_ros1.robots import load
 from training.gorila.learner import LearnerConfig
 from training.gorila.options import PAPER_STEPS, Options
 from training.mdp.reward import Reward
@@ -60,6 +61,7 @@ class TrainConfig(Options):
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ConfigError("--%s is %r: give %s to %s" % (dashed(name), value, low, high))
+        load(self.robot)
         self.layers()
         for name in ("scan_noise", "latency", "friction", "slip"):
             self._span(name)
@@ -152,7 +154,7 @@ _BOUNDS = (
     ("actors", 0, 10_000),
     ("publish_every", 1, 10**9),
     ("max_staleness", 0, 10**9),
-    ("planner_frequency", 1, 20),
+    ("planner_frequency", 0, 20),
     ("curriculum", 0.0, 1.0),
     ("start_xy", 0.0, 10.0),
     ("start_yaw", 0.0, math.pi),
@@ -183,7 +185,7 @@ _BOUNDS = (
     ("eval_every", 1, 10**9),
     ("contact_seconds", 0.0, 1e6),
 )
-FIXED = {"hidden", "capacity", "seed", "env", "scan_pool", "layer_norm"}  # what --resume cannot replace
+FIXED = {"hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm"}  # what --resume cannot replace
 
 
 def dashed(name: str) -> str:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, OURS, PLANNERS, WEIGHTS
 from applr_ros1.policy.decision import PERIOD
+from applr_ros1.robots import NAMES
 from training.gorila.learner import LearnerConfig
 from training.mdp.reward import Reward
 from training.td3.td3 import TD3Config
@@ -42,8 +43,8 @@ class Options:
         "and the learning curves.", group="The run")
     resume: bool = option(False,
         "Continue the run in the folder --out with the options that it was started with. Options that are given again "
-        "replace the stored ones, except for the network, the replay buffer's size, the seed, the environment, "
-        "--scan-pool and --layer-norm.")
+        "replace the stored ones, except for the network, the replay buffer's size, the seed, the environment, the "
+        "robot, --scan-pool and --layer-norm.")
     steps: int = option(PAPER_STEPS,
         "Number of transitions to collect in all, one per decision. The paper used 5 million.")
     minutes: float = option(0.0,
@@ -72,6 +73,9 @@ class Options:
         group="Worlds and robot")
     env: str = option("training.mdp.env:ApplrEnv",
         "Training environment as MODULE:CLASS. An environment other than the default is constructed without arguments.")
+    robot: str = option("jackal",
+        "Robot that drives: %s, or a folder with robot.yaml (docs/robots.md). The worlds are at its scale." % (
+            ", ".join(NAMES)))
     worlds: str = option("generated:learn",
         "Worlds to train in: %s; several are separated by commas. generated:learn are the training worlds without "
         "those of generated:validation." % FORMS)
@@ -83,9 +87,9 @@ class Options:
     planner: str = option(OURS,
         "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
         "drawn, which takes one of the two at each reset.", choices=PLANNERS + (DRAWN,))
-    planner_frequency: int = option(20,
-        "Global plans per simulated second during training. 10 or 5 make the simulation faster and less exact; "
-        "evaluations always plan 20 times per second, as the robot does.")
+    planner_frequency: int = option(0,
+        "Global plans per simulated second during training. 10 or 5 make the simulation faster and less exact. "
+        "0 plans as often as the robot does, as evaluations always do; the Jackal plans 20 times.")
     curriculum: float = option(0.0,
         "Share of --steps over which the harder worlds are added to the easiest quarter. 0 uses all worlds from the "
         "beginning.")

@@ -11,8 +11,8 @@ import torch
 
 import sim_bridge
 from applr_ros1.common.errors import reason
-from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import sizes_of
+from applr_ros1.robots import load
 from training.evaluation.trials import TRIAL_RUNNER, evenly_spaced, world_list
 from training.experience.dataset import Dataset
 from training.experience.trajectory import Layout
@@ -53,20 +53,22 @@ def prepare(config: TrainConfig) -> Preparation:
                 "--env %s cannot be had: %s: %s" % (config.env, type(error).__name__, reason(error))
             ) from None
         return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
-    worlds = load_worlds(config.worlds)
-    held_out = [world[:2] for world in world_list(config.eval_worlds, "paper")] if evaluates else []
+    robot, worlds = load(config.robot), load_worlds(config.worlds)
+    held_out = [world[:2] for world in world_list(config.eval_worlds, "paper", robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
     options = {
+        "robot": config.robot,
         "worlds": config.worlds,
         "simulator": config.simulator,
         "weights": config.weights,
         "planner": config.planner,
-        "planner_frequency": config.planner_frequency,
+        "planner_frequency": config.planner_frequency or None,
         "randomisation": config.randomisation(),
         "reward": config.reward(),
         "period": config.period,
     }
     trials = {
+        "robot": config.robot,
         "simulator": config.evaluation()["simulator"],
         "reward": config.reward(),
         "period": config.period,
@@ -74,7 +76,7 @@ def prepare(config: TrainConfig) -> Preparation:
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
         env.reset(seed=0)
-        env.step(-np.ones(len(SPACE)))
+        env.step(-np.ones(len(env.space)))
         env.close()
     return Preparation(
         WorkerSettings(
@@ -83,7 +85,7 @@ def prepare(config: TrainConfig) -> Preparation:
         ),
         worlds,
         evenly_spaced(held_out, config.eval_count),
-        Layout(LAYOUT.beams, 1 + len(SPACE), len(SPACE)),
+        Layout(*sizes_of(robot)),
     )
 
 

@@ -21,6 +21,9 @@ import safetensors.numpy
 from applr_ros1.common.files import read_json, write_bytes, write_json
 from applr_ros1.common.tally import Tally
 from applr_ros1.policy import actor
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
 from training.evaluation.periodic import PeriodicEvaluation
 from training.experience.dataset import Dataset
 from training.experience.trajectory import Trajectory
@@ -267,7 +270,8 @@ class TrainingRun:
             "default": self.evaluation.default if result else None,
         }
         if self.config.env == OURS:
-            actor.save(path, weights, metadata)
+            robot = load(self.config.robot)
+            actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
         else:
             write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
 

@@ -1,13 +1,13 @@
 """The paper's meta-environment for Gymnasium: id "applr_ros1/Navigation-v0". Actors train in it; any RL library can.
 
-State (729,): scan capped at 2 m, phi, theta_{t-1}. Action (8,): the planner's parameters. One step is one decision
-period (2 s of simulated time in the paper: 40 cycles of the very MoveBase that the ROS node runs). Course, limit and
-ends are those of episode.py.
+State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's parameters, (8,) for the
+Jackal. One step is one decision period (2 s of simulated time in the paper: 40 cycles of the very MoveBase that the ROS
+node runs). Course, limit and ends are those of episode.py.
 """
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Union
 
 import gymnasium
 import numpy as np
@@ -16,11 +16,9 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import JACKAL, Robot, load
 from training.mdp.episode import Episode, laser_pose
 from training.mdp.reward import Reward, failed
 from worlds.top_view import top_view
@@ -40,9 +38,10 @@ class ApplrEnv(gymnasium.Env):
             latency, friction, slip (sim_bridge.Randomisation).
         limit: decisions until the episode is truncated; None: as many as fit into 100 s.
         period: decision period [s]; the paper's is 2 s.
-        params: the planner's parameter tree.
+        params: the planner's parameter tree; None: that of the robot's files.
         weights: how the planner's distance biases count: "per_cell", "per_metre", or "drawn" at each reset.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
+        robot: the robot that drives, or its name or folder; worlds are at its scale.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
         record: keep the driven path in .episode.trace.
         render_mode: "rgb_array", in which render() returns a picture from above, or None.
@@ -52,7 +51,6 @@ class ApplrEnv(gymnasium.Env):
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}
-    scan_beams = LAYOUT.beams  # of the observation, its first numbers; the replay stores them in coarser steps
 
     def __init__(
         self,
@@ -63,34 +61,40 @@ class ApplrEnv(gymnasium.Env):
         limit: Optional[int] = None,
         period: float = PERIOD,
         end_on_contact: bool = False,
-        params=JACKAL,
+        params: Optional[Dict[str, Any]] = None,
         weights: str = DEFAULT_WEIGHTS,
         planner: str = OURS,
         planner_frequency: Optional[float] = None,
         record: bool = False,
         render_mode: Optional[str] = None,
+        robot: Union[Robot, str] = JACKAL,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
+        robot = load(robot) if isinstance(robot, str) else robot
         self.worlds = load_worlds(worlds)
         self.render_mode = render_mode
         if isinstance(simulator, str):
-            simulator = sim_bridge.make(simulator, **(randomisation or {}))
+            simulator = sim_bridge.make(simulator, robot=robot, **(randomisation or {}))
         self.reward = reward if isinstance(reward, Reward) else Reward(**(reward or {}))
+        params = robot.parameters() if params is None else params
         if planner_frequency is not None:
             params = dict(params, planner_frequency=float(planner_frequency))
         move_base = MoveBase(params, weights, planner)
         self.episode = Episode(
             simulator,
             move_base,
+            robot,
             limit=limit,
             period=period,
             end_on_contact=end_on_contact,
             record=record or render_mode is not None,
         )
         self.space = self.episode.space
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (LAYOUT.beams + 1 + len(SPACE),), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(SPACE),), np.float32)
+        self.scan_beams = self.episode.layout.beams  # first numbers of an observation; the replay stores them coarser
+        size = self.scan_beams + 1 + len(self.space)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.space),), np.float32)
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
@@ -98,6 +102,7 @@ class ApplrEnv(gymnasium.Env):
         options = options or {}
         world = self._world(options.get("world"))
         draw = int(self.np_random.integers(2**31))
+        world = worlds_package.scaled(world, self.episode.robot.world_scale)
         outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
         return self.episode.observation(), self._info(outcome)
 
@@ -123,7 +128,8 @@ class ApplrEnv(gymnasium.Env):
         episode, state = self.episode, self.episode.simulator.state
         if episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before render()")
-        layout, ranges, (x, y, yaw) = episode.layout, episode.outcome.ranges, laser_pose(state.pose)
+        layout, ranges = episode.layout, episode.outcome.ranges
+        (x, y, _), yaw = laser_pose(state.pose, episode.robot.laser), state.pose[2]
         angles = yaw + np.linspace(layout.angle_min, layout.angle_max, layout.beams)
         near = np.isfinite(ranges) & (ranges <= layout.range_cap)  # what the policy sees
         points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])[near]

@@ -18,14 +18,15 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.observation import LAYOUT, Layout, goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SPACE
-from sim_bridge import jackal
+from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots.description import Laser
 
-CONTROL_PERIOD = 0.05  # of one planner and controller cycle [s]: the Jackal's 20 Hz
+CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles
 TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
 DECISION_LIMIT = round(TIME_LIMIT / PERIOD)  # decisions of the paper's period in TIME_LIMIT
-NEAREST = 0.1  # smallest distance that the laser can tell [m]: what lies nearer counts as this
+NEAREST = JACKAL.laser.range_min  # smallest distance that a laser can tell [m]: what lies nearer counts as this
 
 
 @dataclass
@@ -33,10 +34,10 @@ class Outcome:
     """What a trial is after a decision (or after reset, when most fields are zero).
 
     The inputs of the next observation:
-      ranges (720,) float32 [m], resampled to the layout; phi [rad]; theta (8,) what the planner really has
+      ranges (720,) float32 [m], resampled to the layout; phi [rad]; theta (n,) what the planner really has
     Of this decision:
       progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
-      last_scan_min         smallest range of the scan at its end [m], never under NEAREST
+      last_scan_min         smallest range of the scan at its end [m], never under range_min
       decision_min          smallest range of all its scans [m]
       contact               whether the robot touched anything
       jerk                  mean |change of acceleration| of the true speed [m/s^3]
@@ -110,7 +111,7 @@ class Episode:
     period          decision period [s]; the paper's is 2 s
     end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
     record          keep .trace
-    layout          how the policy sees a scan; can be set anew between two trials
+    robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
     monitor         a CollisionMonitor between the planner and the base; None: commands reach the base as they are
 
     The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
@@ -121,16 +122,18 @@ class Episode:
         self,
         simulator,
         move_base,
-        space=SPACE,
+        robot: Robot = JACKAL,
         limit: Optional[int] = None,
         end_on_contact: bool = False,
         record: bool = False,
         period: float = PERIOD,
         monitor: Optional[CollisionMonitor] = None,
-        layout: Layout = LAYOUT,
     ):
         self.simulator, self.move_base, self.monitor = simulator, move_base, monitor
-        self.space, self.layout = space, layout
+        self.robot, self.space = robot, space_of(robot)
+        self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
+        slow = robot.laser.rate * CONTROL_PERIOD < 1.0
+        self._scan_period = 1.0 / robot.laser.rate if slow else 0.0  # 0: a scan in every cycle
         self.end_on_contact, self.record = end_on_contact, record
         self.set_period(period)
         self.time_limit = TIME_LIMIT if limit is None else limit * period
@@ -176,6 +179,8 @@ class Episode:
         self._jerks = self._turns = 0.0
         self._cycles = 0
         self._command: Optional[Tuple[float, float]] = None
+        self._scan_due = state.time
+        self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._cycle()
         self.goal = self.simulator.to_odom(world.course.sent_goal)
@@ -183,8 +188,8 @@ class Episode:
         self.began = state.time
         self.move_base.set_goal(self.goal, state.time)
         plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)
-        ranges = self.simulator.scan()
-        near = nearest(ranges)
+        self._seen = ranges = self.simulator.scan()  # the scan of the coming decision
+        near = self._nearest(ranges)
         self.outcome = Outcome(
             self._resampled(ranges), self._phi(plan), theta, last_scan_min=near, decision_min=near, min_clearance_m=near
         )
@@ -197,7 +202,7 @@ class Episode:
         self.move_base.reconfigure("", {"oscillation_timeout": 0.0, "planner_patience": TIME_LIMIT})
 
     def decide(self, theta) -> Outcome:
-        """Drive one decision period (less where the course ends) with parameters theta (8,), and say how it went."""
+        """Drive one decision period (less where the course ends) with parameters theta (n,), and say how it went."""
         was = self._open()
         theta = self.apply(theta)
         if self.record:
@@ -219,7 +224,7 @@ class Episode:
         return self.outcome
 
     def _drive_period(self, was: Outcome, theta: np.ndarray) -> Outcome:
-        """Drive one decision period from where the trial is, with parameters theta (8,) in force."""
+        """Drive one decision period from where the trial is, with parameters theta (n,) in force."""
         since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
         now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf, jerk=0.0)
         jerks, cycles = self._jerks, self._cycles
@@ -236,8 +241,8 @@ class Episode:
             now.timeout = True
         if now.timeout:
             now.time_s = self.time_limit
-        ranges = self.simulator.scan()
-        now.ranges, now.last_scan_min = self._resampled(ranges), nearest(ranges)
+        self._seen = ranges = self._ranges if self._scan_period else self.simulator.scan()
+        now.ranges, now.last_scan_min = self._resampled(ranges), self._nearest(ranges)
         now.decision_min = min(now.decision_min, now.last_scan_min)
         now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
         now.phi = self._phi(self.move_base.global_plan)
@@ -259,12 +264,21 @@ class Episode:
         assert o is not None, "reset() comes first"
         plan = self.move_base.global_plan
         return Context(
-            self.observation(), o.ranges, o.phi, o.theta, o.time_s, state.odom_pose, state.odom_twist, self.goal, plan
+            self.observation(),
+            o.ranges,
+            o.phi,
+            o.theta,
+            o.time_s,
+            state.odom_pose,
+            state.odom_twist,
+            self.goal,
+            plan,
+            self.space,
         )
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
-        """Set parameters theta (8,) through the same reconfigure servers as over ROS; returns what is in force."""
+        """Set parameters theta (n,) through the same reconfigure servers as over ROS; returns what is in force."""
         requests = self.space.requests(theta)
         has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
         return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
@@ -273,33 +287,33 @@ class Episode:
     def _cycle(self):
         """Scan, plan, command, drive; returns (planner's cycle, new state)."""
         simulator, state = self.simulator, self.simulator.state
-        ranges = simulator.scan()
-        self._ranges = ranges
-        scan = LaserScan(
-            state.time,
-            jackal.ANGLE_MIN,
-            jackal.ANGLE_INCREMENT,
-            jackal.RANGE_MIN,
-            jackal.RANGE_MAX,
-            ranges,
-            laser_pose(state.odom_pose),
-        )
+        scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
         cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
         command = cycle.command if self._command is None else self._command
         if self.monitor is not None:
-            self.monitor.see(scan, state.odom_pose)
+            if scan is not None:
+                self.monitor.see(scan, state.odom_pose)
             if command is not None:
                 command = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command).command
         if command is not None:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)
 
+    def _scan(self, state) -> LaserScan:
+        """A new scan of the simulated laser."""
+        self._scan_due += self._scan_period
+        self._ranges = self.simulator.scan()
+        laser, pose = self.robot.laser, laser_pose(state.odom_pose, self.robot.laser)
+        return LaserScan(
+            state.time, laser.first_angle, laser.increment, laser.range_min, laser.range_max, self._ranges, pose
+        )
+
     def _drive_one(self, now: Outcome) -> None:
         before = self.simulator.state
         x, y, _ = before.pose
         v, w = before.twist
         cycle, state = self._cycle()
-        now.decision_min = min(now.decision_min, nearest(self._ranges))
+        now.decision_min = min(now.decision_min, self._nearest(self._ranges))
         now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
         now.contact |= bool(state.contact)
         now.collided |= now.contact
@@ -331,7 +345,11 @@ class Episode:
     # -- what is seen ------------------------------------------------------------------------------
     def _resampled(self, ranges: np.ndarray) -> np.ndarray:
         """A scan of the simulated laser as the layout has it."""
-        return self.layout.resample(ranges, jackal.ANGLE_MIN, jackal.ANGLE_INCREMENT)
+        laser = self.robot.laser
+        return self.layout.resample(ranges, laser.first_angle + laser.pose[2], laser.increment)
+
+    def _nearest(self, ranges: np.ndarray) -> float:
+        return nearest(ranges, self.robot.laser.range_min)
 
     def _phi(self, plan) -> float:
         """Angle to the local goal along the plan [rad]; to the goal itself where there is no plan."""
@@ -350,12 +368,12 @@ class Episode:
         return along, q[1] - p[1]
 
 
-def laser_pose(pose) -> Tuple[float, float, float]:
-    """The laser's pose for a robot at pose (x, y, yaw)."""
-    return (*place(pose, *jackal.LASER_OFFSET), pose[2])
+def laser_pose(pose, laser: Laser = JACKAL.laser) -> Tuple[float, float, float]:
+    """A laser's pose for a robot at pose (x, y, yaw)."""
+    return (*place(pose, *laser.pose[:2]), pose[2] + laser.pose[2])
 
 
-def nearest(ranges: np.ndarray) -> float:
-    """d(o): the smallest range [m], at least NEAREST (-inf: too near to tell) and inf where nothing returns."""
+def nearest(ranges: np.ndarray, lowest: float = NEAREST) -> float:
+    """d(o): the smallest range [m], at least `lowest` (-inf: too near to tell) and inf where nothing returns."""
     low = float(np.fmin.reduce(ranges))
-    return math.inf if math.isnan(low) else max(NEAREST, low)
+    return math.inf if math.isnan(low) else max(lowest, low)

@@ -15,6 +15,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
+from applr_ros1.policy.parameter_space import Space
 from training.evaluation.store import MEASURES_FILE, OLDER, SETTINGS, TRIALS, flag, read_rows, read_trace
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN
 from worlds import builtin
@@ -89,6 +90,8 @@ class Results:
             self._join(place)
         self.weights: List[str] = several or self.settings.get("weights", OLDER["weights"])
         self.planner: str = self.settings.get("planner", OLDER["planner"])
+        self.robot: Dict[str, Any] = self.settings.get("robot", OLDER["robot"])  # trials.described gives it
+        self.space = Space.stated(self.robot["space"], self.robot["name"])
         if self.settings.get("monitor", OLDER["monitor"]):
             self.planner += ", with the collision monitor"
         self.count = len(rows)

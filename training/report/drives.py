@@ -12,9 +12,7 @@ from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1 import robots
 from applr_ros1.common.files import read_bytes, write_bytes
-from applr_ros1.policy.parameter_space import SPACE
 from training.report.data import Results
 from training.report.figures import colors, load
 from training.storage import make_folder
@@ -51,9 +49,9 @@ def write(kinds: Sequence[Results], out: Path, title: str) -> str:
         "methods": [{"name": m, "color": shade[m]} for m in first.methods],
         "weights": [results.kind or results.weights[0] for results in kinds],
         "planner": first.planner,
-        "parameters": SPACE.names,
+        "parameters": first.space.names,
         "period": PERIOD,
-        "body": robots.load(first.settings.get("robot", "jackal")).body.size[:2],
+        "body": first.robot["body"],
         "worlds": worlds,
     }
     data = json.dumps(page, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("</", "<\\/")
@@ -113,9 +111,9 @@ def _drives(results: Results, world: str, method: str, label: Dict[str, int]) ->
             "p": np.diff(steps, axis=0, prepend=0).tolist(),
             "v": _whole(trace["twist"][rows, 0], 100),
         }
-        if len(trace["theta"]) and trace["theta"].shape[1] == len(SPACE):
+        if len(trace["theta"]) and trace["theta"].shape[1] == len(results.space):
             drive["at"] = _whole(trace["decided"], 100)
-            drive["a"] = _whole([SPACE.to_action(theta) for theta in trace["theta"]], 50)
+            drive["a"] = _whole([results.space.to_action(theta) for theta in trace["theta"]], 50)
         found.append(drive)
     return found
 

@@ -12,7 +12,6 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 
 import worlds as worlds_package
-from applr_ros1.policy.parameter_space import SPACE
 from training.report.data import Results
 from training.report.regions import REGIONS, region_of
 from worlds import World, WorldError
@@ -105,7 +104,9 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     from worlds.draw import draw
 
     regions = region_of(world, trace["pose"])
-    figure, axes = canvas(3, 4, size=(4.2, 2.1), width_ratios=None)
+    space = results.space
+    rows = max(2, (len(space) + 1) // 2)
+    figure, axes = canvas(3, rows, size=(4.2, 2.1), width_ratios=None)
     for ax in axes[:, 0]:
         ax.remove()
     grid = axes[0, 0].get_gridspec()
@@ -120,15 +121,17 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     map_.set_title("%s, %s" % (name, method))
     begins = np.append(trace["decided"], max(trace["time"][-1], trace["decided"][-1]))
     for i, ax in enumerate(axes[:, 1:].ravel()):
+        if i >= len(space):
+            ax.remove()
+            continue
         ax.stairs(trace["theta"][:, i], begins, color="black", baseline=None, lw=1.4)
-        ax.axhline(SPACE.theta0[i], color="grey", ls=":", lw=1)
+        ax.axhline(space.theta0[i], color="grey", ls=":", lw=1)
         _shade(ax, trace["time"], regions)
-        span = SPACE.high[i] - SPACE.low[i]
-        ax.set(
-            title=SPACE.names[i], ylim=(SPACE.low[i] - 0.05 * span, SPACE.high[i] + 0.05 * span), xlim=(0, begins[-1])
-        )
+        low, high = space.low[i], space.high[i]
+        span = 0.05 * (high - low)
+        ax.set(title=space.names[i], ylim=(low - span, high + span), xlim=(0, begins[-1]))
         ax.title.set_fontsize(9)
-        if i >= 6:
+        if i >= len(space) - 2:
             ax.set_xlabel("time [s]")
     return _save(figure, folder, "profile_%s_%s.png" % (_file(name), _file(method)))
 
@@ -158,7 +161,8 @@ def load(results: Results, name: str) -> Optional[World]:
     for known, spec in zip(results.settings.get("worlds", []), results.settings.get("world_specs", [])):
         if known == name:
             try:
-                return under(results.settings.get("protocol", "paper"), worlds_package.load(spec))
+                world = under(results.settings.get("protocol", "paper"), worlds_package.load(spec))
+                return worlds_package.scaled(world, results.robot["world_scale"])
             except WorldError as error:
                 log.warning("no map of %s: %s", name, error)
     return None

@@ -15,8 +15,8 @@ from applr_ros1.common.errors import reason
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method, MethodError
-from applr_ros1.policy.observation import LAYOUT, observe
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import LAYOUT, Layout, observe
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 DECISIONS = 8
 
@@ -33,7 +33,7 @@ def check_method(method: Any) -> None:
     name = type(method).__name__
     used = method if isinstance(method, Method) else OwnMethod(method, name)
     _need(np.isfinite(used.period) and 0.05 <= used.period <= 60.0, name, "period is %r s, not .05 to 60" % used.period)
-    contexts = scenes(DECISIONS)
+    contexts = scenes(DECISIONS, used.space, used.layout)
     first = _course(used, contexts, 7, name)
     _need(_course(used, contexts, 7, name) == first, name, "the same seed and contexts gave other %s" % _what(used))
     _course(used, contexts[::-1], 8, name)
@@ -47,18 +47,19 @@ def check_method(method: Any) -> None:
         raise MethodError("%s: describe() is no JSON (%s)" % (name, reason(error))) from None
 
 
-def scenes(count: int) -> List[Context]:
+def scenes(count: int, space: Space = SPACE, layout: Layout = LAYOUT) -> List[Context]:
     """Contexts as they come up while driving: open and narrow, no returns, +inf, any parameters in force."""
     draw = np.random.default_rng(0)
     found = []
     for k in range(count):
-        ranges = draw.uniform(0.1, 0.4 + k, LAYOUT.beams).astype(np.float32)
-        ranges[draw.random(LAYOUT.beams) < k / count] = np.inf
-        phi, theta = float(draw.uniform(-np.pi, np.pi)), SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
+        ranges = draw.uniform(0.1, 0.4 + k, layout.beams).astype(np.float32)
+        ranges[draw.random(layout.beams) < k / count] = np.inf
+        phi, theta = float(draw.uniform(-np.pi, np.pi)), space.to_theta(draw.uniform(-1.0, 1.0, len(space)))
         pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
         plan = np.linspace(pose[:2], goal[:2], 40)
-        seen = observe(ranges, phi, theta)
-        found.append(Context(seen, ranges, phi, theta, 2.0 * k, pose, (0.1 * k, 0.0), goal, plan[: 40 * (k > 0)]))
+        seen = observe(ranges, phi, theta, space, layout)
+        ahead, moving = plan[: 40 * (k > 0)], (0.1 * k, 0.0)
+        found.append(Context(seen, ranges, phi, theta, 2.0 * k, pose, moving, goal, ahead, space))
     return found
 
 
@@ -81,10 +82,10 @@ def _decide(method: Method, context: Any, name: str) -> bytes:
         raise MethodError(
             "%s: %s(context) raised %s: %s" % (name, asked, type(error).__name__, reason(error))
         ) from None
-    size = 2 if method.commands else len(SPACE)
+    size = 2 if method.commands else len(method.space)
     _need(decided.shape == (size,), name, "%s has shape %s, not (%d,)" % (asked, decided.shape, size))
     _need(bool(np.isfinite(decided).all()), name, "%s is not finite" % asked)
-    inside = method.commands or np.array_equal(SPACE.clip(decided), decided)
+    inside = method.commands or np.array_equal(method.space.clip(decided), decided)
     _need(inside, name, "theta lies outside the ranges, or a count is broken")
     _need(before == _content(context), name, "it changed the context that it was given")
     return decided.tobytes()

@@ -7,13 +7,14 @@ from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1 import robots
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
 from applr_ros1.policy.network import forward, layers_of
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import space_of
 
 MAX_BYTES = 256 * 2**20
 
@@ -33,6 +34,7 @@ class ForeignActor(Method):
     outputs keep theta_0, and values beyond the bounds of the parameter space are clipped to them.
 
     Attributes:
+        robot: Name or folder of the robot that it is for.
         size: Number of inputs.
         ranges: {name: (low, high)} of the parameters that the outputs stand for, in the outputs' order.
         activation: What the last layer's output goes through.
@@ -45,6 +47,7 @@ class ForeignActor(Method):
         MethodError: The file cannot be used, or the class states something that cannot be.
     """
 
+    robot: ClassVar[str] = "jackal"
     size: ClassVar[int] = 0
     period = PERIOD
     ranges: ClassVar[Mapping[str, Tuple[float, float]]] = {}
@@ -52,10 +55,12 @@ class ForeignActor(Method):
 
     def __init__(self, path: str = ""):
         name = type(self).__name__
-        unknown = [parameter for parameter in self.ranges if parameter not in SPACE.names]
+        self.space = space_of(robots.load(self.robot))
+        known = self.space.names
+        unknown = [parameter for parameter in self.ranges if parameter not in known]
         if unknown or not self.ranges:
             raise MethodError(
-                "%s: ranges name %s; give some of %s" % (name, ", ".join(unknown) or "nothing", ", ".join(SPACE.names))
+                "%s: ranges name %s; give some of %s" % (name, ", ".join(unknown) or "nothing", ", ".join(known))
             )
         if not path:
             raise MethodError(
@@ -66,14 +71,14 @@ class ForeignActor(Method):
         self.layers = layers_of(weights, self.size, len(self.ranges), path, MethodError)
         self.file, self.sha256 = os.path.basename(path), sha256(data)
         self._low, self._high = np.array(list(self.ranges.values()), dtype=np.float64).T
-        self._places = [SPACE.names.index(parameter) for parameter in self.ranges]
+        self._places = [self.space.names.index(parameter) for parameter in self.ranges]
 
     def inputs(self, context: Context) -> Any:
         """The network's inputs (size,); for the derived class to say."""
         raise NotImplementedError
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The parameters (8,) that the network chooses. Raises MethodError where its inputs or outputs are unusable."""
+        """The parameters (n,) that the network chooses. Raises MethodError where its inputs or outputs are unusable."""
         name = type(self).__name__
         if context is None:
             raise MethodError("%s needs a scan to decide on" % name)
@@ -88,9 +93,9 @@ class ForeignActor(Method):
         output = type(self).activation(forward(self.layers, given)).astype(np.float64)
         if not np.isfinite(output).all():
             raise MethodError("%s: the network's output is not finite; check its inputs" % name)
-        theta = SPACE.theta0.copy()
+        theta = self.space.theta0.copy()
         theta[self._places] = self._low + 0.5 * (output + 1.0) * (self._high - self._low)
-        return SPACE.clip(theta)
+        return self.space.clip(theta)
 
     def describe(self) -> Dict[str, Any]:
         """The class, its file with checksum, and the ranges."""

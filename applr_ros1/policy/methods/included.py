@@ -10,22 +10,22 @@ import numpy as np
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
-from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 
 class FixedParameters(Method):
     """One set of parameters throughout.
 
     Args:
-        values: (8,); clipped to the ranges.
+        values: (n,); clipped to the ranges.
         weights: What their distance weights count, as Method says.
+        space: The parameters.
     """
 
     static = True
 
-    def __init__(self, values: np.ndarray, weights: Optional[str] = None):
-        self.values, self.weights = SPACE.clip(values), weights
+    def __init__(self, values: np.ndarray, weights: Optional[str] = None, space: Space = SPACE):
+        self.values, self.weights, self.space = space.clip(values), weights, space
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The set."""
@@ -33,13 +33,18 @@ class FixedParameters(Method):
 
     def describe(self) -> Dict[str, Any]:
         """The set by name."""
-        return {"parameters": SPACE.as_dict(self.values)}
+        return {"parameters": self.space.as_dict(self.values)}
 
 
 class RandomParameters(Method):
-    """Uniform over the ranges at each decision: for trying the stack and for gathering data."""
+    """Uniform over the ranges at each decision: for trying the stack and for gathering data.
 
-    def __init__(self) -> None:
+    Args:
+        space: The parameters.
+    """
+
+    def __init__(self, space: Space = SPACE) -> None:
+        self.space = space
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -48,7 +53,7 @@ class RandomParameters(Method):
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """A new draw."""
-        return SPACE.to_theta(self._draws.uniform(-1.0, 1.0, len(SPACE)))
+        return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
 
     def describe(self) -> Dict[str, Any]:
         """How they are drawn."""
@@ -59,14 +64,16 @@ class ObservationPolicy(Method):
     """A function of the observation: an actor, or APPLD's contexts.
 
     Args:
-        policy: Has theta(observation) and, where it states them, a period [s], a layout and the weights of its sets.
+        policy: Has theta(observation) and, where it states them, a period [s], space, layout and weights.
         path: The file that it was read from; "" for none.
     """
 
     def __init__(self, policy: Any, path: str = ""):
         self.policy, self.path = policy, path
         self.period = float(getattr(policy, "period", PERIOD))
-        self.layout = getattr(policy, "layout", LAYOUT)
+        for name in ("space", "layout"):
+            if hasattr(policy, name):
+                setattr(self, name, getattr(policy, name))
         self.weights = getattr(policy, "weights", None)
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
@@ -92,12 +99,13 @@ class FrozenParameter(Method):
     """
 
     def __init__(self, inner: Method, name: str):
-        if name not in SPACE.names:
-            raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(SPACE.names)))
+        if name not in inner.space.names:
+            raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(inner.space.names)))
         if inner.commands:
             raise MethodError("frozen:%s: the method commands velocities and has no parameters to hold" % name)
-        self.inner, self.index, self.name = inner, SPACE.names.index(name), name
-        self.static, self.period, self.layout, self.weights = inner.static, inner.period, inner.layout, inner.weights
+        self.inner, self.index, self.name = inner, inner.space.names.index(name), name
+        self.static, self.period, self.weights = inner.static, inner.period, inner.weights
+        self.space, self.layout = inner.space, inner.layout
 
     def reset(self, seed: int) -> None:
         """Begin a course with the inner method."""
@@ -106,7 +114,7 @@ class FrozenParameter(Method):
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The inner method's parameters but for the one that is held."""
         theta = np.array(self.inner.theta(context), dtype=np.float64)
-        theta[self.index] = SPACE.theta0[self.index]
+        theta[self.index] = self.space.theta0[self.index]
         return theta
 
     def describe(self) -> Dict[str, Any]:

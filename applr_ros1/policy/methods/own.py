@@ -16,8 +16,6 @@ from applr_ros1.common.errors import reason
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
-from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE
 
 
 class OwnMethod(Method):
@@ -43,7 +41,8 @@ class OwnMethod(Method):
         self.static = not self.commands and bool(getattr(made, "static", False))
         self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))
         self.weights = getattr(made, "weights", None)
-        self.layout = getattr(made, "layout", LAYOUT)
+        if hasattr(made, "layout"):
+            self.layout = made.layout
 
     def reset(self, seed: int) -> None:
         """Begin a course, if the object wants to know."""
@@ -53,7 +52,7 @@ class OwnMethod(Method):
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The object's parameters, clipped."""
         try:
-            return SPACE.clip(self.made.theta(context))
+            return self.space.clip(self.made.theta(context))
         except Exception as error:
             raise self._gave_no("parameters", error) from error
 

@@ -9,6 +9,7 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.observation import LAYOUT, Layout
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 
 class MethodError(ApplrError):
@@ -25,7 +26,9 @@ class Method:
         commands: Whether it commands velocities: then command() is asked, theta() never, and the planner makes global
             plans alone.
         period: Time [s] between two decisions.
-        layout: How it sees a scan: what Context.ranges and Context.observation are made with.
+        space: The parameters that it chooses. `make` gives it the robot's where it states none.
+        layout: How it sees a scan: what Context.ranges and Context.observation are made with. `make` gives it the
+            robot's where it states none.
         weights: What the distance weights of its sets count: per_metre, per_cell, or drawn, which had both; None where
             they mean whatever the planner makes of them. See policy/distance_weights.py.
     """
@@ -34,6 +37,7 @@ class Method:
     static = False
     commands = False
     period = PERIOD
+    space: Space = SPACE
     layout: Layout = LAYOUT
     weights: Optional[str] = None
 
@@ -41,7 +45,7 @@ class Method:
         """Begin a course. Everything random is drawn from this seed only."""
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The parameters (8,) until the next decision. Raises SpaceError where there are none to be had."""
+        """The parameters (n,) until the next decision. Raises SpaceError where there are none to be had."""
         raise NotImplementedError
 
     def command(self, context: Context) -> Tuple[float, float]:

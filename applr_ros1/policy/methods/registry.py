@@ -12,15 +12,23 @@ from applr_ros1.policy.distance_weights import weights_of_set
 from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
 from applr_ros1.policy.methods.own import make_own
 from applr_ros1.policy.methods.protocol import Method, MethodError
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
 OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
 MODES = ("applr", "dwa", "appld", "fixed", "random")  # launch modes; each other method is one, too
 
 
-def shipped(name: str = "applr.safetensors") -> str:
-    """Path of a model that comes with the package: beside the code, or below share/ of an install space."""
+def shipped(name: str = "applr.safetensors", robot: Robot = JACKAL) -> str:
+    """Path of a robot's own model: in its folder, else, for the Jackal, the one that comes with the package.
+
+    The latter lies beside the code, or below share/ of an install space.
+    """
+    own = os.path.join(robot.folder, name)
+    if robot.name != JACKAL.name or os.path.exists(own):
+        return own
     package = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
     prefix = os.path.join(package, *[os.pardir] * 4)
     for folder in (package, os.path.join(prefix, "share", "applr_ros1", "applr_ros1")):
@@ -30,79 +38,112 @@ def shipped(name: str = "applr.safetensors") -> str:
     return os.path.join(package, "models", name)
 
 
-def _actor(path: str) -> Method:
-    return ObservationPolicy(Actor.load(path), path)
+def _actor(path: str, robot: Robot) -> Method:
+    return ObservationPolicy(Actor.load(path, space_of(robot)), path)
 
 
-def _appld(path: str) -> Method:
-    return ObservationPolicy(Published()) if path == "published" else ObservationPolicy(Appld.load(path), path)
+def _appld(path: str, robot: Robot) -> Method:
+    space = space_of(robot)
+    if path == "published":
+        return ObservationPolicy(Published(space))
+    return ObservationPolicy(Appld.load(path, space), path)
 
 
-def _fixed(path: str) -> Method:
+def _fixed(path: str, robot: Robot) -> Method:
     if not path:
         raise MethodError('method fixed has no set of parameters: give a JSON file such as {"max_vel_x": 1.0}')
-    return FixedParameters(SPACE.read(path), weights_of_set(path))
+    space = space_of(robot)
+    return FixedParameters(space.read(path), weights_of_set(path), space)
 
 
-METHODS: Dict[str, Tuple[Callable[[], Method], str]] = {
-    "dwa": (lambda: FixedParameters(SPACE.theta0), "the planner's default parameters, theta_0"),
+def _named(values: Dict[str, float], robot: Robot) -> Method:
+    space = space_of(robot)
+    return FixedParameters(space.from_dict(values), space=space)
+
+
+METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
+    "dwa": (lambda robot: _named({}, robot), "the planner's default parameters, theta_0"),
     "fast_dwa": (
-        lambda: FixedParameters(SPACE.from_dict({"max_vel_x": 1.0, "vx_samples": 12})),
+        lambda robot: _named({"max_vel_x": 1.0, "vx_samples": 12}, robot),
         "theta_0 with max_vel_x 1.0 and 12 vx samples, as in the BARN Challenge",
     ),
-    "static": (lambda: _fixed(shipped("static.json")), "the best single set that CMA-ES found on the training worlds"),
-    "random": (RandomParameters, "uniform over the ranges, every step"),
-    "applr": (lambda: _actor(shipped()), "the shipped policy"),
-    "appld": (lambda: _appld(shipped("appld.safetensors")), "the shipped contexts and classifier"),
-    "appld:published": (lambda: _appld("published"), "the authors' published sets, with a rule of ours that chooses"),
+    "static": (
+        lambda robot: _fixed(shipped("static.json", robot), robot),
+        "the best single set that CMA-ES found on the training worlds",
+    ),
+    "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
+    "applr": (lambda robot: _actor(shipped(robot=robot), robot), "the shipped policy"),
+    "appld": (
+        lambda robot: _appld(shipped("appld.safetensors", robot), robot),
+        "the shipped contexts and classifier",
+    ),
+    "appld:published": (
+        lambda robot: _appld("published", robot),
+        "the authors' published sets, with a rule of ours that chooses",
+    ),
 }
-FILES: Dict[str, Callable[[str], Method]] = {"applr": _actor, "appld": _appld, "fixed": _fixed}  # KIND:FILE
+FILES: Dict[str, Callable[[str, Robot], Method]] = {"applr": _actor, "appld": _appld, "fixed": _fixed}  # KIND:FILE
 FORMS = (
     "%s, an actor (.safetensors), appld:FILE, a set (.json), frozen:PARAMETER:METHOD, ablation:METHOD, "
     "module:Class or my_file.py:Class, or NAME=any of these" % ", ".join(METHODS)
 )
 
 
-def make(spec: str) -> Method:
-    """A method by its specification (FORMS).
+def make(spec: str, robot: Robot = JACKAL) -> Method:
+    """A method by its specification (FORMS) for a robot.
 
     Raises:
         ApplrError: Of one line; MethodError, ActorError, AppldError or SpaceError.
     """
+    method = for_robot(_made(spec, robot), robot)
+    if method.space.robot != robot.name:
+        raise MethodError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
+    return method
+
+
+def for_robot(method: Method, robot: Robot) -> Method:
+    """The method itself, with the robot's space and layout where it states none."""
+    for name, of in (("space", space_of), ("layout", layout_of)):
+        if name not in vars(method) and getattr(type(method), name) is getattr(Method, name):
+            setattr(method, name, of(robot))
+    return method
+
+
+def _made(spec: str, robot: Robot) -> Method:
     if spec in METHODS:
-        return METHODS[spec][0]()
+        return METHODS[spec][0](robot)
     kind, colon, rest = spec.partition(":")
     if kind == "frozen":
         name, _, inner = rest.partition(":")
-        return FrozenParameter(make(inner), name)
+        return FrozenParameter(make(inner, robot), name)
     if kind in FILES and (colon or kind == "fixed"):
-        return FILES[kind](rest)
+        return FILES[kind](rest, robot)
     match = OWN.match(spec)
     if match:
         module, name, text = match.groups()
         return make_own(spec, module, name, text)
     if spec.endswith(".safetensors"):
-        return _actor(spec)
+        return _actor(spec, robot)
     if spec.endswith(".json"):
-        return _fixed(spec)
+        return _fixed(spec, robot)
     raise MethodError("method %r is not known: give %s" % (spec, FORMS))
 
 
-def make_mode(mode: str, policy: str = "", parameters: str = "") -> Method:
+def make_mode(mode: str, policy: str = "", parameters: str = "", robot: Robot = JACKAL) -> Method:
     """The method for the launch arguments `mode`, `policy` and `parameters`; "" means the package's own file.
 
     Raises:
         ApplrError: As `make` does.
     """
     file = {"applr": policy, "appld": policy, "fixed": parameters}.get(mode, "")
-    method = make("%s:%s" % (mode, file) if file else mode)
+    method = make("%s:%s" % (mode, file) if file else mode, robot)
     if method.commands:
         raise MethodError("mode %s commands velocities, not parameters; start it with velocity_method.launch" % mode)
     method.name = mode
     return method
 
 
-def parse(text: str) -> List[Tuple[str, str]]:
+def parse(text: str, robot: Robot = JACKAL) -> List[Tuple[str, str]]:
     """[(name, specification), ...] of a comma-separated list. Names are what trials.csv shows. Raises MethodError."""
     found: List[Tuple[str, str]] = []
     for item in (part.strip() for part in text.split(",")):
@@ -110,7 +151,7 @@ def parse(text: str) -> List[Tuple[str, str]]:
         name, spec = (name, spec) if given else (_name(item), item)
         if spec.startswith("ablation:"):
             inner = spec[len("ablation:") :]
-            found += [("%s-without-%s" % (_name(inner), p), "frozen:%s:%s" % (p, inner)) for p in SPACE.names]
+            found += [("%s-without-%s" % (_name(inner), p), "frozen:%s:%s" % (p, inner)) for p in space_of(robot).names]
         else:
             found.append((name, spec))
     for name, spec in found:

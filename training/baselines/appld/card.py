@@ -5,7 +5,6 @@ from __future__ import annotations
 import textwrap
 from typing import List
 
-from applr_ros1.policy.parameter_space import SPACE
 from training.baselines.appld.classifier import HIDDEN
 
 SCRIPT = "python -m training.demonstrate {bag} --world {world} --simulator {simulator} --seed {seed}"
@@ -26,7 +25,8 @@ def card(log) -> str:
         ["", "from:", ""] + [line for d in log["demonstrations"] for line in _wrapped("- " + _shown(d), "  ")] + [""]
     )
     lines += [SCRIPTED, ""] if scripts else []
-    lines += ["| context | %s | rms of v, w (θ₀) |" % " | ".join(SPACE.names), "|---" * (len(SPACE) + 2) + "|"]
+    names = list(log["contexts"][0]["parameters"])
+    lines += ["| context | %s | rms of v, w (θ₀) |" % " | ".join(names), "|---" * (len(names) + 2) + "|"]
     lines += [_row(c) for c in log["contexts"]]
     lines += [
         "",
@@ -42,9 +42,9 @@ def card(log) -> str:
     unseen = "no part" if found["held_out"] is None else "%.1f %%" % (100.0 * found["held_out"])
     lines += [
         *_wrapped(
-            "The classifier has 720 inputs (beams), %d hidden units and %d outputs. It recognises the context in "
+            "The classifier has %d inputs (beams), %d hidden units and %d outputs. It recognises the context in "
             "%.1f %% of the instants that it was trained on, and in %s of those of every fifth two seconds when it is "
-            "trained without them." % (HIDDEN, len(log["contexts"]), 100.0 * found["accuracy"], unseen)
+            "trained without them." % (log["beams"], HIDDEN, len(log["contexts"]), 100.0 * found["accuracy"], unseen)
         ),
         "",
     ]

@@ -10,25 +10,25 @@ from typing import Dict, Optional, Tuple
 import numpy as np
 
 from applr_ros1.policy.network import forward
-from applr_ros1.policy.observation import LAYOUT
+from applr_ros1.policy.observation import LAYOUT, Layout
 
-BEAMS, RANGE_CAP = LAYOUT.beams, LAYOUT.range_cap
 HIDDEN = 64
-SHIFT = 24  # beams by which a scan is turned at most: 9 degrees
+SHIFT = 0.157  # rad by which a scan is turned at most: 9 degrees
 NOISE = 0.02  # m
 BLOCK = 40  # instants that are held out together: neighbours in time are nearly the same scan
 
 
-def inputs(ranges: np.ndarray) -> np.ndarray:
-    """(n, 720) m → (n, 720) float32 in [-1, 1], as policy/observation.py scales them."""
-    known = np.nan_to_num(np.asarray(ranges, np.float32), nan=RANGE_CAP, posinf=RANGE_CAP, neginf=0.0)
-    return np.clip(known, 0.0, RANGE_CAP) * (2.0 / RANGE_CAP) - 1.0
+def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
+    """(n, beams) m → (n, beams) float32 in [-1, 1], as policy/observation.py scales them."""
+    cap = layout.range_cap
+    known = np.nan_to_num(np.asarray(ranges, np.float32), nan=cap, posinf=cap, neginf=0.0)
+    return np.clip(known, 0.0, cap) * (2.0 / cap) - 1.0
 
 
 def train(
-    scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, steps: int = 500
+    scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, steps: int = 500, layout: Layout = LAYOUT
 ) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
-    """Weights for policy/appld.py, and how well they tell contexts. scans: (n, 720) of `inputs`; labels: (n,) int.
+    """Weights for policy/appld.py, and how well they tell contexts. scans: (n, beams) of `inputs`; labels: (n,) int.
 
     Result: accuracy over all instants; "held_out": of a network trained without every fifth block of two seconds, on
     those blocks. What is seen is also seen in the mirror, turned a little and with noise.
@@ -36,9 +36,9 @@ def train(
     blocks = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = float("nan")
     if blocks.any() and not blocks.all() and contexts > 1:
-        probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, steps)
+        probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, steps, layout)
         held_out = float((_apply(probe, scans[blocks]) == labels[blocks]).mean())
-    weights = _fit(scans, labels, contexts, seed, steps)
+    weights = _fit(scans, labels, contexts, seed, steps, layout)
     return weights, {
         "accuracy": round(float((_apply(weights, scans) == labels).mean()), 4),
         "held_out": None if np.isnan(held_out) else round(held_out, 4),
@@ -46,21 +46,21 @@ def train(
     }
 
 
-def _fit(scans, labels, contexts, seed, steps):
+def _fit(scans, labels, contexts, seed, steps, layout):
     import torch
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # nets so small only wait for each other
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    net = torch.nn.Sequential(torch.nn.Linear(BEAMS, HIDDEN), torch.nn.ReLU(), torch.nn.Linear(HIDDEN, contexts))
+    net = torch.nn.Sequential(torch.nn.Linear(layout.beams, HIDDEN), torch.nn.ReLU(), torch.nn.Linear(HIDDEN, contexts))
     counts = np.bincount(labels, minlength=contexts)
     weight = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
     criterion = torch.nn.CrossEntropyLoss(weight=weight, label_smoothing=0.05)
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
     for _ in range(steps):
         rows = rng.integers(0, len(labels), 128)
-        loss = criterion(net(torch.from_numpy(_varied(scans[rows], rng))), torch.from_numpy(labels[rows]))
+        loss = criterion(net(torch.from_numpy(_varied(scans[rows], rng, layout))), torch.from_numpy(labels[rows]))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -73,13 +73,14 @@ def _fit(scans, labels, contexts, seed, steps):
     }
 
 
-def _varied(scans, rng) -> np.ndarray:
-    """Half of them mirrored, each turned by up to SHIFT beams, with noise."""
-    beams = np.arange(BEAMS)[None, :] + rng.integers(-SHIFT, SHIFT + 1, (len(scans), 1))
-    beams = np.clip(beams, 0, BEAMS - 1)
-    beams = np.where(rng.random((len(scans), 1)) < 0.5, BEAMS - 1 - beams, beams)
+def _varied(scans, rng, layout) -> np.ndarray:
+    """Half of them mirrored, each turned by up to SHIFT, with noise."""
+    count, shift = layout.beams, round(SHIFT / layout.step)
+    beams = np.arange(count)[None, :] + rng.integers(-shift, shift + 1, (len(scans), 1))
+    beams = np.clip(beams, 0, count - 1)
+    beams = np.where(rng.random((len(scans), 1)) < 0.5, count - 1 - beams, beams)
     varied = np.take_along_axis(scans, beams, axis=1)
-    noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(NOISE * 2.0 / RANGE_CAP)
+    noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(NOISE * 2.0 / layout.range_cap)
     return np.clip(varied + noise, -1.0, 1.0).astype(np.float32)
 
 

@@ -15,7 +15,8 @@ from typing import Any, Dict, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.policy.observation import LAYOUT, ObservationError
+from applr_ros1.policy.observation import ObservationError, layout_of
+from applr_ros1.robots import JACKAL, Robot
 from training.bags.reader import SECOND, BagError, TopicNames, open_bag, stamp
 from training.mdp.episode import CONTROL_PERIOD
 
@@ -36,12 +37,13 @@ class Demonstration:
         scan: the geometry of the scans: angle of the first range and between ranges [rad], smallest and largest range
             [m].
         ranges: (n, m) float32 [m], as the laser gave them.
-        seen: (n, 720) float32 [m], as a policy sees them.
+        seen: (n, 720) float32 [m], as a policy sees them; other numbers of beams for other robots.
         pose: (n, 3) x, y [m], yaw [rad] of the odometry.
         twist: (n, 2) v [m/s], w [rad/s] of the odometry.
         command: (n, 2) v [m/s], w [rad/s].
         goal: (x, y, yaw) in the frame of the odometry.
         source: who demonstrated, and where.
+        robot: which robot drove.
     """
 
     name: str
@@ -54,6 +56,7 @@ class Demonstration:
     command: np.ndarray
     goal: Tuple[float, float, float]
     source: Dict[str, Any]
+    robot: Robot = JACKAL
 
     @property
     def driving(self) -> np.ndarray:
@@ -61,14 +64,14 @@ class Demonstration:
         return np.abs(self.command).max(axis=1) > DRIVING_SPEED
 
 
-def read(path, topics: TopicNames = TopicNames()) -> Demonstration:
+def read(path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL) -> Demonstration:
     """A ROS 1 or ROS 2 bag with scans, odometry and commands. Raises BagError with one line.
 
     The goal is the newest one sent to move_base, in the odometry's frame; without one, where the demonstration ends.
     Where no command was recorded, the odometry's twist one cycle later stands for it.
     """
     path = Path(path)
-    heard: Dict[str, Any] = {"scan": [], "odometry": [], "command": [], "goal": [], "source": {}}
+    heard: Dict[str, Any] = {"scan": [], "odometry": [], "command": [], "goal": [], "source": {}, "robot": robot}
     try:
         with open_bag(path) as reader:
             _hear(reader, topics, heard)
@@ -108,7 +111,8 @@ def _scan(heard, at, message):
     geometry = message.angle_min, message.angle_increment, message.range_min, message.range_max
     if heard.setdefault("geometry", (len(ranges), geometry)) != (len(ranges), geometry):
         raise BagError("its scans have different beams; a demonstration needs one scanner with fixed settings")
-    seen = LAYOUT.resample(ranges, message.angle_min, message.angle_increment)
+    robot = heard["robot"]
+    seen = layout_of(robot).resample(ranges, message.angle_min + robot.laser.pose[2], message.angle_increment)
     if len(heard["scan"]) >= MAX_INSTANTS:
         raise BagError("longer than %d minutes of scans; cut it (rosbag filter)" % (MAX_INSTANTS / 1200))
     heard["scan"].append((when, ranges, seen))
@@ -176,6 +180,7 @@ def _instants(path, heard) -> Demonstration:
         command[span],
         goal,
         source,
+        heard["robot"],
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
 from training.mdp.episode import CONTROL_PERIOD, laser_pose
@@ -49,9 +49,9 @@ class Fit:
     log: List[Dict[str, Any]] = field(default_factory=list)
 
 
-def apply(planner: MoveBase, theta) -> None:
-    """Set theta (8,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
-    for server, values in SPACE.requests(theta).items():
+def apply(planner: MoveBase, theta, space: Space = SPACE) -> None:
+    """Set theta (n,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
+    for server, values in space.requests(theta).items():
         planner.reconfigure(server, values)
 
 
@@ -61,7 +61,7 @@ def step(planner: MoveBase, d: Demonstration, i: int):
     The planner gets the pose, twist and scan of the demonstration, and a clock of its own.
     """
     now, pose = clock(i), tuple(d.pose[i].tolist())
-    scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose))
+    scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose, d.robot.laser))
     cycle = planner.step(now, pose, tuple(d.twist[i].tolist()), scan)
     return cycle.command or (0.0, 0.0)
 
@@ -79,8 +79,8 @@ def stretches(
     The planner is led along the whole demonstration with theta_0. At most `longest` instants of a span are used.
     `weights` says how the planner's distance biases count, "per_cell" or "per_metre".
     """
-    planner, found = MoveBase(weights=weights), []
-    apply(planner, SPACE.theta0)
+    planner, found, space = MoveBase(d.robot.parameters(), weights=weights), [], space_of(d.robot)
+    apply(planner, space.theta0, space)
     step(planner, d, 0)
     planner.set_goal(d.goal, clock(0))
     first = {s.first: s for s in spans}
@@ -97,7 +97,7 @@ def stretches(
 def replay(stretch: Stretch, theta) -> np.ndarray:
     """(k, 2): the planner's (v, w) minus the demonstrator's, in the instants that count."""
     planner, d = copy.deepcopy(stretch.planner), stretch.demonstration
-    apply(planner, theta)
+    apply(planner, theta, space_of(d.robot))
     given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])
     counts = d.driving[stretch.first : stretch.last].copy()
     counts[: min(SETTLE, len(counts) // 2)] = False
@@ -114,18 +114,19 @@ def loss(stretches_: Sequence[Stretch], theta):
 
 
 def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int, say=None) -> Fit:
-    """CMA-ES from theta_0 over the eight parameters. evaluations: replays of the context, about."""
+    """CMA-ES from theta_0 over the robot's parameters. evaluations: replays of the context, about."""
     import cma
 
-    home = SPACE.to_action(SPACE.theta0)
-    base, base_error = loss(stretches_, SPACE.theta0)
-    best = Fit(SPACE.theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
+    space = space_of(stretches_[0].demonstration.robot)
+    home = space.to_action(space.theta0)
+    base, base_error = loss(stretches_, space.theta0)
+    best = Fit(space.theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
     strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
     while best.evaluations < evaluations and not strategy.stop():
         candidates = strategy.ask()
         values = []
         for candidate in candidates:
-            theta = SPACE.to_theta(candidate)
+            theta = space.to_theta(candidate)
             value, error = loss(stretches_, theta)
             values.append(value + PULL * float(np.mean((np.asarray(candidate) - home) ** 2)))
             if value < best.loss:

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from applr_ros1.common.angles import outside_box, place, wrapped
-from sim_bridge import jackal
+from applr_ros1.robots import JACKAL
 from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
 SPACING = 0.05  # m between points of the route
 WANTED = 0.9  # m; obstacles nearer than this push the route away
-BEAM_YAW = np.linspace(jackal.ANGLE_MIN, jackal.ANGLE_MAX, jackal.BEAMS)
+BEAM_YAW = np.linspace(JACKAL.laser.first_angle, JACKAL.laser.last_angle, JACKAL.laser.beams)
 
 
 @dataclass(frozen=True)

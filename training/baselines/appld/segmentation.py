@@ -14,14 +14,10 @@ import numpy as np
 import ruptures
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from applr_ros1.policy.observation import LAYOUT
+from applr_ros1.policy.observation import layout_of
 from training.baselines.appld.demonstration import Demonstration
 from training.mdp.episode import CONTROL_PERIOD
 
-AHEAD, LEFT, RIGHT = (
-    LAYOUT.sector(bearing, math.radians(width)) for bearing, width in ((0.0, 45.0), (1.311, 75.0), (-1.311, 75.0))
-)
-CAP = 2.0  # m; what is farther away is open
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
 SMOOTHED = 15  # instants that a feature is averaged over
 SHORTEST = 1.5  # s of a segment
@@ -47,10 +43,15 @@ class Contexts:
 
 def features(demonstration: Demonstration) -> np.ndarray:
     """(n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot (FEATURES)."""
-    ranges = np.nan_to_num(np.asarray(demonstration.seen, np.float64), nan=CAP, posinf=CAP, neginf=0.0)
-    ranges = np.minimum(ranges, CAP)
-    beside = np.sort(np.column_stack([ranges[:, RIGHT].min(axis=1), ranges[:, LEFT].min(axis=1)]), axis=1)
-    raw = np.column_stack([np.abs(demonstration.command), ranges[:, AHEAD].min(axis=1), beside])
+    layout = layout_of(demonstration.robot)
+    cap = layout.range_cap  # what is farther away is open
+    ranges = np.nan_to_num(np.asarray(demonstration.seen, np.float64), nan=cap, posinf=cap, neginf=0.0)
+    ranges = np.minimum(ranges, cap)
+    ahead, right, left = (
+        ranges[:, layout.sector(bearing, math.radians(width))].min(axis=1)
+        for bearing, width in ((0.0, 45.0), (-1.311, 75.0), (1.311, 75.0))
+    )
+    raw = np.column_stack([np.abs(demonstration.command), ahead, np.sort(np.column_stack([right, left]), axis=1)])
     kernel = np.ones(min(SMOOTHED, len(raw)))
     weight = np.convolve(np.ones(len(raw)), kernel, mode="same")
     return np.column_stack([np.convolve(column, kernel, mode="same") / weight for column in raw.T])
