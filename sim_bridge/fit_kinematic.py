@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import astuple
-from typing import Optional, Sequence, Tuple
+from dataclasses import replace
+from typing import Any, Dict, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from applr_ros1.common.angles import wrapped_modulo
 from applr_ros1.common.errors import run_main
 from applr_ros1.robots import Robot, load
 
-from .kinematic_simulator import KinematicParameters, KinematicSimulator
+from .kinematic_simulator import KinematicSimulator
 from .pybullet_simulator import PybulletSimulator
 from .scenes import STEP, drive, small_world
 from .simulator import Simulator
@@ -28,6 +28,7 @@ from .tracking_table import OPEN_PLANE
 
 Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
 
+FITTED = ("wheel_rub", "body_rub", "undo")  # of the section `simulation` of robot.yaml
 RESPONSES = [  # shares of the largest speed and turn
     ("start and stop, straight", (0.5, 0.0)),
     ("start and stop, turning", (0.0, 0.3925)),
@@ -78,9 +79,9 @@ class Scene:
         return np.array(poses), np.array(touched)
 
 
-def compare(robot: Robot, scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> np.ndarray:
+def compare(robot: Robot, scenes: Sequence[Scene], recorded: Recordings) -> np.ndarray:
     """A row per scene: how far [m, rad] the robots are apart at the end and on average, and which of them touched."""
-    simulator = KinematicSimulator(robot, parameters)
+    simulator = KinematicSimulator(robot)
     rows = []
     for seed, (scene, (poses, touched)) in enumerate(zip(scenes, recorded)):
         mine, mine_touched = scene.drive(simulator, seed)
@@ -90,37 +91,37 @@ def compare(robot: Robot, scenes: Sequence[Scene], recorded: Recordings, paramet
     return np.array(rows, dtype=float)
 
 
-def loss(robot: Robot, scenes: Sequence[Scene], recorded: Recordings, parameters: KinematicParameters) -> float:
+def loss(robot: Robot, scenes: Sequence[Scene], recorded: Recordings) -> float:
     """Mean distance between the robots' drives [m], a radian counting as .2 m, each scene's bounded.
 
     Lengths are those of a robot of the Jackal's size. Arguments as for compare().
     """
-    rows = compare(robot, scenes, recorded, parameters)
+    rows = compare(robot, scenes, recorded)
     return float(np.mean(np.minimum(rows[:, 2] / robot.world_scale, 0.3) + 0.2 * np.minimum(rows[:, 3], 1.5)))
 
 
-def fit(
-    robot: Robot,
-    scenes: Sequence[Scene],
-    recorded: Recordings,
-    start: KinematicParameters,
-    sweeps: int = 3,
-) -> KinematicParameters:
-    """Coordinate search from `start`; returns the best KinematicParameters."""
-    best = np.array(astuple(start))
+def with_values(robot: Robot, values: np.ndarray) -> Robot:
+    """The robot with other FITTED numbers, rounded as robot.yaml holds them."""
+    rounded: Dict[str, Any] = {name: round(float(value), 3) for name, value in zip(FITTED, values)}
+    return replace(robot, simulation=replace(robot.simulation, **rounded))
+
+
+def fit(robot: Robot, scenes: Sequence[Scene], recorded: Recordings, sweeps: int = 3) -> Robot:
+    """Coordinate search from the robot's own numbers; returns the robot with the best ones."""
+    best = np.array([getattr(robot.simulation, name) for name in FITTED])
     low, high = np.array([0.0, 0.0, 0.02]), np.array([1.0, 1.0, 1.0])
-    error = loss(robot, scenes, recorded, KinematicParameters(*best))
+    error = loss(with_values(robot, best), scenes, recorded)
     width = (high - low) / 4
     for _ in range(sweeps):
         for i in range(len(best)):
             for shift in (-2, -1, 1, 2):
                 trial = best.copy()
                 trial[i] = min(max(best[i] + shift * width[i] / 2, low[i]), high[i])
-                now = loss(robot, scenes, recorded, KinematicParameters(*trial))
+                now = loss(with_values(robot, trial), scenes, recorded)
                 if now < error:
                     error, best = now, trial
         width = width / 2
-    return KinematicParameters(*best.round(3).tolist())
+    return with_values(robot, best)
 
 
 def responses(simulators: Sequence[Tuple[str, Simulator]]) -> None:
@@ -192,13 +193,13 @@ def _print_fit(arguments: argparse.Namespace) -> None:
     scenes = [Scene(seed, robot) for seed in range(2 * arguments.scenes)]
     recorded = [scene.drive(bullet, seed) for seed, scene in enumerate(scenes)]
     half = arguments.scenes
-    start = KinematicParameters.of(robot)
     way = np.mean([np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() for poses, _ in recorded])
     print("a scene's drive is %.2f m long on average" % way)
-    report("before", compare(robot, scenes[half:], recorded[half:], start))
-    best = fit(robot, scenes[:half], recorded[:half], start)
-    report("after ", compare(robot, scenes[half:], recorded[half:], best))
-    print("fitted on the first %d, reported on the others: %s" % (half, best))
+    report("before", compare(robot, scenes[half:], recorded[half:]))
+    best = fit(robot, scenes[:half], recorded[:half])
+    report("after ", compare(best, scenes[half:], recorded[half:]))
+    found = ", ".join("%s: %g" % (name, getattr(best.simulation, name)) for name in FITTED)
+    print("fitted on the first %d, reported on the others: %s" % (half, found))
 
 
 if __name__ == "__main__":

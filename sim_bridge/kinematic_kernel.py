@@ -118,13 +118,14 @@ def _contacts(x, y, c, s, parts, reach, circles, n_circles, boxes, n_boxes, foun
 
 
 @kernel
-def _press(u, s, w, found, n, rims, mass, inertia, p):
+def _press(u, s, w, found, n, rims, scalars):
     """Impulses of n contacts on the moving body: the velocity (u, s, w) after them, and whether any pressed.
 
-    Normal: no approach beyond the gap, a share p[2] of an overlap is undone. Friction: Coulomb's, p[0] at
-    wheels and p[1] at the body; a wheel's front and back run up or down the obstacle, which leaves less
+    Normal: no approach beyond the gap, a share UNDO of an overlap is undone. Friction: Coulomb's, WHEEL_RUB at
+    wheels and BODY_RUB at the body; a wheel's front and back run up or down the obstacle, which leaves less
     friction for sliding across.
     """
+    mass, inertia = scalars[m.MASS], scalars[m.YAW_INERTIA]
     push, hold = np.zeros(n), np.zeros(n)
     for _ in range(_SWEEPS):
         for i in range(n):
@@ -132,7 +133,7 @@ def _press(u, s, w, found, n, rims, mass, inertia, p):
             arm = x * ny - y * nx
             soft = 1.0 / mass + arm * arm / inertia
             speed = (u - w * y - its_u) * nx + (s + w * x - its_s) * ny
-            want = depth / STEP if depth < 0.0 else min(p[2] * depth / STEP, _MOST_UNDONE)
+            want = depth / STEP if depth < 0.0 else min(scalars[m.UNDO] * depth / STEP, _MOST_UNDONE)
             total = max(0.0, push[i] + (want - speed) / soft)
             d, push[i] = total - push[i], total
             u += d * nx / mass
@@ -143,10 +144,10 @@ def _press(u, s, w, found, n, rims, mass, inertia, p):
                 arm = x * ty - y * tx
                 soft = 1.0 / mass + arm * arm / inertia
                 speed = (u - w * y - its_u) * tx + (s + w * x - its_s) * ty
-                limit = p[1] * total
+                limit = scalars[m.BODY_RUB] * total
                 if part > 0.0:
                     up = rims[int(part - 1) % 2] * abs(nx)
-                    limit = p[0] * total * abs(speed) / (hypot(speed, up) + 1e-6)
+                    limit = scalars[m.WHEEL_RUB] * total * abs(speed) / (hypot(speed, up) + 1e-6)
                 rub = min(max(hold[i] - speed / soft, -limit), limit)
                 d, hold[i] = rub - hold[i], rub
                 u += d * tx / mass
@@ -160,13 +161,13 @@ def _press(u, s, w, found, n, rims, mass, inertia, p):
 
 @kernel
 def drive(
-    state, rolling, steps, times, targets, circles, boxes, scalars, supports, parts, table, p, noise, friction, slip
+    state, rolling, steps, times, targets, circles, boxes, scalars, supports, parts, table, noise, friction, slip
 ):
     """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
 
     times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 5) x, y,
     radius, velocity, boxes (m, 5): what may be hit. scalars, supports, parts: of Mechanics. table: wheels.rim_table().
-    p: KinematicParameters. noise (steps, wheels.noises()) standard normal.
+    noise (steps, wheels.noises()) standard normal.
     """
     reach = scalars[m.REACH]
     span = reach + _MARGIN + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
@@ -200,7 +201,7 @@ def drive(
         if n_close > 0 or n_boxes > 0:
             n = _contacts(x, y, c, sn, parts, reach, close, n_close, near_boxes, n_boxes, found)
             if n > 0:
-                u, s, w, pressed = _press(u, s, w, found, n, rims, scalars[m.MASS], scalars[m.YAW_INERTIA], p)
+                u, s, w, pressed = _press(u, s, w, found, n, rims, scalars)
                 contact |= pressed
         for i in range(n_close):
             close[i, 0] += STEP * close[i, 3]

@@ -6,7 +6,6 @@ Same interface, laser, odometry, wheels and tyres; in the plane, with contacts b
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
 from math import cos, sin
 from typing import Any, List, Optional, Tuple
 
@@ -24,31 +23,15 @@ STEP = kernel.STEP
 JUMP = 10.0  # [m/s]; a moving obstacle that seems faster has gone back to where its animation starts
 
 
-@dataclass(frozen=True)
-class KinematicParameters:
-    """In the kernel's order; sim_bridge/fit_kinematic.py fits them, and robot.yaml holds them."""
-
-    wheel_rub: float  # friction of a wheel along an obstacle
-    body_rub: float  # and of the body
-    undo: float  # share of an overlap that is undone in a step
-
-    @classmethod
-    def of(cls, robot: Robot) -> KinematicParameters:
-        """Those that the description of a robot holds."""
-        fitted = robot.simulation
-        return cls(fitted.wheel_rub, fitted.body_rub, fitted.undo)
-
-
 class KinematicSimulator(Simulator):
-    """See Simulator. `parameters` replaces those of the robot's description."""
+    """See Simulator. wheel_rub, body_rub and undo of the robot's description are fitted to PybulletSimulator."""
 
-    def __init__(
-        self, robot: Optional[Robot] = None, parameters: Optional[KinematicParameters] = None, **randomisation: Any
-    ):
+    def __init__(self, robot: Optional[Robot] = None, **randomisation: Any):
         super().__init__(robot, **randomisation)
-        self.parameters = np.array(astuple(parameters or KinematicParameters.of(self.robot)), dtype=np.float64)
-        self._mechanics = mechanics(self.robot)
-        self._table = wheels.rim_table(self.robot)
+        found = self._mechanics = mechanics(self.robot)
+        self._constants = found.scalars, found.supports, found.parts, wheels.rim_table(self.robot)
+        self._noises = wheels.noises(found.supports)
+        self._friction = self.robot.base.wheel_friction
 
     def _place(self, pose, new_world, seed):
         self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed))
@@ -80,7 +63,6 @@ class KinematicSimulator(Simulator):
             velocity = (then - now)[:, :2] / (steps * STEP)
             velocity[np.hypot(*velocity.T) > JUMP] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
-        robot = self._mechanics
         kernel.drive(
             self._body,
             self._rolling,
@@ -89,18 +71,14 @@ class KinematicSimulator(Simulator):
             targets,
             circles,
             self._boxes,
-            robot.scalars,
-            robot.supports,
-            robot.parts,
-            self._table,
-            self.parameters,
-            self._noise.standard_normal((steps, wheels.noises(robot.supports))),
-            self.robot.base.wheel_friction * self.drawn.friction,
+            *self._constants,
+            self._noise.standard_normal((steps, self._noises)),
+            self._friction * self.drawn.friction,
             self.drawn.slip,
         )
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
-        com_x, com_y = robot.com
+        com_x, com_y = self._mechanics.com
         c, sn = cos(yaw), sin(yaw)
         u += w * com_y  # from the centre of mass to base_link
         odometry, span = self._odometry, steps * STEP
@@ -112,12 +90,15 @@ class KinematicSimulator(Simulator):
 
     def _schedule(self, steps):
         """The velocity target of each step, as (from which step, (v, w)), where it changes."""
-        times: List[int] = []
-        targets: List[Tuple[float, float]] = []
-        start = self._steps
-        for step in range(steps):
+        start, command = self._steps, self._command
+        times: List[int] = [0]
+        targets: List[Tuple[float, float]] = [self._target(start * STEP)]
+        stops = command.until - 1e-9  # the time-out; most often neither it nor a new command falls into these steps
+        if not command.pending and not start * STEP < stops <= (start + steps - 1) * STEP:
+            return np.array(times), np.array(targets)
+        for step in range(1, steps):
             target = self._target((start + step) * STEP)
-            if not targets or target != targets[-1]:
+            if target != targets[-1]:
                 times.append(step)
                 targets.append(target)
         return np.array(times), np.array(targets)

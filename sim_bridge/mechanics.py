@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import exp, hypot
+from math import exp, hypot, sqrt
 from typing import Tuple
 
 import numpy as np
@@ -20,14 +20,15 @@ STEP = 1.0 / 240.0  # both simulators' physics step [s]
 
 # the vector of scalars that the kernels take
 MASS, YAW_INERTIA, COM_X, COM_Y, COM_HEIGHT, LEVER_X, LEVER_Y, TRACK, REACH = range(9)
-MAX_SPEED, ACCELERATION, YAW_ACCELERATION, V_STEP, W_STEP = range(9, 14)
-KEEP_WHEEL, KEEP_GRIP, GRIP_NOISE, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP, GRIP_LIMIT = range(14, 21)
-AXLE_Z, WHEEL_RADIUS, FULL_LIFT, OFF_X, OFF_Y, SCALARS = range(21, 27)
+MAX_SPEED, ACCELERATION, YAW_ACCELERATION, PER_V, PER_W = range(9, 14)
+KEEP_WHEEL, KEEP_GRIP, DRAW_WHEEL, DRAW_GRIP, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP = range(14, 21)
+AXLE_Z, WHEEL_RADIUS, FULL_LIFT, OFF_X, OFF_Y = range(21, 26)
+WHEEL_RUB, BODY_RUB, UNDO, SCALARS = range(26, 30)
 
 # columns of the supports
 X, Y, LOAD, SIDE, SHARE, SHIFT_X, SHIFT_Y, BASE_X, BASE_Y, COLUMNS = range(10)
 LEFT_SIDE, RIGHT_SIDE, CASTER = 0.0, 1.0, 2.0
-_TABLE = 16  # steps of the table of rim speeds up to the largest speed and turn
+TABLE = 16  # steps of the table of rim speeds up to the largest speed and turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class Mechanics:
     parts: np.ndarray
 
 
-@lru_cache(maxsize=None)
+@lru_cache(maxsize=64)
 def mechanics(robot: Robot) -> Mechanics:
     """The mechanics of a robot.
 
@@ -88,17 +89,16 @@ def mechanics(robot: Robot) -> Mechanics:
     scalars[[LEVER_X, LEVER_Y, TRACK, REACH]] = *levers, base.track, reach
     limits = base.max_speed, base.max_acceleration, base.max_yaw_acceleration
     scalars[[MAX_SPEED, ACCELERATION, YAW_ACCELERATION]] = limits
-    scalars[[KEEP_WHEEL, KEEP_GRIP]] = exp(-STEP / simulation.wheel_time), exp(-STEP / simulation.grip_time)
-    scalars[[GRIP_NOISE, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP, GRIP_LIMIT]] = (
-        simulation.grip_noise,
-        simulation.wheel_noise,
-        simulation.wheel_shake,
-        simulation.tyre_creep,
-        simulation.grip_limit,
-    )
-    scalars[[V_STEP, W_STEP]] = base.max_speed / _TABLE, base.max_yaw_rate / _TABLE
+    keep_wheel, keep_grip = exp(-STEP / simulation.wheel_time), exp(-STEP / simulation.grip_time)
+    scalars[[KEEP_WHEEL, KEEP_GRIP]] = keep_wheel, keep_grip
+    scalars[DRAW_WHEEL] = sqrt(1.0 - keep_wheel * keep_wheel)
+    scalars[DRAW_GRIP] = sqrt(1.0 - keep_grip * keep_grip) * simulation.grip_noise
+    noise = simulation.wheel_noise, simulation.wheel_shake, simulation.tyre_creep
+    scalars[[WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP]] = noise
+    scalars[[PER_V, PER_W]] = TABLE / base.max_speed, TABLE / base.max_yaw_rate
     scalars[[AXLE_Z, WHEEL_RADIUS, FULL_LIFT]] = base.axle_height - body_com[2], base.wheel_radius, simulation.full_lift
     scalars[[OFF_X, OFF_Y]] = body_com[0], body_com[1]
+    scalars[[WHEEL_RUB, BODY_RUB, UNDO]] = simulation.wheel_rub, simulation.body_rub, simulation.undo
     for array in (scalars, supports, parts):
         array.setflags(write=False)
     return Mechanics(mass, yaw_inertia, com, body_com, inertia, wheel, base_height, scalars, supports, parts)

@@ -121,7 +121,6 @@ class Simulator(ABC):
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)
         self._lidar: Optional[Lidar] = None
-        self._scans = -1  # periods of the laser that had begun at the last scan
         self._command = _Command()
 
     # -- for everybody -----------------------------------------------------------------------------
@@ -146,7 +145,6 @@ class Simulator(ABC):
             self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
         self.world = world
         self.odom_origin = pose[:2]
-        self._scans = -1
         self._command = _Command()
         self._place(pose, new_world, int(self._rng.integers(2**31)))
         return self.state
@@ -177,19 +175,11 @@ class Simulator(ABC):
         if self._lidar is None:
             raise SimulatorError("there is no scan before the first reset(): call reset(world, seed)")
         laser = self.robot.laser
-        x, y, yaw = laser.pose
-        ranges = self._lidar.scan(*angles.place(pose, x, y), pose[2] + yaw, self.mover_circles())
+        place = angles.place(pose, laser.pose[0], laser.pose[1])
+        ranges = self._lidar.scan(*place, pose[2] + laser.pose[2], self.mover_circles())
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
-        self._scans = self._periods()
         return np.add(ranges, noise, out=ranges)
-
-    def scan_due(self) -> bool:
-        """Whether the laser, at its own rate, has begun another turn since the last scan()."""
-        return self._periods() > self._scans
-
-    def _periods(self):
-        return int((self.state.time + 1e-6) * self.robot.laser.rate)
 
     def to_odom(self, pose: Pose) -> Pose:
         """A pose (x, y, yaw) of the world frame in frame odom."""

@@ -52,11 +52,11 @@ def turn_wheels(drive, v, w, table, scalars, noise, slip):
     rate = scalars[m.YAW_ACCELERATION] * STEP
     drive[RAMP_W] = min(max(w, drive[RAMP_W] - rate), drive[RAMP_W] + rate)
     keep = scalars[m.KEEP_WHEEL]
-    shake = sqrt(1.0 - keep * keep) * slip
+    shake = scalars[m.DRAW_WHEEL] * slip
     for i in range(2):
         drive[WHEEL_NOISE + i] = keep * drive[WHEEL_NOISE + i] + shake * noise[i]
     keep = scalars[m.KEEP_GRIP]
-    shake = sqrt(1.0 - keep * keep) * scalars[m.GRIP_NOISE] * slip
+    shake = scalars[m.DRAW_GRIP] * slip
     for i in range(noise.shape[0] - 2):
         drive[GRIP_NOISE + i] = keep * drive[GRIP_NOISE + i] + shake * noise[2 + i]
     ahead, side = _rims(drive[RAMP_V], drive[RAMP_W], table, scalars)
@@ -70,8 +70,8 @@ def turn_wheels(drive, v, w, table, scalars, noise, slip):
 def _rims(v, w, table, scalars):
     """Mean and half difference of the rim speeds for (v, w), bilinear in the table."""
     sign = 1.0 if v > 0.0 else -1.0
-    a = min(abs(v) / scalars[m.V_STEP], table.shape[0] - 1.001)
-    b = min(abs(w) / scalars[m.W_STEP], table.shape[1] - 1.001)
+    a = min(abs(v) * scalars[m.PER_V], table.shape[0] - 1.001)
+    b = min(abs(w) * scalars[m.PER_W], table.shape[1] - 1.001)
     i, j = int(a), int(b)
     a, b = a - i, b - j
     p, q, r, t = (1.0 - a) * (1.0 - b), (1.0 - a) * b, a * (1.0 - b), a * b
@@ -90,6 +90,13 @@ def tyres(drive, u, s, w, scalars, supports, friction, lift):
     Coulomb's friction, smooth below the tyres' creep, solved for the velocity at the step's end (two passes), so that
     it is stable and holds a standing robot still. The load shifts between the supports with the acceleration.
     """
+    if supports.shape[0] == 4:  # a constant count lets the compiler unroll the loop
+        return _tyres(4, drive, u, s, w, scalars, supports, friction, lift)
+    return _tyres(supports.shape[0], drive, u, s, w, scalars, supports, friction, lift)
+
+
+@kernel(inline="always")
+def _tyres(n, drive, u, s, w, scalars, supports, friction, lift):
     mass, inertia, creep = scalars[m.MASS], scalars[m.YAW_INERTIA], scalars[m.TYRE_CREEP]
     tip_x = drive[PULL_X] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_X]
     tip_y = drive[PULL_Y] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_Y]
@@ -98,7 +105,7 @@ def tyres(drive, u, s, w, scalars, supports, friction, lift):
         # (M + sum k J'J) d = -sum k J' slip, for d = (du, ds, dw), with k = step * force / slip of each support
         a00, a11, a22, a02, a12 = mass, mass, inertia, 0.0, 0.0
         b0, b1, b2 = 0.0, 0.0, 0.0
-        for i in range(supports.shape[0]):
+        for i in range(n):
             side = supports[i, m.SIDE]
             rim = drive[LEFT] if side == m.LEFT_SIDE else (drive[RIGHT] if side == m.RIGHT_SIDE else 0.0)
             x, y = supports[i, m.X], supports[i, m.Y]
@@ -123,7 +130,7 @@ def tyres(drive, u, s, w, scalars, supports, friction, lift):
     return du, ds, dw
 
 
-@lru_cache(maxsize=None)
+@lru_cache(maxsize=64)
 def rim_table(robot: Robot) -> np.ndarray:
     """Rim speeds that make the robot drive what was commanded on nominal, even ground: (17, 17, 2).
 
@@ -131,19 +138,18 @@ def rim_table(robot: Robot) -> np.ndarray:
     the multiplier of the track. Curves beyond the tyres' grip (v w above grip_limit) take the multiplier of the
     tightest curve at that speed that they can hold. Found by driving; takes some 50 ms.
     """
-    found = m.mechanics(robot)
-    rows = round(robot.base.max_speed / found.scalars[m.V_STEP]) + 1
-    columns = round(robot.base.max_yaw_rate / found.scalars[m.W_STEP]) + 1
-    return _rim_table(rows, columns, found.scalars, found.supports, robot.base.wheel_friction)
+    base, found = robot.base, m.mechanics(robot)
+    steps = base.max_speed / m.TABLE, base.max_yaw_rate / m.TABLE
+    return _rim_table(*steps, robot.simulation.grip_limit, found.scalars, found.supports, base.wheel_friction)
 
 
 @kernel
-def _rim_table(n_v, n_w, scalars, supports, friction):
-    table = np.zeros((n_v, n_w, 2))
-    for i in range(n_v):
-        for j in range(n_w):
-            v, w = i * scalars[m.V_STEP], max(j, 1e-3) * scalars[m.W_STEP]
-            if v * w > scalars[m.GRIP_LIMIT]:
+def _rim_table(v_step, w_step, grip_limit, scalars, supports, friction):
+    table = np.zeros((m.TABLE + 1, m.TABLE + 1, 2))
+    for i in range(m.TABLE + 1):
+        for j in range(m.TABLE + 1):
+            v, w = i * v_step, max(j, 1e-3) * w_step
+            if v * w > grip_limit:
                 table[i, j] = table[i, j - 1]
             else:
                 table[i, j, 0], table[i, j, 1] = _settle(v, w, scalars, supports, friction)

@@ -12,7 +12,6 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.robots import outline
 from sim_bridge import SimulatorError, fit_kinematic, tracking_table
-from sim_bridge.kinematic_simulator import KinematicParameters
 
 NAMES = ["kinematic", "pybullet"]
 JACKAL = robots.load("jackal")
@@ -315,7 +314,7 @@ def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
     scenes = [fit_kinematic.Scene(seed, JACKAL) for seed in range(1000, 1030)]
     recorded = [scene.drive(pybullet, i) for i, scene in enumerate(scenes)]
-    rows = fit_kinematic.compare(JACKAL, scenes, recorded, KinematicParameters.of(JACKAL))
+    rows = fit_kinematic.compare(JACKAL, scenes, recorded)
     pybullet.close()
     hit = rows[:, 4] > 0
     assert hit.sum() > 8
