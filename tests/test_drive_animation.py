@@ -4,19 +4,19 @@ import numpy as np
 from PIL import Image, ImageColor
 
 import worlds
-from sim_bridge import jackal
 from worlds import drive_animation, drive_picture
 from worlds.draw import MOVER
 from worlds.mover import Mover
 
 NOTHING = np.empty((0, 2))
+FOOTPRINT = np.array([(-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2)])
 
 
 def last_frame(path, world, time, world_time=0.0, samples=NOTHING):
     """(height, width, 3) of the animation's only frame, at `time` of a drive."""
     view = drive_picture.View(time, (0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, samples)
     drive = drive_picture.Drive(world, np.zeros((1, 5)), views=[view], world_time=world_time)
-    drive_animation.save(drive, jackal.FOOTPRINT, str(path / "a.gif"))
+    drive_animation.save(drive, FOOTPRINT, str(path / "a.gif"))
     with Image.open(path / "a.gif") as image:
         return np.asarray(image.convert("RGB"))
 

@@ -1,6 +1,7 @@
 """Worlds at the scale of another robot: the recipes fit the Jackal, and gaps, courses and posts grow or shrink with it.
 
-Training and evaluation call `scaled` with the scale of the robot that drives.
+Training, evaluation and the simulated robot call `scaled` with the scale of the robot that drives. Worlds from files
+keep their size: they are places.
 """
 
 from __future__ import annotations
@@ -9,13 +10,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from . import physical_course
 from .mover import Mover
 from .world import Course, Pose, World
 
+RECIPES = ("generated:", "fresh:")  # how the names of their worlds begin
+
 
 def scaled(world: World, factor: float) -> World:
-    """The world with all lengths multiplied by `factor`, angles and times kept; the world itself for a factor of 1."""
-    if factor == 1.0:
+    """A world of a recipe (generated:N, fresh:N, physical_course) with all lengths multiplied by `factor`.
+
+    Angles and times stay. A world from a file, or a factor of 1, gives the world itself.
+    """
+    if factor == 1.0 or not (world.name.startswith(RECIPES) or world.name == physical_course.NAME):
         return world
     return replace(
         world,

@@ -12,9 +12,10 @@ import sim_bridge
 from applr_ros1.common.angles import compose
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
-from sim_bridge import jackal
+from applr_ros1.robots import JACKAL
 from worlds import Course, World
 
+LASER = JACKAL.laser
 WALL, SPEED, PERIOD = 6.0, 2.0, 0.05
 COURSE = Course((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [5.0, 0.0]]))
 BLOCKED = World("blocked", np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)]), np.empty((0, 5)), COURSE)
@@ -28,7 +29,7 @@ BLIND = {
     "all below range_min": ranges_of(0.02),
     "all zero": ranges_of(0.0),
     "all +inf though obstacles are in range": ranges_of(np.inf),
-    "all range_max though obstacles are in range": ranges_of(jackal.RANGE_MAX),
+    "all range_max though obstacles are in range": ranges_of(LASER.range_max),
     "all NaN": ranges_of(np.nan),
     "all -inf": ranges_of(-np.inf),
     "a frozen image under new stamps": lambda scan, first: replace(scan, ranges=first),
@@ -55,12 +56,12 @@ def drive(bend, blind_from, monitor):
     for _ in range(160):
         scan = LaserScan(
             state.time,
-            jackal.ANGLE_MIN,
-            jackal.ANGLE_INCREMENT,
-            jackal.RANGE_MIN,
-            jackal.RANGE_MAX,
+            LASER.first_angle,
+            LASER.increment,
+            LASER.range_min,
+            LASER.range_max,
             simulator.scan(),
-            compose(state.odom_pose, jackal.LASER_OFFSET + (0.0,)),
+            compose(state.odom_pose, LASER.pose),
         )
         if state.pose[0] >= blind_from:
             first = scan.ranges if first is None else first
