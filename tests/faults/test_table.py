@@ -3,7 +3,7 @@
 import ast
 import json
 
-from tests.faults import table
+from tests.faults import soak, table
 from tests.faults.rows import ROWS
 
 NAMED = {"tests/" + test for row in ROWS for test in row.tests}
@@ -41,3 +41,12 @@ def test_figures_are_of_these_tests():
 def test_the_pages_show_the_table():
     for page, text in table.pages().items():
         assert text == (table.ROOT / page).read_text(encoding="utf-8"), "%s: run python -m tests.faults.table" % page
+
+
+def test_the_soak_finds_a_leak_and_a_restart():
+    rows = [(60.0 * n, 30.0 * n, "leaking", 7, 100.0 + n / 6.0, 20 + n // 30, 5) for n in range(61)]
+    rows += [(60.0 * n, 30.0 * n, "steady", 8 + (n > 40), 50.0, 10, 5) for n in range(61)]
+    table_of = soak.summary(rows)
+    assert table_of["leaking"]["mb_per_hour"] == 10.0
+    assert table_of["leaking"]["descriptors"] == [20, 22]
+    assert (table_of["steady"]["mb_per_hour"], table_of["steady"]["restarts"]) == (0.0, 1)
