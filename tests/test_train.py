@@ -227,7 +227,7 @@ def one_line(capsys, arguments, status, pattern):
         (["--latency", "100"], "--latency is '100': give a number from 0 to 2"),
         (["--actors", "1", "--ray-address", "127.0.0.1:1"], "no Ray answers at 127.0.0.1:1"),
         (["--pool", "threads"], "invalid choice"),
-        (["--planner-frequency", "40"], "--planner-frequency is 40: give 1 to 20"),
+        (["--planner-frequency", "40"], "--planner-frequency is 40: give 0 to 20"),
         (["--mix"], "--mix needs"),
         (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
         (["--worlds", "generated:900"], "generated:900"),
