@@ -307,7 +307,6 @@ def test_methods(tmp_path):
     applr = methods.make_mode("applr", str(tmp_path / "a"))
     np.testing.assert_array_equal(applr.theta(here), Actor(make_weights()).theta(obs))
     assert applr.period == 1.0
-    assert methods.make("applr").period == 2.0
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
     fixed = methods.make_mode("fixed", parameters=str(tmp_path / "set.json"))
     assert fixed.theta(here)[:3].tolist() == [1.5, 1.57, 12]
@@ -355,6 +354,7 @@ def test_shipped_policy_says_what_made_it_and_drives():
     """models/applr.safetensors is what mode:=applr takes; three test worlds, every one faster than with theta_0."""
     path = methods.shipped()
     told = Actor.load(path).metadata
+    assert (methods.make("applr").period, methods.make("applr_2s").period) == (1.0, 2.0)
     assert told["training"]["transitions"] > 10_000
     assert "generated:test" not in told["training"]["options"]["worlds"]
     numbers = re.findall(r"generated:(\d+)", told["training"]["options"]["worlds"])

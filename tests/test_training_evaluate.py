@@ -268,6 +268,7 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
         (["--methods", "appld:/nowhere"], ["nowhere"]),
         (["--methods", "no_such_module:Mine"], ["no_such_module"]),
         (["--methods", "frozen:speed:dwa"], ["speed", "max_vel_x"]),
+        (["--methods", "period:0:dwa"], ["period:0", "0.05"]),
         (["--methods", "a b=dwa"], ["letters"]),
         (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
         (["--wrong"], ["--wrong", "--help"]),
@@ -357,6 +358,8 @@ def test_ablation_freezes_one_parameter_at_a_time():
     found = methods.parse("ablation:fast_dwa")
     assert len(found) == 8
     assert found[0] == ("fast_dwa-without-max_vel_x", "frozen:max_vel_x:fast_dwa")
+    assert methods.parse("period:0.5:random") == [("random-0.5s", "period:0.5:random")]
+    assert methods.make("period:0.5:random").period == 0.5
     frozen = methods.make(found[0][1])
     assert theta(frozen, "max_vel_x") == 0.5
     assert theta(frozen, "vx_samples") == 12

@@ -92,7 +92,7 @@ def settings(
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": digest.hexdigest(),
         "world_specs": [spec for _, spec, _ in worlds],
-        "methods": {name: methods.make(spec, options.robot).describe() for name, spec in chosen},
+        "methods": {name: _description(methods.make(spec, options.robot)) for name, spec in chosen},
         "robot": described(options.robot),
         "simulator": options.simulator,
         "protocol": options.protocol,
@@ -101,6 +101,10 @@ def settings(
         "monitor": options.monitor,
         "seed": options.seed,
     }
+
+
+def _description(method: methods.Method) -> Dict[str, Any]:
+    return {**method.describe(), "period_s": method.period}
 
 
 def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None:

@@ -1,4 +1,4 @@
-"""The methods that come with the package: fixed sets, random sets, functions of the observation, and a frozen one."""
+"""The methods that come with the package: fixed sets, random sets, functions of the observation; and their variants."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Dict, Optional
 import numpy as np
 
 from applr_ros1.common.files import read_bytes, sha256
-from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.decision import PERIOD, Context, period_of
 from applr_ros1.policy.methods.protocol import Method, MethodError
 from applr_ros1.policy.parameter_space import SPACE, Space
 
@@ -120,3 +120,16 @@ class FrozenParameter(Method):
     def describe(self) -> Dict[str, Any]:
         """The inner method's description and the parameter that is held."""
         return dict(self.inner.describe(), frozen=self.name)
+
+
+def at_period(method: Method, seconds: str) -> Method:
+    """The method, deciding at another period; seconds: its text, 0.05 to 60.
+
+    Raises:
+        MethodError: The text is no such number.
+    """
+    try:
+        method.period = period_of({"period_s": float(seconds)})
+    except ValueError:
+        raise MethodError("period:%s: give a decision period from 0.05 to 60 s" % seconds) from None
+    return method

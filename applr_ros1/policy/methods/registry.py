@@ -9,7 +9,13 @@ from typing import Callable, Dict, List, Tuple
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.appld import Appld, Published
 from applr_ros1.policy.distance_weights import weights_of_set
-from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
+from applr_ros1.policy.methods.included import (
+    FixedParameters,
+    FrozenParameter,
+    ObservationPolicy,
+    RandomParameters,
+    at_period,
+)
 from applr_ros1.policy.methods.own import make_own
 from applr_ros1.policy.methods.protocol import Method, MethodError
 from applr_ros1.policy.observation import layout_of
@@ -72,7 +78,11 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         "the best single set that CMA-ES found on the training worlds",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
-    "applr": (lambda robot: _actor(shipped(robot=robot), robot), "the shipped policy"),
+    "applr": (lambda robot: _actor(shipped(robot=robot), robot), "the shipped policy, which decides every second"),
+    "applr_2s": (
+        lambda robot: at_period(make("applr", robot), "2"),
+        "the shipped policy with the paper's decision period of 2 s",
+    ),
     "appld": (
         lambda robot: _appld(shipped("appld.safetensors", robot), robot),
         "the shipped contexts and classifier",
@@ -85,7 +95,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
 FILES: Dict[str, Callable[[str, Robot], Method]] = {"applr": _actor, "appld": _appld, "fixed": _fixed}  # KIND:FILE
 FORMS = (
     "%s, an actor (.safetensors), appld:FILE, a set (.json), frozen:PARAMETER:METHOD, ablation:METHOD, "
-    "module:Class or my_file.py:Class, or NAME=any of these" % ", ".join(METHODS)
+    "period:SECONDS:METHOD, module:Class or my_file.py:Class, or NAME=any of these" % ", ".join(METHODS)
 )
 
 
@@ -116,6 +126,9 @@ def _made(spec: str, robot: Robot) -> Method:
     if kind == "frozen":
         name, _, inner = rest.partition(":")
         return FrozenParameter(make(inner, robot), name)
+    if kind == "period":
+        seconds, _, inner = rest.partition(":")
+        return at_period(make(inner, robot), seconds)
     if kind in FILES and (colon or kind == "fixed"):
         return FILES[kind](rest, robot)
     match = OWN.match(spec)
@@ -169,6 +182,9 @@ def _name(spec: str) -> str:
     if spec.startswith("frozen:"):
         parameter, _, inner = spec[len("frozen:") :].partition(":")
         return "%s-without-%s" % (_name(inner), parameter)
+    if spec.startswith("period:"):
+        seconds, _, inner = spec[len("period:") :].partition(":")
+        return "%s-%ss" % (_name(inner), seconds)
     own = OWN.match(spec)
     if own and spec.partition(":")[0] not in FILES:
         return own.group(2)
