@@ -5,6 +5,7 @@ import math
 import time
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -16,7 +17,8 @@ from training.evaluation.trials import TrialRunner
 from training.mdp.episode import Episode
 from training.workers.tasks import Trial
 
-PURSUIT = "%s:Pursuit" % (Path(__file__).resolve().parents[1] / "examples" / "07_own_controller" / "pursuit.py")
+ROOT = Path(__file__).resolve().parents[1]
+PURSUIT = "%s:Pursuit" % (ROOT / "examples" / "07_own_controller" / "pursuit.py")
 
 
 class Steer:
@@ -129,6 +131,19 @@ def test_the_monitor_checks_the_commands(episode):
     while not outcome.over:
         outcome = episode.drive(0.5, 0.6)  # in circles, into whatever is there
     assert outcome.reason == "time limit"
+
+
+def test_the_launch_file_loads_files_that_are_there():
+    launch = ElementTree.parse(ROOT / "applr_ros1" / "launch" / "velocity_method.launch").getroot()
+    values = {"$(arg %s)" % arg.get("name"): arg.get("value") or "" for arg in launch.findall("arg")}
+    files = [node.get("file") for node in launch.iter("rosparam") if node.get("file")]
+    assert len(files) == 6
+    for file in files:
+        for name, value in values.items():
+            file = file.replace(name, value)
+        assert Path(file.replace("$(find applr_ros1)", str(ROOT))).is_file(), file
+    started = {node.get("type") for node in launch.iter("node")}
+    assert all((ROOT / "applr_ros1" / "scripts" / name).is_file() for name in started)
 
 
 @pytest.mark.ros
