@@ -60,8 +60,8 @@ def summary(samples, warm_up=WARM_UP):
 
     Returns:
         {process: {"mb_per_hour", "mb_first", "mb_last", "mb_most", "descriptors": [least, most], "threads": [least,
-        most], "restarts"}}; the trend is a least-squares line through the samples after the warm-up, in megabytes per
-        simulated hour.
+        most], "opening", "restarts"}}; the trend is a least-squares line through the samples after the warm-up, in megabytes per
+        simulated hour, and "opening" says that the last quarter never had as few descriptors or threads as the first.
     """
     table = {}
     last = max((row[0] for row in samples), default=0.0)
@@ -77,9 +77,15 @@ def summary(samples, warm_up=WARM_UP):
             "mb_most": round(max(row[4] for row in rows), 1),
             "descriptors": [min(row[5] for row in steady), max(row[5] for row in steady)],
             "threads": [min(row[6] for row in steady), max(row[6] for row in steady)],
+            "opening": any(_rises([row[i] for row in steady]) for i in (5, 6)),
             "restarts": len({row[3] for row in rows}) - 1,
         }
     return table
+
+
+def _rises(counts):
+    quarter = max(1, len(counts) // 4)
+    return min(counts[-quarter:]) > max(counts[:quarter])
 
 
 class Soak:
@@ -219,9 +225,17 @@ def main(arguments=None):
             "%-18s %7.2f MB/h  %6.1f to %6.1f MB  descriptors %s  threads %s"
             % (name, found["mb_per_hour"], found["mb_first"], found["mb_last"], found["descriptors"], found["threads"])
         )
-    leaks = [name for name, found in table.items() if found["mb_per_hour"] > chosen.most or found["restarts"]]
+    leaks = [
+        name
+        for name, found in table.items()
+        if found["mb_per_hour"] > chosen.most or found["opening"] or found["restarts"]
+    ]
     for name in sorted(set(leaks) | set(soak.ended if soak else [])):
-        print("soak: %s ended or grew by more than %g MB per hour" % (name, chosen.most), file=sys.stderr)
+        print(
+            "soak: %s ended, grew by more than %g MB per hour, or kept opening descriptors or threads"
+            % (name, chosen.most),
+            file=sys.stderr,
+        )
     return 1 if leaks or not table or soak.ended else 0
 
 

@@ -49,4 +49,6 @@ def test_the_soak_finds_a_leak_and_a_restart():
     table_of = soak.summary(rows)
     assert table_of["leaking"]["mb_per_hour"] == 10.0
     assert table_of["leaking"]["descriptors"] == [20, 22]
+    assert table_of["leaking"]["opening"]
+    assert not table_of["steady"]["opening"]
     assert (table_of["steady"]["mb_per_hour"], table_of["steady"]["restarts"]) == (0.0, 1)
