@@ -60,8 +60,9 @@ def summary(samples, warm_up=WARM_UP):
 
     Returns:
         {process: {"mb_per_hour", "mb_first", "mb_last", "mb_most", "descriptors": [least, most], "threads": [least,
-        most], "opening", "restarts"}}; the trend is a least-squares line through the samples after the warm-up, in megabytes per
-        simulated hour, and "opening" says that the last quarter never had as few descriptors or threads as the first.
+        most], "opening", "restarts"}}. The trend is a least-squares line through the samples after the warm-up, in
+        megabytes per simulated hour; "opening" says that the last quarter never had as few descriptors or threads as
+        the first.
     """
     table = {}
     last = max((row[0] for row in samples), default=0.0)
