@@ -323,6 +323,27 @@ def test_kinematic_contacts_end_like_pybullets():
     assert np.mean(rows[:, 4] == rows[:, 5]) > 0.9
 
 
+@pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])
+def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
+    robot = robots.load(name)
+    v, w = 0.5 * robot.base.max_speed, 0.3 * robot.base.max_yaw_rate
+    wall = 1.5 * outline.extent(robot)[1] + v  # where the robot is after less than 3 s
+    ends = []
+    for simulator in (sim_bridge.make("kinematic", robot=robot), sim_bridge.make("pybullet", robot=name)):
+        simulator.reset(world(), 3)
+        curve = drive(simulator, v, w, 2.0).pose
+        simulator.reset(world(boxes=[(wall + 0.1, 0.0, 0.0, 0.2, 4.0)]), 3)
+        assert not drive(simulator, v, 0.0, 0.5).contact
+        state = drive(simulator, v, 0.0, 4.0)
+        assert state.contact
+        assert not state.flipped
+        assert state.pose[0] == pytest.approx(wall - outline.extent(robot)[1], abs=0.02)
+        ends.append(curve)
+        assert simulator.scan().shape == (robot.laser.beams,)
+        simulator.close()
+    assert np.allclose(ends[0], ends[1], atol=0.01)
+
+
 def test_kinematic_needs_no_pybullet():
     code = (
         "import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
