@@ -92,7 +92,7 @@ def settings(
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": digest.hexdigest(),
         "world_specs": [spec for _, spec, _ in worlds],
-        "methods": {name: _description(methods.make(spec, options.robot)) for name, spec in chosen},
+        "methods": {name: _description(spec, options) for name, spec in chosen},
         "robot": described(options.robot),
         "simulator": options.simulator,
         "protocol": options.protocol,
@@ -103,8 +103,15 @@ def settings(
     }
 
 
-def _description(method: methods.Method) -> Dict[str, Any]:
-    return {**method.describe(), "period_s": method.period}
+def _description(spec: str, options: EvaluationOptions) -> Dict[str, Any]:
+    """A method's description, with those of what stands for it with these kinds of weights."""
+    method = methods.make(spec, options.robot)
+    found = {**method.describe(), "period_s": method.period}
+    for kind in options.weights:
+        other = methods.for_weights(spec, kind, options.robot)
+        if other != spec:
+            found[kind] = methods.make(other, options.robot).describe()
+    return found
 
 
 def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None:

@@ -229,9 +229,10 @@ class TrialRunner:
             if policy is None:
                 raise ValueError("a trial of the policy came without a policy")
             return methods.ObservationPolicy(_Learnt(policy, self.robot))
-        if task.method_spec not in self._methods:
-            self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
-        return self._methods[task.method_spec]
+        spec = methods.for_weights(task.method_spec, task.weights, self.robot)
+        if spec not in self._methods:
+            self._methods[spec] = methods.make(spec, self.robot)
+        return self._methods[spec]
 
 
 class _Learnt:

@@ -6,6 +6,7 @@ compare_variants.py calls it.
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any, Dict, Sequence
 
@@ -21,7 +22,7 @@ AXES = {
 
 
 def draw_variants(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
-    """A dot for each variant: its mean time against each figure of AXES, joined where names begin alike.
+    """A dot for each variant: its mean time against each figure of AXES, joined where names differ in a number.
 
     Args:
         path: of the PNG file.
@@ -30,7 +31,8 @@ def draw_variants(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
     """
     families: Dict[str, list] = {}
     for row in rows[1:]:
-        families.setdefault(str(row["variant"]).split("_")[0], [rows[0]]).append(row)
+        family = re.sub(r"_[\d.]+$", "", str(row["variant"]))
+        families.setdefault(family, [rows[0]] if family != row["variant"] else []).append(row)
     figure, axes = canvas(len(AXES), size=(4.2, 3.8), sharey=True)
     for ax, (name, label) in zip(axes[0], AXES.items()):
         for color, (family, line) in zip(COLORS * len(families), families.items()):

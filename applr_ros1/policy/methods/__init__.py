@@ -25,7 +25,17 @@ from applr_ros1.policy.methods.foreign import ForeignActor
 from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
 from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method, MethodError
-from applr_ros1.policy.methods.registry import FORMS, METHODS, MODES, for_robot, make, make_mode, parse, shipped
+from applr_ros1.policy.methods.registry import (
+    FORMS,
+    METHODS,
+    MODES,
+    for_robot,
+    for_weights,
+    make,
+    make_mode,
+    parse,
+    shipped,
+)
 
 __all__ = [
     "COMMAND_PERIOD",
@@ -44,6 +54,7 @@ __all__ = [
     "RandomParameters",
     "check_method",
     "for_robot",
+    "for_weights",
     "make",
     "make_mode",
     "parse",

@@ -6,6 +6,7 @@ import os
 import re
 from typing import Callable, Dict, List, Tuple
 
+from applr_ros1.planner.variant import PER_METRE
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.appld import Appld, Published
 from applr_ros1.policy.distance_weights import weights_of_set
@@ -75,7 +76,12 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
     "static": (
         lambda robot: _fixed(shipped("static.json", robot), robot),
-        "the best single set that CMA-ES found on the training worlds",
+        "the best single set that CMA-ES found on the training worlds; evaluation takes static_per_metre where the "
+        "distance weights count metres",
+    ),
+    "static_per_metre": (
+        lambda robot: _fixed(shipped("static_per_metre.json", robot), robot),
+        "the best single set for a planner whose distance weights count metres",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "applr": (lambda robot: _actor(shipped(robot=robot), robot), "the shipped policy, which decides every second"),
@@ -109,6 +115,19 @@ def make(spec: str, robot: Robot = JACKAL) -> Method:
     if method.space.robot != robot.name:
         raise MethodError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
     return method
+
+
+def for_weights(spec: str, weights: str, robot: Robot = JACKAL) -> str:
+    """What a specification stands for where the planner's distance weights count so: static has a set for each kind.
+
+    Args:
+        spec: The specification of a method.
+        weights: per_cell, per_metre or drawn; sets for planners that draw are those for per_cell.
+        robot: Whose sets; one that has a single set has it for both kinds.
+    """
+    if (spec, weights) == ("static", PER_METRE) and os.path.exists(shipped("static_per_metre.json", robot)):
+        return "static_per_metre"
+    return spec
 
 
 def for_robot(method: Method, robot: Robot) -> Method:
