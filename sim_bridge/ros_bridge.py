@@ -10,8 +10,9 @@ the odometry's; ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_v
 world that the parameter ~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed,
 ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with
 the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py); ~odom_frame, ~base_frame, ~tf_prefix
-(in front of the names of all frames of the robot). For several robots in one world: ~clock (false follows the /clock
-that another one makes), ~others (namespaces of robots that this one detects and can touch: ros_others.py).
+(in front of the names of all frames of the robot), ~map (publish a map of the world on map, latched, and its frame).
+For several robots in one world: ~clock (false follows the /clock that another one makes), ~others (namespaces of robots
+that this one detects and can touch: ros_others.py).
 
 One thread runs the simulation; callbacks only store what arrived. ROS time never goes back, not even at a reset.
 """
@@ -66,8 +67,9 @@ class Bridge:
         self.base_time = BASE_TIME
         self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
         self.makes_clock = bool(rospy.get_param("~clock", True))
-        world = self._with_others(worlds.load(str(rospy.get_param("~world", "generated:0"))))
         robot = load(str(rospy.get_param("~robot", "jackal")))
+        self.scale = robot.world_scale
+        world = self._load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **dict(options, robot=robot))
         self.start = _start(str(rospy.get_param("~start", "")))
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
@@ -83,7 +85,7 @@ class Bridge:
         self.running = threading.Event()  # simulated time goes on
         if not rospy.get_param("~paused", False):
             self.running.set()
-        self.topics = _topics(robot, self.makes_clock)
+        self.topics = _topics(robot, self.makes_clock, bool(rospy.get_param("~map", False)))
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         self.front = _gazebos_front(self) if rospy.get_param("~gazebo", False) else None
@@ -120,8 +122,9 @@ class Bridge:
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
-    def _with_others(self, world):
-        """The world with the other robots as moving obstacles."""
+    def _load(self, spec):
+        """A world at the robot's scale, with the other robots as moving obstacles."""
+        world = worlds.scaled(worlds.load(spec), self.scale)
         return dataclasses.replace(world, movers=world.movers + self.others) if self.others else world
 
     def _await_clock(self):
@@ -289,7 +292,7 @@ class Bridge:
     def _change_world(self, spec):
         """Load a world and restart in it. Returns "", or one line why the old world stays."""
         try:
-            world = self._with_others(worlds.load(spec))
+            world = self._load(spec)
         except (ValueError, OSError) as error:
             rospy.logerr("sim_bridge: world stays %s: %s", self.simulator.world.name, error)
             return str(error)
@@ -367,10 +370,10 @@ def _clear_costmaps(patience=2.0):
         rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
 
 
-def _topics(robot, clock):
+def _topics(robot, clock, with_map):
     """The publishers, for the frames that ~odom_frame, ~base_frame and ~tf_prefix name."""
     prefix, odom, base = (str(rospy.get_param("~" + name, "")) for name in ("tf_prefix", "odom_frame", "base_frame"))
-    return BridgeTopics(robot, prefix, odom, base, clock)
+    return BridgeTopics(robot, prefix, odom, base, clock, with_map)
 
 
 def _parameter(name, default, most):

@@ -10,7 +10,7 @@ from math import pi
 import numpy as np
 import rospy
 from geometry_msgs.msg import Quaternion, TransformStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import OccupancyGrid, Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan
 from std_msgs.msg import Bool, ColorRGBA, String
@@ -20,12 +20,14 @@ from visualization_msgs.msg import Marker, MarkerArray
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.description import Laser, OdometryErrors
+from worlds.occupancy import occupancy
 
 from .mechanics import GRAVITY
 from .simulator import RobotState, Simulator
 
 WORLD = "world"
 OBSTACLE_HEIGHT = 0.5
+MAP_RESOLUTION = 0.05  # m
 WHEELS = {  # names of the joints, left before right
     "skid_steer": ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel"),
     "two_wheel": ("wheel_left_joint", "wheel_right_joint"),
@@ -46,9 +48,18 @@ class BridgeTopics:
         odom: Frame of the odometry; that of the description without it.
         base: Frame of the robot, likewise.
         clock: Whether to publish /clock; otherwise another robot does.
+        with_map: Whether to publish a map of the world and where it lies, as a map server and localisation do.
     """
 
-    def __init__(self, robot: Robot, prefix: str = "", odom: str = "", base: str = "", clock: bool = True):
+    def __init__(
+        self,
+        robot: Robot,
+        prefix: str = "",
+        odom: str = "",
+        base: str = "",
+        clock: bool = True,
+        with_map: bool = False,
+    ):
         self.robot, self.prefix = robot, prefix
         self.odom_frame = odom or prefix + robot.frames.odom
         self.base_frame = base or prefix + robot.frames.base
@@ -66,6 +77,7 @@ class BridgeTopics:
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
         self.world = rospy.Publisher("~current_world", String, queue_size=1, latch=True)
+        self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True) if with_map else None
         self._turned = [0.0, 0.0]  # of the left and right wheels [rad]
         self._last = None
 
@@ -99,12 +111,16 @@ class BridgeTopics:
         markers[0].header.frame_id = WORLD
         self.obstacles.publish(markers)
         self.world.publish(simulator.world.name)
+        if self.map is not None:
+            self.map.publish(_map(self.robot.frames.map, simulator.world, stamp))
         self._last = None
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """The static frames: the robot's parts, and where odom lies in the world."""
         x, y = simulator.odom_origin
         base, prefix = self.base_frame, self.prefix
+        # the map's frame is the world's; all robots share it
+        maps = [] if self.map is None else [_transform(WORLD, self.robot.frames.map, (0.0, 0.0, 0.0), stamp)]
         laser = _transform(base, self.laser_frame, self.robot.laser.pose, stamp, self.robot.laser.height)
         self.tf_static.publish(
             [
@@ -112,6 +128,7 @@ class BridgeTopics:
                 _transform(base, prefix + "chassis_link", (0.0, 0.0, 0.0), stamp),
                 _transform(base, prefix + "imu_link", (0.0, 0.0, 0.0), stamp),
                 _transform(WORLD, self.odom_frame, (x, y, 0.0), stamp),
+                *maps,
             ]
         )
 
@@ -139,6 +156,18 @@ class BridgeTopics:
 def quaternion(yaw: float) -> Quaternion:
     """A geometry_msgs/Quaternion for a yaw [rad]."""
     return Quaternion(*quaternion_of(yaw))
+
+
+def _map(frame, world, stamp):
+    cells, origin = occupancy(world, MAP_RESOLUTION)
+    message = OccupancyGrid()
+    message.header.frame_id, message.header.stamp = frame, stamp
+    message.info.map_load_time, message.info.resolution = stamp, MAP_RESOLUTION
+    message.info.height, message.info.width = cells.shape
+    message.info.origin.position.x, message.info.origin.position.y = origin
+    message.info.origin.orientation.w = 1.0
+    message.data = cells.ravel().tolist()
+    return message
 
 
 def _transform(parent, child, pose, stamp, z=0.0):

@@ -15,7 +15,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import CHOICES
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import load
 
 MAX_GOAL = 1e5  # m; farther than any costmap
 MOVE_BASES = ("python", "cpp")
@@ -73,6 +73,8 @@ def check(values):
     values: {name: text} for every argument of the launch file.
     """
     sim = boolean("sim", values["sim"])
+    robot = load(values["robot"])
+    robot.parameters(boolean("map", values["map"]))  # some have no files for a map
     boolean("gazebo", values["gazebo"])
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
@@ -91,26 +93,28 @@ def check(values):
     seed = number("seed", values["seed"])
     if seed != int(seed) or not 0 <= seed < 2**31:
         raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
-    methods.make_mode(values["mode"], path(values["policy"]), path(values["parameters"]))
+    methods.make_mode(values["mode"], path(values["policy"]), path(values["parameters"]), robot)
     goal(values["goal"])
-    _interface(values)
+    _interface(values, robot)
     if sim:
         worlds.load(values["world"])
     recording(values["record"])
 
 
-def _interface(values):
+def _interface(values, robot):
     """The arguments that fit the stack to a robot: parameter files, names, the cap on its speed."""
     folder = path(values["params"])
+    if folder and values["robot"] != "jackal":
+        raise ArgumentError("params is %s: for robot %s its own folder has the files" % (folder, robot.name))
     for file in PARAMETER_FILES if folder else ():
         if not os.path.isfile(os.path.join(folder, file)):
             raise ArgumentError(
                 "params is %s: it has no file %s; copy the package's folder and edit it" % (folder, file)
             )
     if values["max_speed"] != "none":
-        low, high = (bound[SPACE.names.index("max_vel_x")] for bound in (SPACE.low, SPACE.high))
-        if not low <= number("max_speed", values["max_speed"]) <= high:
-            raise ArgumentError("max_speed is %s: give %g to %g m/s, or none" % (values["max_speed"], low, high))
+        bounds = [(p.low, p.high) for p in robot.space if p.name == "max_vel_x"] or [(0.0, robot.base.max_speed)]
+        if not bounds[0][0] <= number("max_speed", values["max_speed"]) <= bounds[0][1]:
+            raise ArgumentError("max_speed is %s: give %g to %g m/s, or none" % (values["max_speed"], *bounds[0]))
     if values["use_sim_time"] != "auto":
         boolean("use_sim_time", values["use_sim_time"])
     pose("start", values["start"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import fields, replace
+from typing import Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -21,10 +22,10 @@ from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import Robot, load
+from applr_ros1.robots.description import Topics
 
 from .sensors import Sensors
 
-SCAN = "scan"
 LOOK = 0.01  # s of wall time between looks for a new scan
 REPORT = 1.0  # s of wall time between diagnostics
 
@@ -32,7 +33,9 @@ REPORT = 1.0  # s of wall time between diagnostics
 class CollisionMonitorNode:
     """Hands scans and commands to a CollisionMonitor and publishes what it makes of them."""
 
-    def __init__(self, settings: MonitorSettings, fixed: str, base: str, tolerance: float):
+    def __init__(
+        self, settings: MonitorSettings, fixed: str, base: str, tolerance: float, topics: Optional[Topics] = None
+    ):
         """Subscribes and advertises.
 
         Args:
@@ -40,6 +43,7 @@ class CollisionMonitorNode:
             fixed: frame in which obstacles are remembered, that of the odometry.
             base: frame of the robot.
             tolerance: age [s] up to which the pose of `base` in `fixed` is used.
+            topics: names of the robot's scan, odometry and commands; without them scan, odom and cmd_vel.
         """
         self.monitor = CollisionMonitor(settings)
         _compile(settings)
@@ -48,8 +52,10 @@ class CollisionMonitorNode:
         self._last = rospy.get_rostime()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
-        self.sensors = Sensors((fixed, fixed, base), {SCAN: "LaserScan"}, {})
-        self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        topics = topics or Topics()
+        self._scan = topics.scan
+        self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
+        self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
@@ -72,7 +78,7 @@ class CollisionMonitorNode:
             self.sensors.forget()
             self.monitor.reset()
         self._last = now
-        scan = self.sensors.observations().get(SCAN)
+        scan = self.sensors.observations().get(self._scan)
         pose = None if scan is None else self.sensors.pose(now, self._tolerance)
         if pose is not None:
             self.monitor.see(scan, pose)
@@ -97,8 +103,8 @@ class CollisionMonitorNode:
         if trouble:
             return Verdict((0.0, 0.0), STOP, 0.0, trouble)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
-        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(SCAN):
-            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.trouble(SCAN)))
+        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(self._scan):
+            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.trouble(self._scan)))
         return verdict
 
     def _report(self) -> None:
@@ -132,7 +138,9 @@ def settings_from(parameters: dict) -> MonitorSettings:
         RobotError: for a robot that is not there or wrongly described.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    unknown = sorted(set(parameters) - known - {"robot", "fixed_frame", "base_frame", "transform_tolerance"})
+    unknown = sorted(
+        set(parameters) - known - {"robot", "tf_prefix", "fixed_frame", "base_frame", "transform_tolerance"}
+    )
     if unknown:
         raise MonitorError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
     chosen = {}
@@ -178,7 +186,10 @@ def _run() -> int:
     tolerance = parameters.get("transform_tolerance", 0.3)
     if not isinstance(tolerance, (int, float)) or not tolerance > 0.0:
         raise MonitorError("transform_tolerance is %r: give a positive number of seconds" % (tolerance,))
-    frames = robot_from(parameters).frames
-    fixed, base = parameters.get("fixed_frame", frames.odom), parameters.get("base_frame", frames.base)
-    CollisionMonitorNode(settings, fixed, base, float(tolerance)).spin()
+    robot = robot_from(parameters)
+    frames, topics = robot.frames, robot.topics if "robot" in parameters else None
+    prefix = str(parameters.get("tf_prefix", "")).strip("/") + "/" if parameters.get("tf_prefix") else ""
+    fixed = parameters.get("fixed_frame", prefix + frames.odom)
+    base = parameters.get("base_frame", prefix + frames.base)
+    CollisionMonitorNode(settings, fixed, base, float(tolerance), topics).spin()
     return 0

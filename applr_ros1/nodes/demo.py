@@ -14,10 +14,13 @@ import tempfile
 import textwrap
 import time
 
+import numpy as np
+
 import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
-from sim_bridge import jackal
+from applr_ros1.robots import NAMES, load
+from applr_ros1.robots.outline import extent
 from worlds import drive_animation, drive_picture
 
 from . import arguments, processes
@@ -28,6 +31,7 @@ UP_WITHIN = 300.0  # wall seconds for one part to come up; the first time its ke
 STALLED_AFTER = 20.0  # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
 NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|shutting down|done|=====|log file: ")
+TOPICS = ("scan_topic", "odom_topic", "cmd_vel_topic")
 EXTRA = {
     "port": ("", "Port of the ROS master; empty takes a free one."),
     "picture": (PICTURE, "File for the picture."),
@@ -84,7 +88,7 @@ def main(words=None):
     drive.title = "%s, mode %s: %s in %.1f s" % (result["world"], result["mode"], result["reason"], result["time_s"])
     result["picture"] = _leave("picture", values["picture"], lambda path: drive_picture.save(drive, path))
     result["animation"] = _leave(
-        "animation", values["animation"], lambda path: drive_animation.save(drive, jackal.FOOTPRINT, path)
+        "animation", values["animation"], lambda path: drive_animation.save(drive, _outline(values["robot"]), path)
     )
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
@@ -93,6 +97,12 @@ def main(words=None):
 def say(text):
     """Print one line of the demo's progress."""
     print("applr: %s" % text, flush=True)
+
+
+def _outline(robot):
+    """The rectangle (4, 2) [m] around a robot, in its base frame."""
+    low_x, high_x, low_y, high_y = extent(load(robot))
+    return np.array([[high_x, high_y], [low_x, high_y], [low_x, low_y], [high_x, low_y]])
 
 
 def _interrupt(signum, frame):
@@ -104,7 +114,7 @@ def _prepare(words):
     known = arguments.declared()
     given = arguments.parse(words, list(known) + list(EXTRA))
     values = {name: default for name, (default, _) in list(known.items()) + list(EXTRA.items())}
-    values.update(given)
+    values.update(given, given=given)
     arguments.check({name: values[name] for name in known})
     if not arguments.boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
         raise arguments.ArgumentError(
@@ -117,10 +127,18 @@ def _prepare(words):
     if values["animation"] != "none":
         _check_file("animation", values["animation"], ".gif")
     _choose_port(values)
-    for name in ("world", "policy", "parameters", "params", "record"):  # the nodes run in another folder
-        if os.path.exists(values[name]) or name == "record" and arguments.path(values[name]):
+    for name in ("robot", "world", "policy", "parameters", "params", "record"):  # the nodes run in another folder
+        if (
+            os.path.exists(values[name])
+            and values[name] not in NAMES
+            or name == "record"
+            and arguments.path(values[name])
+        ):
             values[name] = os.path.abspath(values[name])
-    world = worlds.load(values["world"])
+    robot = load(values["robot"])
+    for name, topic in zip(TOPICS, (robot.topics.scan, robot.topics.odometry, robot.topics.cmd_vel)):
+        values[name] = topic if values[name] == "auto" else values[name]
+    world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     start = arguments.pose("start", values["start"])
     if start is not None:
         world = dataclasses.replace(world, course=dataclasses.replace(world.course, start=start))
@@ -158,7 +176,8 @@ class Stack:
 
     def __init__(self, values, log):
         self.log = log
-        launch = ["%s:=%s" % (name, values[name]) for name in arguments.declared() if name != "goal"]
+        launch = ["%s:=%s" % (name, values[name]) for name in arguments.declared() if name not in ("goal", *TOPICS)]
+        launch += ["%s:=%s" % (name, values["given"][name]) for name in TOPICS if name in values["given"]]
         environment = dict(
             os.environ,
             ROS_MASTER_URI="http://localhost:%s" % values["port"],
@@ -210,8 +229,8 @@ def _run(stack, values, world):
     from . import demo_drive, goal  # rospy is loaded only when there is something to drive
 
     say(
-        "world %s, mode %s, simulator %s, master on port %s"
-        % (world.name, values["mode"], values["simulator"], values["port"])
+        "world %s, robot %s, mode %s, simulator %s, master on port %s"
+        % (world.name, load(values["robot"]).name, values["mode"], values["simulator"], values["port"])
     )
     began = time.monotonic()
     wait = Waiting(stack)
@@ -263,6 +282,7 @@ class Waiting:
 def _result(values, world, success=False, collided=False, seconds=None, reason=""):
     return {
         "world": world.name,
+        "robot": load(values["robot"]).name,
         "mode": values["mode"],
         "success": success,
         "collided": collided,

@@ -22,8 +22,9 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from std_msgs.msg import Bool, Float64MultiArray
 
 from applr_ros1.common import angles as angles_of
-from applr_ros1.policy.parameter_space import SPACE
-from sim_bridge import jackal
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
 from sim_bridge.ros_bridge import BASE_TIME
 from worlds.drive_animation import STEP
 from worlds.drive_picture import Drive, View
@@ -32,8 +33,6 @@ from . import goal, processes
 from .demo import DemoError
 
 Outcome = namedtuple("Outcome", "success timeout time text")
-CLOUD = "/move_base/TrajectoryPlannerROS/trajectory_cloud"
-PATHS = ("/move_base/NavfnROS/plan", "/move_base/TrajectoryPlannerROS/local_plan")
 EVERY = 2.0  # simulated seconds between lines of progress
 
 
@@ -50,19 +49,23 @@ class Observer:
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         self._scan, command = ("/" + values[name].lstrip("/") for name in ("scan_topic", "cmd_vel_topic"))
         prefix = "" if values["tf_prefix"] == "none" else values["tf_prefix"] + "/"
-        self._frame = prefix + "odom" if values["odom_frame"] == "auto" else values["odom_frame"]
+        self._robot = robot = load(values["robot"])
+        self._frame = prefix + robot.frames.odom if values["odom_frame"] == "auto" else values["odom_frame"]
+        planner = "/move_base/" + namespace(robot.parameters().get("base_local_planner", LOCAL_PLANNERS[0]))
+        self._paths, self._cloud = ("/move_base/NavfnROS/plan", planner + "/local_plan"), planner + "/trajectory_cloud"
+        space = space_of(robot)
         rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=50, buff_size=2**24)
-        for topic in PATHS:
+        for topic in self._paths:
             self._keep(topic, Path)
-        self._keep(CLOUD, PointCloud2)
+        self._keep(self._cloud, PointCloud2)
         self._keep("/move_base/status", GoalStatusArray)
         self._keep("/applr/parameters", Float64MultiArray)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber(command, Twist, lambda message: self._heard.append(time.monotonic()), queue_size=50)
-        self.parameters.update((name, []) for _, name in SPACE.places())
-        for server in dict(SPACE.places()):
-            names = tuple(name for place, name in SPACE.places() if place == server)
+        self.parameters.update((name, []) for _, name in space.places())
+        for server in dict(space.places()):
+            names = tuple(name for place, name in space.places() if place == server)
             rospy.Subscriber(
                 "/move_base/%s/parameter_updates" % server, Config, self._on_parameters, names, queue_size=10
             )
@@ -177,21 +180,23 @@ class Observer:
         pose = (x, y, self._yaw)
         ranges = np.array(message.ranges, dtype=np.float64)
         hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
-        angles = self._yaw + message.angle_min + hits * message.angle_increment
-        laser = angles_of.place(pose, *jackal.LASER_OFFSET)
+        laser_x, laser_y, laser_yaw = self._robot.laser.pose
+        angles = self._yaw + laser_yaw + message.angle_min + hits * message.angle_increment
+        laser = angles_of.place(pose, laser_x, laser_y)
         scan = laser + np.column_stack((ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)))
-        plan, chosen = (self._path(topic) for topic in PATHS)
+        plan, chosen = (self._path(topic) for topic in self._paths)
         self.views.append(View(now, pose, scan, plan, chosen, self._samples()))
 
     def _path(self, topic):
-        """(n, 2) of the newest path on a topic, from frame odom (whose origin is the start) to the world's frame."""
+        """(n, 2) of the newest path on a topic in the world's frame, which is the map's; odom's origin is the start."""
         message = self._seen.get(topic)
         points = [(p.pose.position.x, p.pose.position.y) for p in message.poses] if message is not None else []
-        return np.array(points, dtype=np.float64).reshape(-1, 2) + self.world.course.start[:2]
+        on_map = message is not None and message.header.frame_id == self._robot.frames.map
+        return np.array(points, dtype=np.float64).reshape(-1, 2) + (0.0 if on_map else self.world.course.start[:2])
 
     def _samples(self):
         """(n, 2) of the newest sampled trajectories, in the world's frame."""
-        message = self._seen.get(CLOUD)
+        message = self._seen.get(self._cloud)
         rows = np.empty((0, 2)) if message is None else np.frombuffer(message.data, "<f4").reshape(message.width, -1)
         return rows[:, :2].astype(np.float64) + self.world.course.start[:2]
 

@@ -14,6 +14,7 @@ from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.robots import load
 
 from . import arguments
 
@@ -53,7 +54,8 @@ def _send():
     rospy.init_node("send_goal")
     pose = arguments.goal(rospy.get_param("~goal", "auto"))
     if pose is None:
-        course = worlds.load(rospy.get_param("~world", "generated:0")).course
+        robot = load(str(rospy.get_param("~robot", "jackal")))
+        course = worlds.scaled(worlds.load(rospy.get_param("~world", "generated:0")), robot.world_scale).course
         start = arguments.pose("start", rospy.get_param("~start", "auto"))
         pose = course_goal(dataclasses.replace(course, start=start or course.start))
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)

@@ -23,6 +23,7 @@ from nav_msgs.srv import GetPlan, GetPlanResponse
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.planner.costmap.static_layer import MapError
@@ -37,6 +38,7 @@ from .displays import CostmapDisplay, PlanDisplay
 from .goal_server import GoalServer
 from .planner_thread import PlannerThread, RequestTimeout
 from .reconfigure_server import ParameterMirror, ReconfigureServer
+from .robot_parameters import OWN, with_robot
 from .sensors import Sensors
 
 PLANNING_COST = 0.015  # s, the room that a plan on request wants before the next cycle
@@ -44,9 +46,9 @@ WENT_BACK = "Aborting because the clock jumped back."
 
 
 class MoveBaseNode:
-    """`tree`: the checked parameters under ~."""
+    """`tree`: the checked parameters under ~. odometry: topic of the odometry, where the tree does not name one."""
 
-    def __init__(self, tree):
+    def __init__(self, tree, odometry="odom"):
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
         self.frame, self.local_frame = (static[name]["global_frame"].lstrip("/") for name in COSTMAPS)
@@ -62,7 +64,7 @@ class MoveBaseNode:
             (self.local_frame, self.frame, static["global_costmap"]["robot_base_frame"]),
             self.move_base.sources,
             self.move_base.ray_origins,
-            static[local_planner].get("odom_topic", "odom"),
+            tree.get(local_planner, {}).get("odom_topic", odometry),
         )
         self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
         self._report_missed_from = 0.0  # time.monotonic()
@@ -364,8 +366,13 @@ def main() -> int:
         return 1
     require_master()
     rospy.init_node("move_base")
-    tree = rospy.get_param("~", {})
-    problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
+    given = rospy.get_param("~", {})
+    tree, robot, problems = {}, None, []
+    try:
+        tree, robot = with_robot(given) if isinstance(given, dict) else (given, None)
+        problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
+    except ApplrError as problem:
+        problems = [str(problem)]
     for problem in problems:
         print("move_base: parameter %s" % problem, file=sys.stderr)
     if problems:
@@ -376,7 +383,9 @@ def main() -> int:
         rospy.logwarn("parameter %s", line)
     with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
-    node = MoveBaseNode(tree)
+    if robot is not None:
+        rospy.set_param("~", dict(tree, **{name: given[name] for name in OWN if name in given}))
+    node = MoveBaseNode(tree, robot.topics.odometry if robot else "odom")
     gc.collect()
     gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms
     node.serve()

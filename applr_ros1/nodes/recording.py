@@ -11,18 +11,17 @@ from typing import Iterator, List, Sequence
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
+from applr_ros1.robots import JACKAL, Robot, load
 
 from .arguments import boolean
 from .processes import become
 
 SHARED = ("/clock", "/tf", "/tf_static", "/diagnostics")  # of all robots on a master
 STACK = (
-    "front/scan odometry/filtered cmd_vel imu/data "
+    "{scan} {odometry} {cmd_vel} {imu} map "
     "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "
     "move_base/cmd_vel move_base/local_costmap/footprint move_base/NavfnROS/plan "
     "move_base/{planner}/global_plan move_base/{planner}/local_plan move_base/{planner}/parameter_updates "
-    "move_base/local_costmap/inflater_layer/parameter_updates "
-    "move_base/global_costmap/inflater_layer/parameter_updates "
     "applr/heartbeat applr/observation applr/decision applr/parameters applr/local_goal "
     "applr/typed/decision applr/typed/parameters applr/weights collision_monitor/action "
     "sim_bridge/ground_truth sim_bridge/collision sim_bridge/obstacles sim_bridge/movers sim_bridge/current_world"
@@ -34,12 +33,13 @@ COSTMAPS = (
 PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 
 
-def topics(costmaps: bool, arguments: Sequence[str] = ()) -> List[str]:
+def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL) -> List[str]:
     """Absolute names of the topics of one robot's stack, and of what all robots share.
 
     Args:
         costmaps: Costmaps and sampled trajectories, too.
         arguments: Remappings and "__ns:=..." as ROS gives them to a node; the environment's ROS_NAMESPACE counts.
+        robot: Whose stack it is: names of its topics, and of the servers that its parameter space sets.
     """
     import rosgraph.names as names
 
@@ -47,7 +47,9 @@ def topics(costmaps: bool, arguments: Sequence[str] = ()) -> List[str]:
     mappings = names.load_mappings(list(arguments))
     mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
     found = list(SHARED)
-    for name in _named(STACK + " " + COSTMAPS if costmaps else STACK):
+    servers = {setting.server for parameter in robot.space for setting in parameter.settings} - {"", *PLANNERS}
+    text = " ".join(["move_base/%s/parameter_updates" % server for server in sorted(servers)] + [STACK])
+    for name in _named(text + " " + COSTMAPS if costmaps else text, robot):
         name = names.resolve_name(name, node)
         found.append(mappings.get(name, name))
     return found
@@ -62,12 +64,13 @@ def _record(words: List[str]) -> None:
     parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
     parser.add_argument("bag", help="Bag file (.bag) to write.")
     parser.add_argument("--costmaps", default="false", help="Whether to record costmaps and sampled trajectories.")
+    parser.add_argument("--robot", default=JACKAL.name, help="Name or folder of the robot's description.")
     options = parser.parse_args(without_remappings(words))
-    chosen = topics(boolean("costmaps", options.costmaps), words)
+    chosen = topics(boolean("costmaps", options.costmaps), words, load(options.robot))
     become("rosbag", "record", ["--lz4", "-O", options.bag, *chosen, *(w for w in words if w.startswith("__"))])
 
 
-def _named(text: str) -> Iterator[str]:
+def _named(text: str, robot: Robot) -> Iterator[str]:
     for name in text.split():
-        for planner in PLANNERS if "{" in name else ("",):
-            yield name.format(planner=planner)
+        for planner in PLANNERS if "{planner}" in name else ("",):
+            yield name.format(planner=planner, **vars(robot.topics))
