@@ -124,7 +124,7 @@ class Bridge:
 
     def _load(self, spec):
         """A world at the robot's scale, with the other robots as moving obstacles."""
-        world = worlds.scaled(worlds.load(spec), self.scale)
+        world: Any = worlds.scaled(worlds.load(spec), self.scale)
         return dataclasses.replace(world, movers=world.movers + self.others) if self.others else world
 
     def _await_clock(self):

@@ -14,9 +14,12 @@ from PIL import Image
 
 import worlds
 from applr_ros1.nodes import parameter_panel, processes, recording, rviz
+from applr_ros1.nodes.robot_parameters import with_robot
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters import declarations as parameters
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import NAMES, RobotError, load
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 APPLR = os.path.join(ROOT, "applr")
@@ -41,10 +44,39 @@ def test_parameter_files_are_the_jackals():
             for key in keys[:-1]:
                 here = here.setdefault(key, {})
             here[keys[-1]] = value
+    assert tree == {"robot": "jackal", "map": False, "applr": {"weights": "per_cell", "seed": 0}}
+    tree, robot = with_robot(tree)
+    assert robot.name == "jackal"
     assert parameters.check(tree) == []
-    ours = tree.pop("applr")  # what C++ has no parameter for
-    assert ours == {"weights": "per_cell", "seed": 0}
+    del tree["applr"]  # what C++ has no parameter for
     assert complete(tree) == complete(parameters.JACKAL)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
+def test_other_robots_bring_their_files_names_and_frames(name):
+    """With a prefix, and a value on top of the files, as the launch file gives them."""
+    robot, on_top = load(name), {"local_costmap": {"publish_frequency": 1.5}}
+    tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
+    assert parameters.check(tree) == []
+    full = complete(tree)
+    world, local = full["global_costmap"], full["local_costmap"]
+    assert (world["global_frame"], local["global_frame"]) == ("map", "robot1/" + robot.frames.odom)
+    assert world["robot_base_frame"] == local["robot_base_frame"] == "robot1/" + robot.frames.base
+    assert local["publish_frequency"] == 1.5
+    assert MoveBase(tree).missing_map.lstrip("/") == "map"
+    without, _ = with_robot({"robot": name})
+    made = MoveBase(without)
+    assert (made.missing_map, list(made.sources)) == ("", [robot.topics.scan])
+    assert complete(without)["global_costmap"]["global_frame"] == robot.frames.odom
+    recorded = recording.topics(False, robot=robot)
+    assert {"/" + robot.topics.scan, "/" + robot.topics.odometry} <= set(recorded)
+    assert any(topic.endswith("/parameter_updates") and "costmap" in topic for topic in recorded)
+
+
+def test_a_robot_without_files_for_a_map():
+    with pytest.raises(RobotError, match=r"has no move_base\.with_map: give its files for a map"):
+        with_robot({"robot": "jackal", "map": True})
+    assert with_robot({"a": 1}) == ({"a": 1}, None)
 
 
 @pytest.mark.parametrize(
@@ -91,7 +123,7 @@ def test_arguments_for_another_robot(tmp_path):
     shown = inside("roslaunch", "--args", "/applr", *LAUNCH, *arguments.split())
     assert "front/scan:=/lidar/scan" in shown.stdout, shown.stdout
     recorded = inside("roslaunch", "--args", "/record", *LAUNCH, "record:=/tmp/a.bag", "scan_topic:=lidar/scan").stdout
-    assert "/tmp/a.bag --costmaps false front/scan:=lidar/scan" in recorded, recorded
+    assert "/tmp/a.bag --costmaps false --robot jackal front/scan:=lidar/scan" in recorded, recorded
     plain = yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH, "sim:=false").stdout)
     assert plain["/use_sim_time"] is False
     assert "/applr/max_speed" not in plain
@@ -121,6 +153,8 @@ def test_arguments_for_another_robot(tmp_path):
         "scan_topic:=/scan me",
         "base_frame:=",
         "params:=/no/such/folder",
+        "robot:=spot",
+        "map:=true",  # a Jackal has no files for a map
         "start:=here",
         "clock:=perhaps",
         "others:=/robot2 robot-3",
