@@ -1,5 +1,6 @@
 """The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
 
+import dataclasses
 import json
 import math
 import os
@@ -13,7 +14,7 @@ import yaml
 from PIL import Image
 
 import worlds
-from applr_ros1.nodes import parameter_panel, processes, recording, rviz
+from applr_ros1.nodes import arguments, parameter_panel, processes, recording, rviz
 from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters import declarations as parameters
@@ -71,6 +72,15 @@ def test_other_robots_bring_their_files_names_and_frames(name):
     recorded = recording.topics(False, robot=robot)
     assert {"/" + robot.topics.scan, "/" + robot.topics.odometry} <= set(recorded)
     assert any(topic.endswith("/parameter_updates") and "costmap" in topic for topic in recorded)
+
+
+def test_a_robot_without_a_policy_drives_on_its_own_parameters(tmp_path):
+    given = {"mode": "applr", "policy": "shipped"}
+    bare = dataclasses.replace(load("turtlebot3_burger"), folder=str(tmp_path))
+    assert arguments.usable_mode(given, bare) == "dwa"
+    assert arguments.usable_mode(dict(given, policy="mine.safetensors"), bare) == "applr"
+    assert arguments.usable_mode(dict(given, mode="random"), bare) == "random"
+    assert arguments.usable_mode(given, load("jackal")) == "applr"
 
 
 def test_a_robot_without_files_for_a_map():

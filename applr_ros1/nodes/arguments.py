@@ -93,12 +93,21 @@ def check(values):
     seed = number("seed", values["seed"])
     if seed != int(seed) or not 0 <= seed < 2**31:
         raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
-    methods.make_mode(values["mode"], path(values["policy"]), path(values["parameters"]), robot)
+    methods.make_mode(usable_mode(values, robot), path(values["policy"]), path(values["parameters"]), robot)
     goal(values["goal"])
     _interface(values, robot)
     if sim:
         worlds.load(values["world"])
     recording(values["record"])
+
+
+def usable_mode(values, robot):
+    """The argument `mode`, or dwa where that is applr and the robot has no policy of its own and is given none.
+
+    The applr node then drives on the robot's own parameters, too, and says so.
+    """
+    missing = values["policy"] == "shipped" and not os.path.isfile(methods.shipped(robot=robot))
+    return "dwa" if values["mode"] == "applr" and missing else values["mode"]
 
 
 def _interface(values, robot):

@@ -136,6 +136,10 @@ def _prepare(words):
         ):
             values[name] = os.path.abspath(values[name])
     robot = load(values["robot"])
+    mode = arguments.usable_mode(values, robot)
+    if mode != values["mode"]:
+        say("robot %s has no policy of its own: mode %s; train one or give policy:=FILE" % (robot.name, mode))
+        values["mode"] = mode
     for name, topic in zip(TOPICS, (robot.topics.scan, robot.topics.odometry, robot.topics.cmd_vel)):
         values[name] = topic if values[name] == "auto" else values[name]
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
