@@ -104,6 +104,12 @@ def test_a_goal_sent_twice_counts_once_and_one_without_id_gets_one(server):
     assert server._current.goal_id.stamp == at(2.0)
 
 
+def test_status_comes_at_5_hz_in_cycles_of_20_hz(server):
+    for cycle in range(200):
+        server.publish_status(at(7.3 + 0.05 * cycle + 0.004 * (cycle % 3)))
+    assert len(server._status) == 50
+
+
 def test_status_list_forgets_and_is_bounded(server):
     for i in range(500):
         send(server, str(i), 1.0 + 0.001 * i)

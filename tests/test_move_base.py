@@ -99,6 +99,68 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     assert made.state == "planning"
 
 
+def test_a_sealed_goal_is_given_up_where_recovery_rounds_are_limited():
+    """Posts all around the goal: the reset recovery opens the maps each time. As in C++ that goes on for ever."""
+    first = {}
+    for rounds in (0, 2):
+        made, robot = start((3.5, 0.0, 0.0), ToyRobot(circles=ring(3.5, 0.0, 0.7, posts=50, size=0.06)))
+        made.parameters["applr"]["recovery_rounds"] = rounds
+        cycles = []
+        result = run(made, robot, 60.0, cycles=cycles)
+        first[rounds] = sum(c.recovery[0] == 0 for _, c in cycles if c.recovery)
+        assert result == (("aborted", module.NO_PATH) if rounds else None)
+    assert first[0] > 4
+    assert 2 <= first[2] < 5  # one where it came nearer, and two without progress
+
+
+class Backing:
+    """A local planner that backs out until it is told that the way back is blocked, and then turns."""
+
+    goal_reached, cropped_plan, local_plan = False, module.NO_PLAN, module.NO_PLAN
+    ended = 0
+
+    def set_plan(self, plan):
+        pass
+
+    def end_escape(self):
+        self.ended += 1
+
+    def compute_velocity(self, pose, twist, costmap):
+        return True, (-0.5, 0.0)
+
+
+@pytest.mark.parametrize("planner", ["ours", "cpp-like"])
+@pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
+def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner, free):
+    made = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
+    robot, commands, recoveries = ToyRobot(), [], []
+    run(made, robot, 0.1)
+    made.set_goal((4.0, 0.0, 0.0), robot.time)
+    made.local_planner = Backing()
+    result = None
+    while robot.time < 20.0 and result is None:
+        cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+        result = cycle.result
+        if cycle.recovery:
+            recoveries.append(robot.time)
+        command = cycle.command or (0.0, 0.0)
+        made.report_held(command != (0.0, 0.0) and command != free)
+        commands.append((robot.time, command))
+        robot.time += 0.05
+    if planner == "cpp-like":  # C++ is not told
+        assert {c for t, c in commands if t > 0.2} == {(-0.5, 0.0)}
+        return
+    assert {c for t, c in commands if 0.2 < t < 0.6} == {(-0.5, 0.0)}
+    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], "after half a second something else"
+    assert made.local_planner.ended
+    if free:  # half a second of it, then the planner's own again
+        share = sum(c == free for t, c in commands if t < 2.5)
+        assert 9 <= share <= 12
+    else:
+        assert recoveries[0] < 8.0
+        assert result == ("aborted", module.NO_CONTROL)
+
+
 def test_recoveries_can_be_switched_off():
     made, robot = sealed(quick(recovery_behavior_enabled=False))
     cycles = []
@@ -125,6 +187,9 @@ def test_goals_that_are_not_finite_are_aborted_at_once(goal):
     run(made, robot, 0.5)
     made.set_goal(goal, robot.time)
     cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    made.set_goal(goal, robot.time)
+    again = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert (again.result, again.command) == (cycle.result, None), "nothing was under way: no command, as in C++"
     assert cycle.result == ("aborted", INVALID_GOAL)
     assert cycle.command == (0.0, 0.0)
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on

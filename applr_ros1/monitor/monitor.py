@@ -16,6 +16,7 @@ from applr_ros1.monitor.stopping import free_share, half_planes
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE = 2.0  # a measured speed is not believed from this many times the fastest command on
+HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,11 @@ class Verdict:
     action: str = PASS
     share: float = 1.0
     reason: str = field(default="")
+
+    @property
+    def held(self) -> bool:
+        """Whether next to nothing of a command was let through."""
+        return self.action != PASS and abs(self.command[0]) < HELD_V and abs(self.command[1]) < HELD_W
 
 
 class CollisionMonitor:

@@ -14,7 +14,7 @@ from typing import Optional
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.ros_master import require_master
@@ -57,6 +57,7 @@ class CollisionMonitorNode:
         self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
         self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
+        self._held = rospy.Publisher("~held_back", Bool, queue_size=5, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
 
@@ -91,6 +92,8 @@ class CollisionMonitorNode:
             answer.linear.x, answer.angular.z = verdict.command
             self._out.publish(answer)
             self._counts[verdict.action] += 1
+            if verdict.held != self._verdict.held:
+                self._held.publish(verdict.held)
             if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
                 self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
             self._verdict = verdict

@@ -20,6 +20,7 @@ from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
+from std_msgs.msg import Bool
 from std_msgs.msg import Time as TimeMessage
 from std_srvs.srv import Empty, EmptyResponse
 
@@ -114,6 +115,7 @@ class MoveBaseNode:
         subscribe = [
             ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
             ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
+            ("collision_monitor/held_back", Bool, lambda m: self.move_base.report_held(m.data)),
             ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
         subscribe += [

@@ -13,7 +13,7 @@ from typing import Any, Callable, Dict, Tuple
 
 import rospy
 from dynamic_reconfigure.encoding import decode_config, encode_config, encode_description, get_tree
-from dynamic_reconfigure.msg import Config, ConfigDescription
+from dynamic_reconfigure.msg import Config, ConfigDescription, GroupState
 from dynamic_reconfigure.srv import Reconfigure
 
 from .planner_thread import PlannerThread, RequestTimeout
@@ -69,6 +69,8 @@ class ReconfigureServer:
         self._names = set(kind.defaults)
         description = encode_description(kind)
         self._groups = get_tree(description)
+        for values in (description.max, description.min, description.dflt):  # C++ names the group there, too
+            values.groups = [GroupState(group.name, True, group.id, group.parent) for group in description.groups]
         self._published: Dict[str, Any] = {}
         self._descriptions = self._publisher("parameter_descriptions", ConfigDescription)
         self._descriptions.publish(description)

@@ -61,6 +61,10 @@ class LocalPlanner(abc.ABC):
     def reset(self) -> None:
         """As a new object (training episodes): no plan, no latch, no flag. Parameters stay."""
 
+    def end_escape(self) -> None:
+        """Choose among all velocities again, if it was backing out: the way back is blocked."""
+        return  # a planner that does not back out has nothing to do
+
     @property
     @abc.abstractmethod
     def local_plan(self) -> np.ndarray:

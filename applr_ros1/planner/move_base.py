@@ -114,6 +114,10 @@ class MoveBase:
         """Give up the goal at the next step, whatever is under way."""
         self._machine.cancel()
 
+    def report_held(self, held: bool) -> None:
+        """Whether a collision monitor let next to nothing of the last command through (Verdict.held)."""
+        self._machine.report_held(held)
+
     def reset(self, now: float, restore: bool = True, seed=None) -> None:
         """As a new object: empty maps, no goal, no memory. `restore`: also the start-up parameters.
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from applr_ros1.planner.recovery import ClearCostmapRecovery, RotateRecovery
 from applr_ros1.planner.timer import Timer
+from applr_ros1.planner.way_out import WayOut
 
 Pose = Tuple[float, float, float]
 Twist = Tuple[float, float]
@@ -34,6 +35,7 @@ NO_CONTROL, NO_PATH, OSCILLATING = (
     what + " Even after executing recovery behaviors."
     for what in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
 )
+NEARER = 0.5  # m that the robot has to come nearer to its goal for a recovery to count as progress
 # "cpp-like": the share of control cycles that no plan precedes. C++ plans and controls in two threads of 20 Hz each;
 # there a due recovery was skipped for 6 to 11 s, and success reported 12 to 18 s late: about one cycle in 200.
 LATE = 1.0 / 200.0
@@ -80,6 +82,8 @@ class StateMachine:
         self._retries = 0
         self._oscillation_pose = (0.0, 0.0)
         self._last_plan = self._last_control = self._last_oscillation = 0.0
+        self._rounds, self._nearest = 0, math.inf  # how often the first recovery came since the robot was nearest [m]
+        self._way_out = WayOut()
 
     def set_frequencies(self, planner: float, controller: float) -> None:
         """How often plans and commands are made [Hz]."""
@@ -98,6 +102,7 @@ class StateMachine:
         self._new_plan = False  # what was planned for another goal is never driven for this one
         self._cancelled, self._refused, self._lost = False, None, False
         self._run_planner = self._woken = True
+        self._rounds, self._nearest, self._way_out = 0, math.inf, WayOut()
         self._restart_patience(now)
 
     def lose_goal(self, text: str, now: float) -> None:
@@ -116,6 +121,10 @@ class StateMachine:
         """Give up the goal at the next step."""
         self._cancelled = self.goal is not None
 
+    def report_held(self, held: bool) -> None:
+        """Whether a collision monitor let next to nothing of the last command through. C++ is not told."""
+        self._way_out.report(held and not self._like_cpp)
+
     def _restart_patience(self, now: float) -> None:
         self._last_plan = self._last_control = self._last_oscillation = now
         self._retries = 0
@@ -126,7 +135,10 @@ class StateMachine:
         pose: the robot's in the local costmap's frame; stale: no usable scan.
         """
         if self._refused is not None:
+            was_driving = self.goal is not None
             self._end(cycle, "aborted", self._refused)
+            if not was_driving:
+                cycle.command = None  # as in C++: who else drives the base meanwhile is not disturbed
         elif self._cancelled:
             self._end(cycle, "preempted", "")
         elif self.goal is not None:
@@ -215,8 +227,12 @@ class StateMachine:
             ok, command = local_planner.compute_velocity(pose, twist, self._base.local_costmap, self._base.frame)
             cycle.controlled = True
         if ok:
-            self._last_control, cycle.command = now, command
-            if self._trigger == CONTROLLING:
+            self._last_control, cycle.command = now, self._get_out(now) or command
+            if self._way_out.is_exhausted:
+                cycle.command = STOP
+                self.state, self._trigger = CLEARING, CONTROLLING
+                return
+            if self._trigger == CONTROLLING and not self._way_out.is_held:
                 self._index = 0
             # read in the cycle that finds it: in C++ the next new plan clears it before it is read
             if local_planner.goal_reached and not (self._like_cpp and local_planner.remembers_reached):
@@ -229,6 +245,13 @@ class StateMachine:
             self._last_plan, self._retries = now, 0
             self.state, self._run_planner, self._woken = PLANNING, True, True
 
+    def _get_out(self, now):
+        """The motion that gets the robot out of where a monitor holds it; None for the local planner's command."""
+        motion = self._way_out.instead(now)
+        if motion is not None:
+            self._base.local_planner.end_escape()
+        return motion
+
     def _recover(self, now, pose, own, cycle) -> None:
         """One turn of the recovery under way, or the next one; aborts when there is none left."""
         base = self._base
@@ -237,7 +260,8 @@ class StateMachine:
             return
         behaviour = self._behaviour
         if behaviour is None:
-            if not own["recovery_behavior_enabled"] or self._index >= len(base.recoveries):
+            left = own["recovery_behavior_enabled"] and self._index < len(base.recoveries)
+            if not left or self._rounds_are_over(pose):
                 texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
                 self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
                 return
@@ -249,10 +273,25 @@ class StateMachine:
             cycle.command = command
             return
         self._behaviour = None
+        self._way_out.restart()
         if not self._like_cpp:
             cycle.command = STOP  # C++ leaves the base with the rotation's last command
         self._last_oscillation = self._last_plan = now
         self._retries, self.state, self._index = 0, PLANNING, self._index + 1
+
+    def _rounds_are_over(self, pose) -> bool:
+        """Whether the recoveries began as often as recovery_rounds allows without bringing the robot nearer.
+
+        In C++ a valid command lets them begin anew for ever: around a goal that is sealed, each conservative reset
+        opens the maps, the robot sets out, sees the obstacles again and comes back to the first recovery.
+        """
+        if self._index > 0:
+            return False
+        distance = _distance(pose, self.goal)
+        if distance <= self._nearest - NEARER:
+            self._nearest, self._rounds = distance, 0
+        self._rounds += 1
+        return 0 < self._base.parameters["applr"]["recovery_rounds"] < self._rounds
 
     def _end(self, cycle, status, text) -> None:
         """Reset: the goal is over, the robot stands."""

@@ -294,7 +294,9 @@ class Episode:
             if scan is not None:
                 self.monitor.see(scan, state.odom_pose)
             if command is not None:
-                command = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command).command
+                verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
+                command = verdict.command
+                self.move_base.report_held(verdict.held)
         if command is not None:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)

@@ -109,4 +109,7 @@ APPLR_NODE = (
         "What path_distance_bias and goal_distance_bias count: metres (per_metre), cells (per_cell), or drawn, which "
         "takes one of the two by the seed. Empty leaves it to meter_scoring."),
     whole("seed", 0, 0, INT_MAX, None, "", "Seed for the value drawn of weights."),
+    whole("recovery_rounds", 0, 0, INT_MAX, None, "",
+        "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
+        "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached."),
 )

@@ -29,6 +29,7 @@ PLACES = {
     OBSTACLES: "Each obstacle layer (`obstacles_layer` on the Jackal, `obstacle_layer` in files without `plugins`)",
     OBSTACLES + "/scan": "Each source of an obstacle layer (`scan` on the Jackal)",
     INFLATION: "Each inflation layer (`inflater_layer` on the Jackal, `inflation_layer` in files without `plugins`)",
+    "applr": "`/move_base/applr`, which C++ does not have",
 }
 
 

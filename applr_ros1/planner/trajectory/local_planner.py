@@ -67,6 +67,10 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self._latched = False
         self.goal_reached = False
 
+    def end_escape(self) -> None:
+        """The next cycle samples forward velocities again."""
+        self.planner.end_escape()
+
     @property
     def local_plan(self) -> np.ndarray:
         """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""

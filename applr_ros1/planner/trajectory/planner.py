@@ -119,6 +119,10 @@ class TrajectoryPlanner:
     def state(self, values: Sequence[float]) -> None:
         self._state[0] = tuple(values)
 
+    def end_escape(self) -> None:
+        """Sample forward velocities again, though the robot has not backed out far enough."""
+        self._state[0]["escaping"] = 0
+
     @property
     def start(self) -> np.ndarray:
         """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
