@@ -11,6 +11,11 @@ from typing import Any, Union
 
 from applr_ros1.robots import Robot, load
 
+from applr_ros1.common import interrupts
+
+if interrupts.is_starting():
+    interrupts.make_quiet()
+
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 
 __all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "is_name", "make"]

@@ -5,14 +5,19 @@ import hashlib
 import io
 import json
 import os
+import signal
 import struct
+import subprocess
+import sys
 import tracemalloc
 import zipfile
+from pathlib import Path
 
 import lz4.frame
 import numpy as np
 import pytest
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tally import MOST, OTHERS, Tally
 from training import appld, bags_to_dataset, compare_gazebo, demonstrate, static_search
 from training import dataset as export
@@ -381,3 +386,40 @@ def test_a_stopped_demonstration_says_that_it_is_partial(tmp_path, monkeypatch, 
     assert error.count("\n") == 1
     assert "part.bag holds a part of a demonstration" in error
     assert demonstration.read(bag).source["partial"] is True
+
+
+# -- pipes and devices where a run keeps its files --------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["lock", "evaluations.jsonl", "journal/000000.segment"])
+def test_a_pipe_in_a_runs_folder_is_one_line_at_once(name, tmp_path):
+    from training.evaluation.periodic import _read
+    from training.experience.journal import Journal
+    from training.storage import Lock
+
+    (tmp_path / "journal").mkdir()
+    os.mkfifo(tmp_path / name)
+    use = {"lock": Lock, "evaluations.jsonl": lambda folder: _read(folder / name)}
+    with pytest.raises(ApplrError, match="pipe|cannot be locked") as problem:
+        use.get(name, lambda folder: Journal(folder / "journal"))(tmp_path)
+    assert "\n" not in str(problem.value)
+
+
+def test_ctrl_c_during_imports_is_one_line():
+    """Stopped by its own first import of numpy, as `python -m` is by a person within the first seconds."""
+    code = (
+        "import os, signal, sys, runpy\n"
+        "class Stop:\n"
+        "    def find_spec(self, name, *rest):\n"
+        "        if name == 'numpy': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Stop()); sys.argv = ['-m']\n"
+        "runpy.run_module('%s', run_name='__main__', alter_sys=True)\n"
+    )
+    for module in ("training.evaluate", "worlds.draw", "sim_bridge.check"):
+        ended = subprocess.run(
+            [sys.executable, "-c", code % module],
+            cwd=Path(__file__).parents[1],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert ended.returncode in (130, -signal.SIGINT)
+        assert ended.stderr == "stopped\n"

@@ -123,7 +123,7 @@ def test_arguments_for_another_robot(tmp_path):
     assert dumped.returncode == 0, dumped.stderr
     values = yaml.safe_load(dumped.stdout)
     assert values["/use_sim_time"] is True
-    assert values["/applr/max_speed"] == 0.3
+    assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
     assert values["/collision_monitor/base_frame"] == "robot1/base"
     assert values["/collision_monitor/fixed_frame"] == "robot1/odom"
     assert values["/move_base/TrajectoryPlannerROS/max_vel_x"] == 0.4

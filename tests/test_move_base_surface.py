@@ -131,7 +131,10 @@ def test_watch_over_the_policy():
     from applr_ros1.planner.parameters.configuration import Configuration
     from applr_ros1.planner.parameters.declarations import JACKAL, SERVERS
 
-    requests = heartbeat_watchdog.start_up_requests(Configuration(complete(JACKAL)).start_up, tuple(SERVERS))
+    start_up = Configuration(complete(JACKAL)).start_up
+    capped = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS), max_speed=0.3)
+    assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
+    requests = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS))
     assert requests == {
         "TrajectoryPlannerROS": {
             "max_vel_x": 0.5,

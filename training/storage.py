@@ -27,7 +27,7 @@ class Lock:
 
     def __init__(self, folder, who: str = "train.py"):
         try:
-            self._file = os.fdopen(os.open(Path(folder) / "lock", os.O_WRONLY | os.O_CREAT, 0o644), "w")
+            self._file = os.fdopen(os.open(Path(folder) / "lock", os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK, 0o644), "w")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise StorageError(

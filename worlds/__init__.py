@@ -1,5 +1,10 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
 
+from applr_ros1.common import interrupts
+
+if interrupts.is_starting():
+    interrupts.make_quiet()
+
 from .loading import Worlds, load, load_all, specs
 from .scaling import scaled
 from .world import Course, Mover, World, WorldError

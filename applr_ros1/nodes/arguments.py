@@ -192,5 +192,7 @@ def recording(text):
     folder = os.path.dirname(os.path.abspath(text))
     if not text.endswith(".bag"):
         raise ArgumentError("record is %s: give the path of a file that ends in .bag" % text)
+    if os.path.lexists(text) and not os.path.isfile(text):
+        raise ArgumentError("record is %s: a folder, pipe or device; give the path of a regular file" % text)
     if not os.path.isdir(folder) or not os.access(folder, os.W_OK):
         raise ArgumentError("record is %s: its folder %s is not there or not writable" % (text, folder))

@@ -40,7 +40,10 @@ class HeartbeatWatchdog:
 
 
 def start_up_requests(
-    start_up_configuration: Callable[[str], Dict[str, Any]], servers: Sequence[str], space: Space = SPACE
+    start_up_configuration: Callable[[str], Dict[str, Any]],
+    servers: Sequence[str],
+    space: Space = SPACE,
+    max_speed: float = 0.0,
 ) -> Dict[str, Dict[str, Any]]:
     """What each server has to be sent to give the learned parameters their values of the node's start.
 
@@ -48,10 +51,15 @@ def start_up_requests(
         start_up_configuration: Maps a server's name to its values {name: value} at the start.
         servers: The names of the servers that there are; what others would have to be sent is left out.
         space: The parameters that are learned.
+        max_speed: Largest forward speed [m/s] among them; 0 for any.
 
     Returns:
         {server: {name: value}}.
     """
     wanted = {server: names for server, names in space.requests(space.theta0).items() if server in servers}
     start_up = {server: start_up_configuration(server) for server in wanted}
-    return {server: {name: start_up[server][name] for name in names} for server, names in wanted.items()}
+    requests = {server: {name: start_up[server][name] for name in names} for server, names in wanted.items()}
+    for values in requests.values():
+        for name in set(values) & {"max_vel_x", "max_vel_trans"} if max_speed > 0.0 else ():
+            values[name] = min(values[name], max_speed)
+    return requests

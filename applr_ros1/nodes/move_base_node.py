@@ -233,7 +233,9 @@ class MoveBaseNode:
     def _back_to_start_up(self) -> None:
         """The policy is lost: the eight parameters get their start-up values."""
         for server, values in heartbeat_watchdog.start_up_requests(
-            self.move_base.start_up_configuration, self.move_base.servers
+            self.move_base.start_up_configuration,
+            self.move_base.servers,
+            max_speed=self.move_base.parameters["applr"]["max_speed"],
         ).items():
             self.servers[server].change(values)
         rospy.logwarn(

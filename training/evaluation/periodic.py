@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
-from applr_ros1.common.files import StorageError, write_bytes
+from applr_ros1.common.files import StorageError, read_bytes, write_bytes
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from training.evaluation.score import summary
 from training.evaluation.trials import plan
@@ -117,7 +117,8 @@ class PeriodicEvaluation:
 def _read(path: Path) -> List[Dict[str, Any]]:
     if not path.exists():
         return []
+    data = read_bytes(path)
     try:
-        return [json.loads(line) for line in path.read_text().splitlines() if line]
-    except (OSError, ValueError) as error:
+        return [json.loads(line) for line in data.decode().splitlines() if line]
+    except ValueError as error:
         raise StorageError("%s: cannot be read (%s)" % (path, error)) from None

@@ -29,6 +29,9 @@ class Journal:
     def __init__(self, folder, segment_bytes: int = 1 << 26):
         self.folder, self.segment_bytes = make_folder(folder), segment_bytes
         self.segments: List[int] = sorted(int(p.stem) for p in self.folder.glob("*.segment") if p.stem.isdigit())
+        for path in map(self._path, self.segments):
+            if not path.is_file():  # opening a pipe would wait for ever
+                raise StorageError("%s: a folder, pipe or device; a journal's segments are regular files" % path)
         self._file: Optional[int] = None  # of the last segment, while it is open
         self.offset = 0
         while self.segments:

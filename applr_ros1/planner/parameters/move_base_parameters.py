@@ -105,6 +105,8 @@ APPLR_NODE = (
     real("period", 2.0, 0.0, INF, None, "s",
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
         "every 2 s. If none arrives for three such times, the start-up parameters are restored."),
+    real("max_speed", 0.0, 0.0, INF, None, "m/s",
+        "Largest max_vel_x that is restored when the applr node has died; 0: the start-up value, whatever it is."),
     text("weights", "", None,
         "What path_distance_bias and goal_distance_bias count: metres (per_metre), cells (per_cell), or drawn, which "
         "takes one of the two by the seed. Empty leaves it to meter_scoring."),
