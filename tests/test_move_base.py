@@ -161,6 +161,21 @@ def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner
         assert result == ("aborted", module.NO_CONTROL)
 
 
+@pytest.mark.parametrize("watched", [True, False])
+def test_a_robot_without_a_command_tries_other_motions_where_a_monitor_watches(watched):
+    made, robot = start((4.0, 0.0, 0.0), tree=quick(controller_patience=15.0))
+    made.local_planner = Backing()
+    made.local_planner.compute_velocity = lambda *scene: (False, (0.0, 0.0))
+    driven = set()
+    while robot.time < 4.0:
+        command = made.step(robot.time, robot.pose, robot.twist, robot.scan()).command
+        driven.add(command)
+        if watched:
+            made.report_held(False)
+        robot.time += 0.05
+    assert ((0.0, 0.4) in driven) == watched
+
+
 def test_recoveries_can_be_switched_off():
     made, robot = sealed(quick(recovery_behavior_enabled=False))
     cycles = []

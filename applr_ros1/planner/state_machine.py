@@ -226,12 +226,15 @@ class StateMachine:
         if pose is not None:
             ok, command = local_planner.compute_velocity(pose, twist, self._base.local_costmap, self._base.frame)
             cycle.controlled = True
+        motion = self._get_out(now, not ok)
+        if self._way_out.is_exhausted:
+            cycle.command = STOP
+            self.state, self._trigger = CLEARING, CONTROLLING
+            return
+        if motion is not None:
+            ok, command = True, motion
         if ok:
-            self._last_control, cycle.command = now, self._get_out(now) or command
-            if self._way_out.is_exhausted:
-                cycle.command = STOP
-                self.state, self._trigger = CLEARING, CONTROLLING
-                return
+            self._last_control, cycle.command = now, command
             if self._trigger == CONTROLLING and not self._way_out.is_held:
                 self._index = 0
             # read in the cycle that finds it: in C++ the next new plan clears it before it is read
@@ -245,9 +248,9 @@ class StateMachine:
             self._last_plan, self._retries = now, 0
             self.state, self._run_planner, self._woken = PLANNING, True, True
 
-    def _get_out(self, now):
+    def _get_out(self, now, blocked):
         """The motion that gets the robot out of where a monitor holds it; None for the local planner's command."""
-        motion = self._way_out.instead(now)
+        motion = self._way_out.instead(now, blocked)
         if motion is not None:
             self._base.local_planner.end_escape()
         return motion
