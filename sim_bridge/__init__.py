@@ -9,9 +9,8 @@ from __future__ import annotations
 import importlib
 from typing import Any, Union
 
-from applr_ros1.robots import Robot, load
-
 from applr_ros1.common import interrupts
+from applr_ros1.robots import Robot, load
 
 if interrupts.is_starting():
     interrupts.make_quiet()

@@ -203,6 +203,21 @@ SECTIONS = {
                 "test_move_base.py::test_goals_that_cannot_be_reached_are_aborted",
             ),
         ),
+        Row(
+            "17a",
+            "a sealed goal that every reset of the maps opens again",
+            "circled for ever as in C++; with `applr/recovery_rounds` aborted after so many rounds",
+            ("test_move_base.py::test_a_sealed_goal_is_given_up_where_recovery_rounds_are_limited",),
+        ),
+        Row(
+            "17b",
+            "the collision monitor holds the robot back for good",
+            "other small motions are tried, then the recoveries run, then the goal is aborted",
+            (
+                "test_move_base.py::test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers",
+                "test_move_base.py::test_a_robot_without_a_command_tries_other_motions_where_a_monitor_watches",
+            ),
+        ),
     ),
     "Files, training and the machine": (
         Row(
@@ -236,6 +251,7 @@ SECTIONS = {
             "refused at once, and what is there stays",
             (
                 HOSTILE + "test_bags_that_are_no_files",
+                HOSTILE + "test_a_pipe_in_a_runs_folder_is_one_line_at_once",
                 "test_common.py::test_only_regular_files_within_the_bound_are_read",
                 "test_common.py::test_what_is_no_file_is_not_written_over",
             ),
@@ -306,7 +322,11 @@ SECTIONS = {
             "23",
             "Ctrl-C",
             "every process that was started has ended",
-            ("test_launch.py::test_interrupted_demo_leaves_nobody", "test_train.py::test_ctrl_c_saves_and_stops"),
+            (
+                "test_launch.py::test_interrupted_demo_leaves_nobody",
+                "test_train.py::test_ctrl_c_saves_and_stops",
+                HOSTILE + "test_ctrl_c_during_imports_is_one_line",
+            ),
         ),
         Row(
             "23a",
