@@ -125,7 +125,7 @@ class Backing:
     def end_escape(self):
         self.ended += 1
 
-    def compute_velocity(self, pose, twist, costmap):
+    def compute_velocity(self, pose, twist, costmap, frame=None):
         return True, (-0.5, 0.0)
 
 
