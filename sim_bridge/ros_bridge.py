@@ -42,7 +42,7 @@ from applr_ros1.robots import load
 from . import make
 from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
-from .simulator import SimulatorError
+from .simulator import SimulatorError, warm_up
 
 TICK = 0.01  # simulated seconds between clocks; data every second one
 BASE_TIME = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
@@ -74,7 +74,7 @@ class Bridge:
         self.start = _start(str(rospy.get_param("~start", "")))
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
         with announced(compiling, rospy.loginfo):
-            self._warm_up(world)
+            warm_up(self.simulator, world)
         self.lock = threading.Lock()  # of the simulator
         self.arrived = threading.Condition()  # of the next four
         self.newest = None  # newest command (v, w) not yet given to the simulator
@@ -103,14 +103,6 @@ class Bridge:
             self.seed,
             self.factor,
         )
-
-    def _warm_up(self, world):
-        """Have all kernels compiled before the clock starts to run."""
-        self.simulator.reset(world, self.seed)
-        self.simulator.command(0.5, 0.5)
-        for _ in range(10):
-            self.simulator.advance(TICK)
-        self.simulator.scan()
 
     def _connect(self):
         robot = self.simulator.robot

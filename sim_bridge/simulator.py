@@ -246,3 +246,12 @@ class Simulator(ABC):
 
 
 _NO_CIRCLES = np.empty((0, 3))
+
+
+def warm_up(simulator: Simulator, world: World) -> None:
+    """Have a simulator compile or load all its kernels; it needs a reset afterwards."""
+    simulator.reset(world, 0)
+    simulator.command(0.5, 0.5)
+    for _ in range(10):
+        simulator.advance(0.01)
+    simulator.scan()

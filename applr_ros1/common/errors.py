@@ -8,6 +8,8 @@ import signal
 import sys
 from typing import Callable, Optional
 
+OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
+
 
 class ApplrError(ValueError):
     """Something that a user can put right. Its text is one line: what is wrong, which value, what to do.
@@ -54,12 +56,24 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
 def run_script(module: str) -> int:
     """Imports the module of a command, runs its main() and returns the exit status. For the files in scripts/.
 
-    The import takes seconds, and Ctrl-C meanwhile is one line as well. The folder of the script is taken from sys.path:
-    its sim_bridge.py would hide the package of that name.
+    The import takes seconds, and Ctrl-C meanwhile is one line as well; so is a Python package that is missing. The
+    folder of the script is taken from sys.path: its sim_bridge.py would hide the package of that name.
 
     Args:
         module: such as "training.evaluate".
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
-    return run_main(lambda: importlib.import_module(module).main(), module.rpartition(".")[2])
+    program = module.rpartition(".")[2]
+    try:
+        return run_main(lambda: importlib.import_module(module).main(), program)
+    except ModuleNotFoundError as missing:
+        name = (missing.name or "").partition(".")[0]
+        if not name or name in OURS:
+            raise
+        print(
+            "%s: Python's %s is not installed for %s: run ./applr setup in the repository of applr_ros1, "
+            "then build this workspace again" % (program, name, sys.executable),
+            file=sys.stderr,
+        )
+        return 1

@@ -7,11 +7,12 @@ stand in launch/jackal_applr.launch; what a value may be stands here.
 import math
 import os
 import re
+import sys
 import xml.etree.ElementTree as xml
 
 import sim_bridge
 import worlds
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import CHOICES
@@ -196,3 +197,15 @@ def recording(text):
         raise ArgumentError("record is %s: a folder, pipe or device; give the path of a regular file" % text)
     if not os.path.isdir(folder) or not os.access(folder, os.W_OK):
         raise ArgumentError("record is %s: its folder %s is not there or not writable" % (text, folder))
+
+
+def main():
+    """The command check_arguments.py: prints "checked", or one line about the argument that is wrong."""
+    return run_main(_check_command_line, "applr")
+
+
+def _check_command_line():
+    known = declared()
+    given = parse([word for word in sys.argv[1:] if not word.startswith("_")], known)
+    check(dict({name: default for name, (default, _) in known.items()}, **given))
+    print("checked")

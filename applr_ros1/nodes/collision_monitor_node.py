@@ -6,6 +6,7 @@ them through. If the node dies no command reaches the base any more, and the bas
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from dataclasses import fields, replace
@@ -17,10 +18,11 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
-from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.robots import Robot, load
 from applr_ros1.robots.description import Topics
 
@@ -28,6 +30,7 @@ from .sensors import Sensors
 
 LOOK = 0.01  # s of wall time between looks for a new scan
 REPORT = 1.0  # s of wall time between diagnostics
+IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as idle
 
 
 class CollisionMonitorNode:
@@ -46,12 +49,14 @@ class CollisionMonitorNode:
             topics: names of the robot's scan, odometry and commands; without them scan, odom and cmd_vel.
         """
         self.monitor = CollisionMonitor(settings)
-        _compile(settings)
+        warm_up(settings)
         self._tolerance = tolerance
         self._lock = threading.Lock()
         self._last = rospy.get_rostime()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
+        self._commanded = -math.inf  # wall time of the newest command
+        self._report_jump = Throttled(rospy.logwarn)
         topics = topics or Topics()
         self._scan = topics.scan
         self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
@@ -75,7 +80,7 @@ class CollisionMonitorNode:
     def _take_scans(self) -> None:
         now = rospy.get_rostime()
         if now < self._last:
-            rospy.logwarn_throttle(1.0, "collision monitor: the clock jumped back; starting afresh")
+            self._report_jump("collision monitor: the clock jumped back; starting afresh")
             self.sensors.forget()
             self.monitor.reset()
         self._last = now
@@ -86,6 +91,7 @@ class CollisionMonitorNode:
 
     def _take_command(self, message: Twist) -> None:
         with self._lock:
+            self._commanded = time.monotonic()
             self._take_scans()
             verdict = self._judge(message)
             answer = Twist()
@@ -112,7 +118,8 @@ class CollisionMonitorNode:
 
     def _report(self) -> None:
         verdict = self._verdict
-        level = DiagnosticStatus.OK if verdict.action == PASS else DiagnosticStatus.WARN
+        idle = time.monotonic() - self._commanded > IDLE_AFTER
+        level = DiagnosticStatus.OK if idle or verdict.action == PASS else DiagnosticStatus.WARN
         values = {
             "action": verdict.action,
             "share": "%.2f" % verdict.share,
@@ -123,7 +130,7 @@ class CollisionMonitorNode:
             level=level,
             name="collision_monitor: commands",
             hardware_id="none",
-            message=verdict.reason or "commands pass",
+            message="idle: no commands" if idle else verdict.reason or "commands pass",
             values=[KeyValue(key, str(value)) for key, value in values.items()],
         )
         report = DiagnosticArray(status=[status])
@@ -163,15 +170,6 @@ def robot_from(parameters: dict) -> Robot:
 
 def _wanted(name: str) -> str:
     return "points [[x, y], ...] in metres" if name == "body" else "a number"
-
-
-def _compile(settings: MonitorSettings) -> None:
-    """Compiles or loads the monitor's kernels with a throw-away monitor, so that the first command need not wait."""
-    monitor = CollisionMonitor(settings)
-    ranges = [0.6] * 8
-    for stamp in (0.0, 0.1):
-        monitor.see(LaserScan(stamp, -0.4, 0.1, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)), (0.0, 0.0, 0.0))
-        monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))
 
 
 def main() -> int:

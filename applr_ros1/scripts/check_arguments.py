@@ -3,17 +3,7 @@
 
 import sys
 
-sys.path.pop(0)  # this file's folder, whose sim_bridge.py would hide the package of that name
+from applr_ros1.common.errors import run_script
 
-from applr_ros1.common.errors import run_main
-from applr_ros1.nodes import arguments
-
-
-def _check():
-    known = arguments.declared()
-    given = arguments.parse([word for word in sys.argv[1:] if not word.startswith("_")], known)
-    arguments.check(dict({name: default for name, (default, _) in known.items()}, **given))
-    print("checked")
-
-
-sys.exit(run_main(_check, "applr"))
+if __name__ == "__main__":
+    sys.exit(run_script("applr_ros1.nodes.arguments"))
