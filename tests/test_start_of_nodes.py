@@ -40,6 +40,51 @@ def test_without_a_master(name):
     assert "roscore" in text
 
 
+@pytest.mark.parametrize("module", ["applr_ros1.nodes.move_base_node", "applr_ros1.nodes.arguments", "training.train"])
+def test_a_missing_python_package_is_one_line_with_the_remedy(module):
+    begin = "import sys; sys.modules['numba'] = None; from applr_ros1.common.errors import run_script;"
+    process = start("-c", begin + "sys.argv[1:] = ['--help']; sys.exit(run_script('%s'))" % module)
+    _, text = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert len(text.splitlines()) == 1, text
+    assert "numba" in text
+    assert "./applr setup" in text
+
+
+class Searching:
+    """A reconfigure client that never finds the servers; `starting`: whether a move_base is registered."""
+
+    connected = False
+
+    def __init__(self, starting):
+        self.starting, self.searches = starting, 0
+
+    def connect(self):
+        self.searches += 1
+        return "no parameter server"
+
+    def is_move_base_starting(self):
+        return self.starting
+
+
+@pytest.mark.parametrize("starting", [True, False])
+def test_a_move_base_that_is_still_starting_is_no_trouble(monkeypatch, starting):
+    from applr_ros1.nodes import reconfigure_worker
+
+    monkeypatch.setattr(reconfigure_worker, "RETRY", 1e-4)
+    client, troubles = Searching(starting), []
+    worker = reconfigure_worker.ReconfigureWorker(client, troubles.append, troubles.append)
+    worker.start()
+    ros_harness.wait_for(lambda: client.searches >= 30, 10.0, "searches")
+    if starting:
+        assert not troubles or client.searches >= reconfigure_worker.STARTING
+        ros_harness.wait_for(
+            lambda: client.searches > reconfigure_worker.STARTING and troubles, 10.0, "the line at last"
+        )
+    worker.stop()
+    assert set(troubles) == {"no parameter server"}
+
+
 @pytest.mark.parametrize("delay", [0.0, 0.2, 0.5])
 def test_ctrl_c_during_the_import(delay):
     begin = "import sys; from applr_ros1.common.errors import run_script; print('begun', flush=True);"

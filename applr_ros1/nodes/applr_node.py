@@ -310,7 +310,9 @@ class ApplrNode:
             self._on_trouble("")
         with self._lock:
             trouble = self.trouble or self.degraded
-        lost = bool(self.degraded) or self._failures >= LOST_AFTER or theta is None
+        lost = bool(self.degraded) or self._failures >= LOST_AFTER or bool(theta is None and trouble)
+        if theta is None:
+            trouble = trouble or "waiting for the parameter servers of move_base"
         self.topics.diagnostics(
             now,
             trouble,

@@ -182,6 +182,14 @@ class ReconfigureClient:
                 return error
         return ""
 
+    def is_move_base_starting(self, seconds=1.0):
+        """Whether a node of move_base's name is registered: one without servers may be compiling its kernels."""
+        try:
+            self.master.call("lookupNode", self.namespace, deadline=Deadline(seconds))
+        except ServiceError:
+            return False
+        return True
+
     def _candidates(self, wanted, found):
         """Names of servers that may be the one that the space calls `wanted`, likeliest first.
 

@@ -16,6 +16,7 @@ from applr_ros1.nodes.reconfigure_client import ApplyReport, ReconfigureClient
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
 PATIENCE = 5  # failed searches for the servers, a second apart, before they are reported: both nodes start together
+STARTING = 180  # the same for a move_base that is there: it compiles kernels at its first start, and says so itself
 SETTLE = 1.0  # s after which an abandoned call has either been carried out or never will be
 
 
@@ -95,7 +96,7 @@ class ReconfigureWorker:
                     if not trouble:
                         self._on_trouble("")
                     else:
-                        if failures >= PATIENCE:
+                        if failures >= STARTING or failures >= PATIENCE and not self.client.is_move_base_starting():
                             self._on_trouble(trouble)
                         self._pause(4 * RETRY)
             except Exception as e:  # whatever it is, the thread that talks to the planner goes on
