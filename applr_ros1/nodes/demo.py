@@ -27,7 +27,7 @@ from . import arguments, processes
 
 PICTURE, ANIMATION = "applr_demo.png", "applr_demo.gif"
 DRIVE_LIMIT = 300.0  # simulated seconds: default DWA sometimes takes long to free itself
-UP_WITHIN = 300.0  # wall seconds for one part to come up; the first time its kernels are compiled
+UP_WITHIN = 900.0  # wall seconds for one part to come up: the first time it compiles kernels, maybe on a busy machine
 STALLED_AFTER = 20.0  # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
 NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|shutting down|done|=====|log file: ")
@@ -238,7 +238,8 @@ def _run(stack, values, world):
     )
     began = time.monotonic()
     wait = Waiting(stack)
-    observer = demo_drive.Observer(values, world, wait)
+    with announced("starting ROS", say, first=5.0):
+        observer = demo_drive.Observer(values, world, wait)
     for part, up in observer.parts():
         with announced("waiting for %s, which compiles its kernels at its first start" % part, say, first=10.0):
             wait.until(up, UP_WITHIN, "%s does not come up" % part)
