@@ -48,7 +48,7 @@ def test_a_missing_python_package_is_one_line_with_the_remedy(module):
     assert process.returncode == 1
     assert len(text.splitlines()) == 1, text
     assert "numba" in text
-    assert "./applr setup" in text
+    assert "./applr packages" in text
 
 
 class Searching:

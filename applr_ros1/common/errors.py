@@ -72,7 +72,7 @@ def run_script(module: str) -> int:
         if not name or name in OURS:
             raise
         print(
-            "%s: Python's %s is not installed for %s: run ./applr setup in the repository of applr_ros1, "
+            "%s: Python's %s is not installed for %s: run ./applr packages in the repository of applr_ros1, "
             "then build this workspace again" % (program, name, sys.executable),
             file=sys.stderr,
         )
