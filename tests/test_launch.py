@@ -244,6 +244,7 @@ def test_install_space(tmp_path):
         rm -rf {ws}/src {ws}/devel {ws}/build
         . {ws}/install/setup.sh
         cd /
+        head -qn 1 {ws}/install/lib/applr_ros1/*.py | sort -u
         rosrun applr_ros1 check_arguments.py world:=generated:5
         roslaunch --files applr_ros1 jackal_applr.launch
         roslaunch --nodes applr_ros1 jackal_applr.launch
@@ -252,7 +253,8 @@ def test_install_space(tmp_path):
     """.format(ws=tmp_path, root=ROOT)
     done = inside("bash", "-c", build, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    tail = done.stdout.splitlines()[-8:]
+    tail = done.stdout.splitlines()[-9:]
+    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail  # whatever PATH says
     assert tail[0] == "checked", tail
     assert tail[1].startswith(str(tmp_path / "install")), tail
     assert {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/send_goal"} <= set(tail)
