@@ -183,10 +183,15 @@ class ReconfigureClient:
         return ""
 
     def is_move_base_starting(self, seconds=1.0):
-        """Whether a node of move_base's name is registered: one without servers may be compiling its kernels."""
+        """Whether a node of move_base's name lives and has no parameter server yet: it may be compiling its kernels."""
+        deadline = Deadline(seconds)
         try:
-            self.master.call("lookupNode", self.namespace, deadline=Deadline(seconds))
-        except ServiceError:
+            services = self.master.call("getSystemState", deadline=deadline)[2]
+            if any(self.namespace in nodes and name.endswith("/set_parameters") for name, nodes in services):
+                return False
+            uri = self.master.call("lookupNode", self.namespace, deadline=deadline)
+            Master(uri, self.master.caller_id).call("getPid", deadline=deadline)
+        except (ServiceError, OSError):
             return False
         return True
 
