@@ -32,6 +32,7 @@ from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBa
 from applr_ros1.planner.parameters.check import remark
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, check
 from applr_ros1.planner.warm_up import warm_up
+from applr_ros1.policy.parameter_space import SPACE, space_of
 
 from . import conversions, heartbeat_watchdog
 from .conversions import MessageError
@@ -47,9 +48,11 @@ WENT_BACK = "Aborting because the clock jumped back."
 
 
 class MoveBaseNode:
-    """`tree`: the checked parameters under ~. odometry: topic of the odometry, where the tree does not name one."""
+    """`tree`: the checked parameters under ~; robot: whose odometry and learned parameters count, if any is named."""
 
-    def __init__(self, tree, odometry="odom"):
+    def __init__(self, tree, robot=None):
+        odometry = robot.topics.odometry if robot else "odom"
+        self._space = space_of(robot) if robot else SPACE
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
         self.frame, self.local_frame = (static[name]["global_frame"].lstrip("/") for name in COSTMAPS)
@@ -231,10 +234,11 @@ class MoveBaseNode:
                 self._maps[name].updated(stamp, place)
 
     def _back_to_start_up(self) -> None:
-        """The policy is lost: the eight parameters get their start-up values."""
+        """The policy is lost: the parameters that it sets get their start-up values."""
         for server, values in heartbeat_watchdog.start_up_requests(
             self.move_base.start_up_configuration,
             self.move_base.servers,
+            self._space,
             max_speed=self.move_base.parameters["applr"]["max_speed"],
         ).items():
             self.servers[server].change(values)
@@ -389,7 +393,7 @@ def main() -> int:
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     if robot is not None:
         rospy.set_param("~", dict(tree, **{name: given[name] for name in OWN if name in given}))
-    node = MoveBaseNode(tree, robot.topics.odometry if robot else "odom")
+    node = MoveBaseNode(tree, robot)
     gc.collect()
     gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms
     node.serve()
