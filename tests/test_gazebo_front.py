@@ -1,7 +1,6 @@
 """Programs written for Gazebo on the simulated robot: its services and topics, and two loops of real clients."""
 
 import math
-import os
 import time
 
 import pytest
@@ -202,8 +201,7 @@ def test_the_training_loop_of_the_authors(gazebo, move_base):
     assert "Traceback" not in move_base.text
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not os.environ.get("APPLR_LONG_TESTS"), reason="two minutes; set APPLR_LONG_TESTS=1 to run it")
+@pytest.mark.long
 def test_a_hundred_episodes_of_the_training_loop(gazebo, move_base):
     episodes(gazebo, 100)
     assert "Traceback" not in move_base.text
