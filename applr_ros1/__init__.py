@@ -6,7 +6,12 @@ when the repository's root comes first on `sys.path`.
 
 import pkgutil
 
+from applr_ros1.common import interrupts
+
 __path__ = pkgutil.extend_path(__path__, __name__)
+
+if interrupts.is_starting():  # before anything is imported that takes long
+    interrupts.make_quiet()
 
 try:  # gymnasium.make("applr_ros1:applr_ros1/Navigation-v0") imports this package to learn of the environment
     import gymnasium

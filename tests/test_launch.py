@@ -317,7 +317,7 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, text, sent):
     monkeypatch.setattr(demo_drive, "Observer", Observer)
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
-    values = {"mode": "dwa", "simulator": "kinematic", "port": "1", "limit": "9", "goal": text}
+    values = {"mode": "dwa", "simulator": "kinematic", "port": "1", "limit": "9", "goal": text, "robot": "jackal"}
     with pytest.raises(Sent) as found:
         demo._run(None, values, world)
     assert found.value.args[0] == pytest.approx(sent)

@@ -13,6 +13,12 @@ from ros_harness import wait_for
 pytestmark = pytest.mark.ros
 pytest_plugins = ("move_base_stack",)
 SURFACE = json.loads((Path(__file__).parent / "move_base_surface.json").read_text())
+OWN_TOPICS = (  # beside those of the C++ node
+    "/rosout",
+    "/applr/heartbeat",
+    "/collision_monitor/held_back",
+    "/move_base/TrajectoryPlannerROS/trajectory_cloud",
+)
 
 
 # -- surface -------------------------------------------------------------------------------------------------------
@@ -24,11 +30,7 @@ def node_api(master):
 
 @pytest.mark.parametrize(("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")])
 def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
-    ours = [
-        (topic, kind)
-        for topic, kind in getattr(node_api(master), call)("/test")[2]
-        if topic not in ("/rosout", "/applr/heartbeat", "/move_base/TrajectoryPlannerROS/trajectory_cloud")
-    ]
+    ours = [(topic, kind) for topic, kind in getattr(node_api(master), call)("/test")[2] if topic not in OWN_TOPICS]
     assert sorted(ours) == sorted(SURFACE[what].items())
 
 

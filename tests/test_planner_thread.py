@@ -167,13 +167,15 @@ def test_a_reset_of_the_simulator_changes_the_seed_under_the_lock(monkeypatch):
     class Watched(ros_bridge.Bridge):
         def __init__(self):
             self.lock, self.arrived, self.base_time, self._seed = threading.Lock(), threading.Condition(), 1.0, 3
-            self.start = None
+            self.start, self.makes_clock = None, True
             state = SimpleNamespace(time=2.0)
             seeds = self.seeds = []
             self.simulator = SimpleNamespace(
                 world="w", state=state, reset=lambda world, seed, start: seeds.append(seed), scan=lambda: None
             )
-            self.topics = SimpleNamespace(publish_world=nothing, publish_state=nothing, publish_clock=nothing)
+            self.topics = SimpleNamespace(
+                publish_world=nothing, publish_state=nothing, publish_scan=nothing, publish_clock=nothing
+            )
 
         @property
         def seed(self):
