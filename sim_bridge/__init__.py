@@ -9,11 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import Any, Union
 
-from applr_ros1.common import interrupts
 from applr_ros1.robots import Robot, load
-
-if interrupts.is_starting():
-    interrupts.make_quiet()
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 

@@ -26,7 +26,6 @@ DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_f
 ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
 NOT_NEGATIVE = ("sim_time", "path_distance_bias", "goal_distance_bias", "occdist_scale", "twirling_scale")
 NO_PLAN = np.zeros((0, 2))
-NO_POINTS = np.zeros((0, 3))
 
 
 class Choice:
