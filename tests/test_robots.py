@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from applr_ros1 import robots
+from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import JACKAL
 
 HERE = os.path.dirname(robots.load("jackal").folder)
@@ -24,6 +25,13 @@ def test_shipped_robot_is_whole(name):
         assert robot.parameters()[costmap]["global_frame"] == "odom"
     if name != "jackal":
         assert robot.parameters(with_map=True)["global_costmap"]["global_frame"] == "map"
+
+
+def test_the_husky_turns_in_place_as_its_planner_does_by_default():
+    """Its maker's files give the slowest turn under a name that DWAPlannerROS does not read."""
+    tree = complete(robots.load("husky").parameters())
+    default = complete(dict(tree, DWAPlannerROS={}))["DWAPlannerROS"]
+    assert tree["DWAPlannerROS"]["min_vel_theta"] == default["min_vel_theta"] == 0.4
 
 
 def test_jackal_has_the_files_and_ranges_of_the_authors():
