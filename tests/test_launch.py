@@ -25,6 +25,7 @@ from applr_ros1.robots import NAMES, RobotError, load
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 APPLR = os.path.join(ROOT, "applr")
 LAUNCH = ("applr_ros1", "jackal_applr.launch")
+OWN_CLOUDS = {"TrajectoryPlannerROS": ["trajectory_cloud"], "DWAPlannerROS": []}  # that only this move_base has
 pytestmark = pytest.mark.ros
 
 
@@ -205,16 +206,35 @@ def test_a_bag_that_cannot_be_replayed_is_one_line(tmp_path):
         assert word in refused.stderr
 
 
-def test_rviz_shows_the_frames_of_the_robot():
+def rviz_of(robot, *frames):
+    """The part "Visualization Manager" of RViz's configuration for a robot."""
     with open(os.path.join(ROOT, "applr_ros1", "rviz", "applr.rviz"), encoding="utf-8") as file:
-        tree = rviz.configured(yaml.safe_load(file), "robot1/odom", "robot1/base_link", "robot1")
-    manager = tree["Visualization Manager"]
+        return rviz.configured(yaml.safe_load(file), robot, *frames)["Visualization Manager"]
+
+
+def test_rviz_shows_the_frames_of_the_robot():
+    manager = rviz_of(load("jackal"), "robot1/odom", "robot1/base_link", "robot1")
     assert manager["Global Options"]["Fixed Frame"] == "robot1/odom"
     assert manager["Views"]["Current"]["Target Frame"] == "robot1/base_link"
     assert [d["TF Prefix"] for d in manager["Displays"] if d["Class"] == "rviz/RobotModel"] == ["robot1"]
-    topics = [d[key] for d in manager["Displays"] for key in d if key.endswith("Topic")]
-    assert len(topics) > 10
-    assert not any(topic.startswith("/") for topic in topics)  # they follow the namespace
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rviz_shows_what_the_robot_and_its_local_planner_publish(name):
+    surfaces = ["move_base_surface.json"] + ["dwa_surface.json"] * (name != "jackal")
+    published = {"/" + load(name).topics.scan}
+    for surface in surfaces:
+        with open(os.path.join(ROOT, "tests", surface), encoding="utf-8") as file:
+            published |= set(json.load(file)["publishes"])
+    displays = rviz_of(load(name), "odom", "base", "")["Displays"]
+    topics = [display["Topic"] for display in displays if "Topic" in display]
+    missing = {topic for topic in topics if "/" + topic not in published}
+    planner = "TrajectoryPlannerROS" if name == "jackal" else "DWAPlannerROS"
+    own = {"move_base/%s/%s" % (planner, topic) for topic in OWN_CLOUDS[planner]}
+    assert missing == own | {"applr/local_goal"}
+    assert sum(planner in topic for topic in topics) == 4
+    keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
+    assert not any(topic.startswith("/") for topic in keys)  # they follow the namespace
 
 
 def test_the_panel_shows_every_parameter_between_its_bounds():

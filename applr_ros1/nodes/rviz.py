@@ -1,7 +1,8 @@
-"""Starts RViz with this package's configuration, for the frames of the robot that is looked at.
+"""Starts RViz with this package's configuration, for the robot that is looked at.
 
-Called by scripts/rviz.py, which the launch files start; it becomes RViz. The topics in the configuration are relative,
-so that a robot's namespace reaches them; frames do not follow a namespace and are written into a copy.
+Called by scripts/rviz.py, which the launch files start; it becomes RViz. The configuration is the Jackal's: the topics
+of another robot's laser and local planner, and its frames, are written into a copy. Topics are relative, so that a
+robot's namespace reaches them; frames do not follow a namespace and get its prefix.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ import yaml
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.robots import JACKAL, NAMES, Robot, load
 
 from .processes import become
 
@@ -30,31 +33,34 @@ def _start(words: List[str]) -> None:
 
     parser = argparse.ArgumentParser(prog="rviz.py", description="Start RViz with the configuration of this package.")
     parser.add_argument(
-        "--odom", default="auto", help="Frame of the odometry, in which everything is shown; auto: PREFIX/odom."
+        "--robot", default=JACKAL.name, help="Robot: %s, or the folder of a description." % ", ".join(NAMES)
     )
     parser.add_argument(
-        "--base", default="auto", help="Frame of the robot, which the view follows; auto: PREFIX/base_link."
+        "--odom", default="auto", help="Frame of the odometry, in which everything is shown; auto: the robot's."
     )
-    parser.add_argument("--prefix", default="none", help="Prefix of the robot's other frames; none: they have none.")
+    parser.add_argument("--base", default="auto", help="Frame of the robot, which the view follows; auto: the robot's.")
+    parser.add_argument("--prefix", default="none", help="Prefix of the robot's frames; none: they have none.")
     options = parser.parse_args(without_remappings(words))
+    robot = load(options.robot)
     folder = os.path.join(rospkg.RosPack().get_path("applr_ros1"), "applr_ros1", "rviz")
     prefix = "" if options.prefix == "none" else options.prefix.strip("/")
     odom, base = (
-        (prefix + "/" if prefix else "") + default if name == "auto" else name
-        for name, default in ((options.odom, "odom"), (options.base, "base_link"))
+        (prefix + "/" if prefix else "") + own if name == "auto" else name
+        for name, own in ((options.odom, robot.frames.odom), (options.base, robot.frames.base))
     )
     with open(os.path.join(folder, "applr.rviz"), encoding="utf-8") as file:
-        chosen = configured(yaml.safe_load(file), odom, base, prefix)
+        chosen = configured(yaml.safe_load(file), robot, odom, base, prefix)
     with tempfile.NamedTemporaryFile("w", prefix="applr_", suffix=".rviz", delete=False, encoding="utf-8") as copy:
         yaml.safe_dump(chosen, copy, sort_keys=False)
     become("rviz", "rviz", ["-d", copy.name, *(word for word in words if ":=" in word)])
 
 
-def configured(tree: Dict[str, Any], odom: str, base: str, prefix: str) -> Dict[str, Any]:
-    """RViz's configuration for a robot with other frames.
+def configured(tree: Dict[str, Any], robot: Robot, odom: str, base: str, prefix: str) -> Dict[str, Any]:
+    """RViz's configuration for a robot.
 
     Args:
-        tree: The configuration; it is changed.
+        tree: The configuration for the Jackal; it is changed.
+        robot: Whose scan and local planner are shown.
         odom: Frame in which everything is shown.
         base: Frame that the view follows.
         prefix: Of the frames of the robot's parts, without a slash; may be empty.
@@ -62,7 +68,12 @@ def configured(tree: Dict[str, Any], odom: str, base: str, prefix: str) -> Dict[
     manager = tree["Visualization Manager"]
     manager["Global Options"]["Fixed Frame"] = odom
     manager["Views"]["Current"]["Target Frame"] = base
+    planner = namespace(robot.parameters().get("base_local_planner", LOCAL_PLANNERS[0]))
     for display in manager["Displays"]:
         if display["Class"] == "rviz/RobotModel":
             display["TF Prefix"] = prefix
+        elif display["Class"] == "rviz/LaserScan":
+            display["Topic"] = robot.topics.scan
+        elif "Topic" in display:
+            display["Topic"] = display["Topic"].replace(namespace(LOCAL_PLANNERS[0]), planner)
     return tree
