@@ -7,20 +7,23 @@ import json
 
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 
 import sim_bridge
 import worlds
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import load
 from training import appld
-from training.bags.reader import BagError
+from training.bags.reader import BagError, TopicNames
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import demonstration
 from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import scripted_driver as demonstrator
 from training.baselines.appld import segmentation as contexts
 from training.demonstrate import demonstrate
+from training.demonstrate import main as demonstrate_main
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +34,22 @@ def bag(tmp_path_factory):
     assert found["contacts"] == 0
     assert 5.9 < found["metres"] < 8.0
     return path
+
+
+def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
+    robot, path = load("turtlebot3_waffle_pi"), tmp_path / "waffle.bag"
+    words = [str(path), "--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
+    assert demonstrate_main(words) == 0
+    d = demonstration.read(path, TopicNames.of(robot), robot)
+    assert d.source["robot"] == robot.name
+    assert 0.2 < d.command[:, 0].max() <= robot.base.max_speed
+    assert d.ranges.shape[1] == robot.laser.beams
+    course = worlds.scaled(worlds.load("generated:3"), robot.world_scale).course
+    assert d.goal[:2] == pytest.approx(np.subtract(course.goal[:2], course.start[:2]))
+    with AnyReader([path]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
+    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)  # not one in each cycle
 
 
 def test_bag_is_read_as_it_was_driven(bag):

@@ -3,6 +3,7 @@ stop in the middle. The real simulators are compared in docs/training.md.
 """
 
 import csv
+import json
 import os
 import subprocess
 import sys
@@ -10,7 +11,9 @@ import sys
 import numpy as np
 import pytest
 
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.robots import load
 from training import compare_simulators as compare
 from training.evaluation.score import FAILURE_SECONDS
 
@@ -58,6 +61,15 @@ def test_sets_are_the_same_in_every_run_and_in_range():
     assert np.array_equal(SPACE.clip(first), first)
 
 
+def test_sets_of_another_robot_are_in_its_ranges():
+    robot = load("turtlebot3_waffle_pi")
+    assert compare.set_names(3, robot) == ["dwa", "random_1", "random_2"]
+    space = space_of(robot)
+    drawn = methods.make("training.compare_simulators:Drawn:1", robot)
+    assert np.array_equal(space.clip(drawn.theta(None)), drawn.theta(None))
+    assert set(drawn.describe()["parameters"]) == {parameter.name for parameter in robot.space}
+
+
 def run(out, *more):
     command = [
         sys.executable,
@@ -96,6 +108,14 @@ def test_command(tmp_path):
     torn.write_bytes(torn.read_bytes()[:-150])
     assert run(tmp_path).returncode == 0  # what is missing is driven again
     assert (tmp_path / "comparison.md").read_text() == text
+
+
+def test_another_robot_is_compared(tmp_path):
+    done = run(tmp_path, "--robot", "turtlebot3_waffle_pi", "--count", "1", "--trials", "1", "--sets", "2")
+    assert done.returncode == 0, done.stderr
+    evaluation = json.loads((tmp_path / "kinematic" / "evaluation.json").read_text())
+    assert evaluation["robot"]["name"] == "turtlebot3_waffle_pi"
+    assert len((tmp_path / "comparison.csv").read_text().splitlines()) == 1 + 2
 
 
 @pytest.mark.parametrize(

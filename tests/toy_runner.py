@@ -12,7 +12,7 @@ from training.workers.tasks import Answer, TrialResult
 
 
 class ToyRunner:
-    def __init__(self, simulator, protocol):
+    def __init__(self, simulator, protocol, robot=None):
         self.simulator = simulator
         if os.environ.get("TOY_BROKEN"):
             raise ValueError("the toy is broken; mend it")

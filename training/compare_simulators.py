@@ -22,23 +22,30 @@ from scipy import stats
 import worlds as worlds_package
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
-from applr_ros1.policy.parameter_space import SPACE
-from training.command_line import Parser, add_seed, add_weights, add_worlds, simulator, whole
+from applr_ros1.policy.methods import Method
+from applr_ros1.robots import JACKAL, Robot
+from training.command_line import Parser, add_robot, add_seed, add_weights, add_worlds, simulator, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import FAILURE_SECONDS, trial_seconds
 from training.evaluation.store import TRIALS, flag, read_rows
 from training.evaluation.trials import COLUMNS, KEY, evenly_spaced
 
-KNOWN = ("dwa", "fast_dwa")  # the first sets, theta_0 and Fast-DWA; those behind them are drawn
+KNOWN = ("dwa", "fast_dwa")  # the first sets, theta_0 and, for the Jackal, Fast-DWA; those behind them are drawn
 
 Cell = Tuple[str, str]  # world, set
 
 
-class Drawn:
-    """A method for evaluate.py: set number N, uniform over the ranges, the same in every run."""
+class Drawn(Method):
+    """A method for evaluate.py: set number N, uniform over the robot's ranges, the same in every run."""
 
     def __init__(self, number: str):
-        self.values = SPACE.to_theta(np.random.default_rng([0x5E75, int(number)]).uniform(-1.0, 1.0, len(SPACE)))
+        self._number = int(number)
+
+    @property
+    def values(self) -> np.ndarray:
+        """The set (n,)."""
+        random = np.random.default_rng([0x5E75, self._number])
+        return self.space.to_theta(random.uniform(-1.0, 1.0, len(self.space)))
 
     def theta(self, context: Any) -> np.ndarray:
         """The set, whatever the context."""
@@ -46,12 +53,13 @@ class Drawn:
 
     def describe(self) -> Dict[str, Any]:
         """For evaluation.json."""
-        return {"parameters": SPACE.as_dict(self.values)}
+        return {"parameters": self.space.as_dict(self.values)}
 
 
-def set_names(count: int) -> List[str]:
-    """What the sets are called: theta_0, Fast-DWA, and then the drawn ones."""
-    return [KNOWN[n] if n < len(KNOWN) else "random_%d" % (n - len(KNOWN) + 1) for n in range(count)]
+def set_names(count: int, robot: Robot = JACKAL) -> List[str]:
+    """What the sets are called: theta_0, for the Jackal Fast-DWA, and then the drawn ones."""
+    known = KNOWN if robot.name == JACKAL.name else KNOWN[:1]
+    return [known[n] if n < len(known) else "random_%d" % (n - len(known) + 1) for n in range(count)]
 
 
 # -- what was driven -------------------------------------------------------------------------------------------------
@@ -215,6 +223,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
     """Checked options. Raises UsageError."""
     p = Parser("compare_simulators", description=__doc__)
     add_worlds(p, "generated:train")
+    add_robot(p)
     p.add_argument(
         "--count",
         type=whole(0, 100_000),
@@ -226,7 +235,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
         type=whole(1, 1000),
         default=5,
         help=(
-            "Number of parameter sets: theta_0, Fast-DWA, and random ones that are the same in every run. "
+            "Number of parameter sets: theta_0, Fast-DWA (Jackal), and random ones that are the same in every run. "
             "Default: %(default)s."
         ),
     )
@@ -271,7 +280,8 @@ def run(options: argparse.Namespace) -> None:
     """Evaluates in both simulators, and writes and prints the comparison."""
     specs = [spec for part in options.worlds.split(",") for spec in worlds_package.specs(part.strip())]
     chosen = [
-        "%s=training.compare_simulators:Drawn:%s" % (n, n[7:]) if n not in KNOWN else n for n in set_names(options.sets)
+        "%s=training.compare_simulators:Drawn:%s" % (n, n[7:]) if n not in KNOWN else n
+        for n in set_names(options.sets, options.robot)
     ]
     first, second = options.simulators
     folders = [os.path.join(options.out, first), os.path.join(options.out, second + "-2" * (first == second))]
@@ -279,6 +289,7 @@ def run(options: argparse.Namespace) -> None:
         evaluate(
             EvaluationOptions(
                 worlds=",".join(evenly_spaced(specs, options.count)),
+                robot=options.robot,
                 methods=",".join(chosen),
                 trials=options.trials,
                 simulator=name,

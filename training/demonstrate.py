@@ -13,9 +13,10 @@ import sim_bridge
 import worlds
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
+from training.bags.reader import TopicNames
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import NAME, Demonstrator
-from training.command_line import Parser, add_seed
+from training.command_line import Parser, add_robot, add_seed, add_simulator
 from training.mdp.episode import CONTROL_PERIOD
 
 
@@ -24,7 +25,15 @@ class DemonstrationError(ApplrError):
 
 
 def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said=None) -> dict:
-    """Drive one course and write the bag.
+    """Drive one course with the simulator's robot and write the bag, its scans at the laser's rate.
+
+    Args:
+        world: The world, at the robot's scale.
+        simulator: That drives.
+        bag: Path of the bag; it must not exist.
+        seed: Of the simulator's noise.
+        limit: Simulated time [s] after which the demonstrator gives up.
+        said: What the bag says of the demonstration beside demonstrator, world and seed.
 
     Returns:
         a dict with seconds, metres, speed [m/s] and contacts.
@@ -33,10 +42,13 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
         DemonstrationError: the course was not finished within `limit` seconds.
         StorageError: the bag cannot be written.
     """
-    driver = Demonstrator(world)
+    robot = simulator.robot
+    driver = Demonstrator(world, robot)
     state = simulator.reset(world, seed)
     metres, contacts, began = 0.0, 0, state.time
-    with BagWriter(bag) as writer:
+    scan_period = 1.0 / robot.laser.rate if robot.laser.rate * CONTROL_PERIOD < 1.0 else 0.0  # 0: one in each cycle
+    scan_due = began
+    with BagWriter(bag, TopicNames.of(robot), robot) as writer:
         source = dict(said or {}, demonstrator=NAME, world=world.name, seed=seed)
         writer.told(1.0, **source)
         writer.goal(1.0, simulator.to_odom(world.course.goal))
@@ -48,10 +60,13 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
                         "%s: not through after %.0f s; the demonstration is not usable"
                         % (world.name, state.time - began)
                     )
-                ranges = simulator.scan()
+                scans = state.time + 1e-6 >= scan_due
+                if scans:
+                    ranges, scan_due = simulator.scan(), scan_due + scan_period
                 v, w = driver.command(state.pose, ranges)
                 writer.odometry(now, state.odom_pose, state.odom_twist)
-                writer.scan(now, ranges)
+                if scans:
+                    writer.scan(now, ranges)
                 writer.command(now, v, w)
                 simulator.command(v, w)
                 state = simulator.advance(CONTROL_PERIOD)
@@ -77,12 +92,8 @@ def parse(arguments=None) -> argparse.Namespace:
     p = Parser("demonstrate.py", description=__doc__)
     p.add_argument("bag", help="Bag to write (.bag); it must not exist.")
     p.add_argument("--world", default="physical_course", help="World to drive in. Default: %(default)s.")
-    p.add_argument(
-        "--simulator",
-        choices=sim_bridge.NAMES,
-        default="pybullet",
-        help="Simulator to drive in. Default: %(default)s.",
-    )
+    add_robot(p)
+    add_simulator(p, "pybullet")
     add_seed(p)
     return p.parse_args(without_remappings(arguments))
 
@@ -94,10 +105,10 @@ def main(arguments=None) -> int:
 
 def run(options: argparse.Namespace) -> None:
     """Drives and records as the options say."""
-    world = worlds.load(options.world)
-    found = demonstrate(
-        world, sim_bridge.make(options.simulator), options.bag, options.seed, said={"simulator": options.simulator}
-    )
+    world = worlds.scaled(worlds.load(options.world), options.robot.world_scale)
+    simulator = sim_bridge.make(options.simulator, robot=options.robot)
+    said = {"simulator": options.simulator, "robot": options.robot.name}
+    found = demonstrate(world, simulator, options.bag, options.seed, said=said)
     print(
         "%s: %s demonstrated by a script in %.1f s, %.1f m at %.2f m/s, %d contacts"
         % (options.bag, world.name, found["seconds"], found["metres"], found["speed"], found["contacts"])

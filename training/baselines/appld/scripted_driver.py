@@ -8,22 +8,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Optional
 
 import numpy as np
 
 from applr_ros1.common.angles import outside_box, place, wrapped
-from applr_ros1.robots import JACKAL
+from applr_ros1.robots import JACKAL, Robot
 from worlds import World
 
 NAME = "scripted: pure pursuit along the reference path, speed by clearance"
 SPACING = 0.05  # m between points of the route
-WANTED = 0.9  # m; obstacles nearer than this push the route away
-BEAM_YAW = np.linspace(JACKAL.laser.first_angle, JACKAL.laser.last_angle, JACKAL.laser.beams)
+WANTED = 0.9  # m; obstacles nearer than this push the Jackal's route away
 
 
 @dataclass(frozen=True)
 class Style:
-    """How it drives. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
+    """How it drives a Jackal. Speeds [m/s, rad/s], accelerations [m/s^2, rad/s^2], distances [m]."""
 
     slow: float = 0.30  # speed where the robot just fits
     fast: float = 1.2  # where nothing is near
@@ -35,19 +35,48 @@ class Style:
     brake: float = 1.6
     turn_gain: float = 6.0
     lookahead: float = 0.45  # and .35 s of speed more
+    band: float = 0.35  # half the width in which obstacles count as ahead
+    beside: float = 0.4  # length, to the front and to the back, in which they count as beside
+
+    @classmethod
+    def of(cls, robot: Robot) -> Style:
+        """The same for a robot: distances at the scale of its worlds, the rest within what its base can do."""
+        own, base, scale = cls(), robot.base, robot.world_scale
+        return cls(
+            slow=min(own.slow, 0.5 * base.max_speed),
+            fast=min(own.fast, 0.9 * base.max_speed),
+            narrow=own.narrow * scale,
+            wide=own.wide * scale,
+            turn=min(own.turn, 0.8 * base.max_yaw_rate),
+            gain=min(own.gain, base.max_acceleration),
+            brake=min(own.brake, base.max_acceleration),
+            turn_gain=min(own.turn_gain, base.max_yaw_acceleration),
+            lookahead=own.lookahead * scale,
+            band=own.band * scale,
+            beside=own.beside * scale,
+        )
 
 
 class Demonstrator:
-    """command((x, y, yaw), ranges) every 50 ms. One course: make another for the next."""
+    """command((x, y, yaw), ranges) every 50 ms. One course: make another for the next.
 
-    def __init__(self, world: World, style: Style = Style(), period: float = 0.05):
-        self.style, self.period = style, period
-        self.route = route(world)
+    Args:
+        world: To drive in, at the robot's scale.
+        robot: That drives.
+        style: How; None: Style.of(robot).
+        period: Time between two commands [s].
+    """
+
+    def __init__(self, world: World, robot: Robot = JACKAL, style: Optional[Style] = None, period: float = 0.05):
+        self.style, self.period = style or Style.of(robot), period
+        laser = robot.laser
+        self._beams = np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]  # their headings
+        self.route = route(world, WANTED * robot.world_scale)
         self._at = 0
         self._v = self._w = 0.0
 
     def command(self, pose, ranges):
-        """(v, w) from the true pose (x, y, yaw) in the world's frame and the scan (720,) [m]."""
+        """(v, w) from the true pose (x, y, yaw) in the world's frame and the scan (beams,) [m]."""
         x, y, yaw = pose
         s = self.style
         near = np.hypot(*(self.route[self._at : self._at + 40] - (x, y)).T)
@@ -59,11 +88,23 @@ class Demonstrator:
             return self._smooth(0.0, math.copysign(s.turn, bearing))
         distance = max(0.2, math.hypot(target[0] - x, target[1] - y))
         curvature = 2.0 * math.sin(bearing) / distance
-        room = min(1.0, max(0.0, (in_the_way(ranges, bearing) - s.narrow) / (s.wide - s.narrow)))
+        room = min(1.0, max(0.0, (self._room(ranges, bearing) - s.narrow) / (s.wide - s.narrow)))
         v = s.slow + (s.fast - s.slow) * room
         if abs(curvature) > 1e-6:
             v = min(v, math.sqrt(s.sideways / abs(curvature)), s.turn / abs(curvature))
         return self._smooth(v, max(-s.turn, min(s.turn, v * curvature)))
+
+    def _room(self, ranges, bearing: float) -> float:
+        """Free distance [m] in a scan (beams,).
+
+        It is measured ahead, in a band a little wider than the robot, and to the sides, where half of it counts; the
+        smaller value is returned.
+        """
+        ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
+        along, across = ranges * np.cos(self._beams - bearing), np.abs(ranges * np.sin(self._beams - bearing))
+        front = along[(across < self.style.band) & (along > 0.0)]
+        beside = across[(np.abs(along) < self.style.beside)]
+        return float(min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0))
 
     def _smooth(self, v, w):
         s, dt = self.style, self.period
@@ -72,24 +113,11 @@ class Demonstrator:
         return self._v, self._w
 
 
-def in_the_way(ranges, bearing: float) -> float:
-    """Free distance [m] in a scan (720,).
-
-    It is measured ahead, in a band a little wider than the robot, and to the sides, where half of it counts; the
-    smaller value is returned.
-    """
-    ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
-    along, across = ranges * np.cos(BEAM_YAW - bearing), np.abs(ranges * np.sin(BEAM_YAW - bearing))
-    front = along[(across < 0.35) & (along > 0.0)]
-    beside = across[(np.abs(along) < 0.4)]
-    return float(min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0))
-
-
-def route(world: World) -> np.ndarray:
+def route(world: World, wanted: float = WANTED) -> np.ndarray:
     """Points (k, 2) [m] every SPACING metres from start to goal.
 
     They are the reference path of the course as an elastic band: by turns pushed away from the obstacles and drawn
-    straight.
+    straight. Obstacles nearer than `wanted` [m] push.
     """
     course = world.course
     finish = [] if course.finish_y is None else [(course.path[-1][0], course.finish_y + 1.0)]
@@ -98,7 +126,7 @@ def route(world: World) -> np.ndarray:
     points = _resampled(np.vstack(parts))
     for _ in range(300):
         points[1:-1] += 0.25 * (points[:-2] + points[2:] - 2.0 * points[1:-1])
-        away = _away(world, points)
+        away = _away(world, points, wanted)
         points[1:-1] += 0.04 * away[1:-1]
     return _resampled(points)
 
@@ -109,15 +137,15 @@ def _resampled(points) -> np.ndarray:
     return np.column_stack([np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])])
 
 
-def _away(world: World, points) -> np.ndarray:
-    """(k, 2): the direction from the nearest obstacle times how much of WANTED is missing."""
+def _away(world: World, points, wanted: float) -> np.ndarray:
+    """(k, 2): the direction from the nearest obstacle times how much of the wanted distance is missing."""
     distance, direction = np.full(len(points), np.inf), np.zeros((len(points), 2))
     for offset, gap in _offsets(world, points):
         closer = gap < distance
         distance = np.where(closer, gap, distance)
         norm = np.maximum(np.hypot(*offset.T), 1e-9)[:, None]
         direction = np.where(closer[:, None], offset / norm, direction)
-    return direction * np.clip(WANTED - distance, 0.0, WANTED)[:, None]
+    return direction * np.clip(wanted - distance, 0.0, wanted)[:, None]
 
 
 def _offsets(world: World, points):
