@@ -13,7 +13,7 @@ import ctypes
 import math
 import os
 import sys
-from typing import Any, List, Sequence
+from typing import Any, List, Sequence, Tuple
 
 import numpy as np
 
@@ -55,8 +55,19 @@ def load_pybullet() -> Any:
     return pybullet
 
 
-def build_world(p: Any, client: int, world: World, step: float) -> List[int]:
-    """An empty scene with ground and the world's static obstacles. Returns the obstacles' body ids."""
+def build_world(p: Any, client: int, world: World, step: float) -> Tuple[List[int], np.ndarray]:
+    """An empty scene with ground and the world's static obstacles.
+
+    Args:
+        p: the pybullet module.
+        client: its connection.
+        world: what stands there.
+        step: of the physics [s].
+
+    Returns:
+        The ids of the bodies, each of several obstacles, and a circle around every obstacle, (n, 4): x, y, radius [m],
+        and the index of its body in that list.
+    """
     on = {"physicsClientId": client}
     p.resetSimulation(**on)
     p.setGravity(0, 0, -GRAVITY, **on)
@@ -65,7 +76,9 @@ def build_world(p: Any, client: int, world: World, step: float) -> List[int]:
     )
     ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
     p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py pulls instead
-    return [_compound(p, on, part) for part in _parts(world)]
+    parts = _parts(world)
+    circles = [(x, y, _radius(shape), k) for k, part in enumerate(parts) for x, y, _, shape in part]
+    return [_compound(p, on, part) for part in parts], np.array(circles, dtype=float).reshape(-1, 4)
 
 
 def add_mover(p: Any, client: int, mover: Mover) -> int:
@@ -190,6 +203,11 @@ def _parts(world):
     obstacles += [(x, y, yaw, (dx, dy)) for x, y, yaw, dx, dy in boxes]
     obstacles.sort(key=lambda obstacle: (round(obstacle[1]), obstacle[0]))
     return [obstacles[i : i + _COMPOUND] for i in range(0, len(obstacles), _COMPOUND)]
+
+
+def _radius(shape):
+    """Of the circle around an obstacle [m]."""
+    return 0.5 * math.hypot(*shape) if isinstance(shape, tuple) else shape
 
 
 def _compound(p, on, obstacles):

@@ -23,6 +23,7 @@ from .odometry import Odometry
 from .simulator import RobotState, Simulator, SimulatorError
 
 STEP = m.STEP
+_MARGIN = 0.1  # [m] between two bodies that cannot touch: more than Bullet keeps contacts for, and than it penetrates
 
 
 class PybulletSimulator(Simulator):
@@ -39,6 +40,7 @@ class PybulletSimulator(Simulator):
         self._table = wheels.rim_table(self.robot)
         self._lift = np.ones(len(self._mechanics.supports))
         self._reach = max(1.0, 2.0 * float(self._mechanics.scalars[m.REACH]))
+        self._span = float(self._mechanics.scalars[m.REACH]) + _MARGIN
         self._spin_step = 0.01 * self.robot.base.max_speed  # a smaller change of rim speeds is not passed on [m/s]
 
     def close(self) -> None:
@@ -52,7 +54,8 @@ class PybulletSimulator(Simulator):
 
     def _place(self, pose, new_world, seed):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
-        self._obstacles = scene.build_world(self._p, self._client, self.world, STEP)
+        self._obstacles, self._circles = scene.build_world(self._p, self._client, self.world, STEP)
+        self._near = np.zeros(len(self._obstacles), np.bool_)
         self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)
         rng = np.random.default_rng(seed)
@@ -130,9 +133,10 @@ class PybulletSimulator(Simulator):
 
     def _touching(self, position):
         """Whether anything but the ground presses on the robot now."""
-        for body in self._obstacles:
-            if self._pressing(body):
-                return True
+        if _find_near(self._circles, position[0], position[1], self._span, self._near):  # few are: asking is dear
+            for body in np.flatnonzero(self._near):
+                if self._pressing(self._obstacles[body]):
+                    return True
         for body, mover in zip(self._movers, self.world.movers):
             x, y = mover.position(self._steps * STEP)
             near = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + self._reach
@@ -158,6 +162,19 @@ class PybulletSimulator(Simulator):
             forces=(self.robot.simulation.motor_torque,) * base.wheels,
             physicsClientId=self._client,
         )
+
+
+@kernel
+def _find_near(circles, x, y, span, near):
+    """Marks in near (bodies,) which bodies have a circle (n, 4) within span [m] of (x, y). Returns whether any has."""
+    near[:] = False
+    found = False
+    for k in range(circles.shape[0]):
+        dx, dy, far = circles[k, 0] - x, circles[k, 1] - y, circles[k, 2] + span
+        if dx * dx + dy * dy < far * far:
+            near[int(circles[k, 3])] = True
+            found = True
+    return found
 
 
 @kernel

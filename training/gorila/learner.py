@@ -56,6 +56,7 @@ class Learner:
         self.refused = Tally()  # trajectories, by reason
         self.staleness = Staleness()
         self.checkpoints = 0
+        self._pace = (config.warmup, 0)  # transitions and updates from which updates_per_transition counts
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, blob: bytes) -> Optional[Trajectory]:
@@ -114,8 +115,9 @@ class Learner:
         """Gradient steps not yet made for the transitions taken."""
         if not self.replay.held:
             return 0
-        due = int((self.transitions - self.config.warmup) * self.config.updates_per_transition + 1e-9)
-        return max(0, due - self.td3.updates)
+        transitions, updates = self._pace
+        due = int((self.transitions - transitions) * self.config.updates_per_transition + 1e-9)
+        return max(0, updates + due - self.td3.updates)
 
     def train(self, most: Optional[int] = None) -> int:
         """Make the gradient steps that are due, at most `most`; returns how many were made."""
@@ -159,6 +161,7 @@ class Learner:
                 "rows": self.replay.written,
                 "episodes": self.episodes,
                 "updates": self.td3.updates,
+                "pace": list(self._pace),
                 "seen": self.replay.episode_numbers(),
                 "extra": extra or {},
             },
@@ -231,6 +234,20 @@ class Learner:
             )
         self.rng.bit_generator.state = checkpoint["rng"]
         self.episodes, self.checkpoints = checkpoint["episodes"], checkpoint["number"]
+        self._resume_pace(checkpoint)
+
+    def _resume_pace(self, checkpoint: Dict[str, Any]) -> None:
+        """Goes on counting updates as before; another updates_per_transition or warmup counts from here on.
+
+        Otherwise a smaller ratio would stop learning until the transitions have caught up with the updates that were
+        made, and a larger one would begin with a burst of updates on old experience.
+        """
+        stored, config = checkpoint["config"], self.config
+        transitions, updates = checkpoint.get("pace", (stored["warmup"], 0))
+        same = (stored["updates_per_transition"], stored["warmup"]) == (config.updates_per_transition, config.warmup)
+        if not same:
+            transitions, updates = max(self.transitions, config.warmup), self.td3.updates
+        self._pace = (transitions, updates)
 
 
 class Staleness:
