@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tracemalloc
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import lz4.frame
@@ -93,22 +92,6 @@ def test_a_journal_that_holds_a_malformed_record_resumes_without_it(tmp_path, ch
         assert (learner.replay.written, learner.replay.held) == (rows, 20)
         checkpoint_after = 3
         learner.save()
-
-
-@pytest.mark.parametrize("ratio", [0.5, 2.0])
-def test_another_number_of_updates_per_transition_counts_from_the_resume_on(tmp_path, ratio):
-    learner = Learner(LAYOUT, CONFIG, tmp_path)
-    for number in range(3):
-        learner.take(episode(number).pack())
-    assert learner.train() == 30
-    learner.save()
-    for _ in range(2):  # the second time from a checkpoint that was made with the new ratio
-        learner = Learner(LAYOUT, replace(CONFIG, updates_per_transition=ratio), tmp_path)
-        learner.resume()
-        assert learner.td3.updates == 30
-        learner.save()
-    learner.take(episode(3).pack())
-    assert learner.train() == 10 * ratio
 
 
 def test_refused_texts_do_not_grow_without_end():

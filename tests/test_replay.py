@@ -1,6 +1,7 @@
 """The replay: what is stored, what is drawn, what is refused; and its journal on disk."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from training.experience.journal import Journal
 from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory, TrajectoryError
 from training.gorila.batch import draw_batch
+from training.gorila.learner import Learner, LearnerConfig
+from training.td3.td3 import TD3Config
 
 SMALL = Layout(scan=4, rest=2, action=2)
 
@@ -238,3 +241,20 @@ def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
     )  # 4 GiB
     with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
         Replay(Layout(), 10**8)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_another_number_of_updates_per_transition_counts_from_the_resume_on(tmp_path, ratio):
+    config = LearnerConfig(TD3Config(hidden=(8,), batch_size=8), 1000, updates_per_transition=1.0)
+    learner = Learner(SMALL, config, tmp_path)
+    for number in range(3):
+        learner.take(episode(10, number).pack())
+    assert learner.train() == 30
+    learner.save()
+    for _ in range(2):  # the second time from a checkpoint that was made with the new ratio
+        learner = Learner(SMALL, replace(config, updates_per_transition=ratio), tmp_path)
+        learner.resume()
+        assert learner.td3.updates == 30
+        learner.save()
+    learner.take(episode(10, 3).pack())
+    assert learner.train() == 10 * ratio
