@@ -134,13 +134,13 @@ class PybulletSimulator(Simulator):
     def _touching(self, position):
         """Whether anything but the ground presses on the robot now."""
         if _find_near(self._circles, position[0], position[1], self._span, self._near):  # few are: asking is dear
-            for body in np.flatnonzero(self._near):
-                if self._pressing(self._obstacles[body]):
+            for obstacle, near in zip(self._obstacles, self._near):
+                if near and self._pressing(obstacle):
                     return True
         for body, mover in zip(self._movers, self.world.movers):
             x, y = mover.position(self._steps * STEP)
-            near = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + self._reach
-            if near and self._pressing(body):
+            close = abs(x - position[0]) + abs(y - position[1]) < 1.5 * mover.radius + self._reach
+            if close and self._pressing(body):
                 return True
         return False
 
