@@ -1,6 +1,7 @@
 """A robot that is none of the shipped ones, described in a file of its own: searched, trained, driven, recorded."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -8,10 +9,11 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import complete
 from applr_ros1.policy.actor import Actor, ActorError
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import SpaceError, space_of
-from training import evaluate, static_search, train
+from training import check_robot, evaluate, static_search, train
 from training.evaluation.store import read_rows
 from training.evaluation.trials import COLUMNS
 
@@ -107,6 +109,40 @@ def test_space_and_layout_follow_the_description(crate):
     assert [has[server][name] for server, name in space.places()] == theta.tolist()
     assert has["DWAPlannerROS"]["max_vel_trans"] == 0.8
     assert has[""]["planner_patience"] == 20.0
+
+
+def test_check_says_what_it_makes_of_a_description(crate, capsys):
+    assert check_robot.main([str(crate)]) == 0
+    said = capsys.readouterr().out
+    assert "crate: two_wheel, 0.8 m/s, 2.5 rad/s" in said
+    assert "DWAPlannerROS, 10 commands per second, without a map only" in said
+    assert re.search(r"speed +0.5 +0.3 to 0.8\n", said)
+    assert "remark" not in said
+    (crate / "costmap.yaml").write_text(COSTMAP.replace("padding: 0.05", "padding: 0.0"))
+    text = CRATE.replace("world_scale: 0.85", "world_scale: 1.5").replace("size: [0.36, 0.30", "size: [0.36, 0.40")
+    (crate / "robot.yaml").write_text(text.replace("sim_time: 1.2,", "sim_time: 1.2, max_rot_vel: 1.0,"))
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(crate)]) == 0
+    remarks = [line for line in capsys.readouterr().out.splitlines() if line.startswith("remark")]
+    assert [word in line for word, line in zip(("max_rot_vel", "world_scale is 1.5", "0.05 m beyond"), remarks)] == [
+        True,
+        True,
+        True,
+    ]
+    assert len(remarks) == 3
+    (crate / "robot.yaml").write_text(CRATE.replace("range: [0.3, 0.8]", "range: [0.3, 0.9]"))
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(crate)]) == 1
+    assert "base.max_speed of this base is 0.8" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "trap"),
+    [("husky", "before a narrow gap"), ("turtlebot3_waffle_pi", "a robot that backs"), ("turtlebot3_burger", None)],
+)
+def test_check_names_the_traps_of_shipped_parameters(name, trap):
+    lines = check_robot.traps(complete(robots.load(name).parameters()))
+    assert [trap in line for line in lines] == ([True] if trap else [])
 
 
 def test_searched_trained_and_driven(crate, tmp_path, capsys):

@@ -1,0 +1,124 @@
+"""Checks the description of a robot and says in short what the package makes of it.
+
+Started as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "remark" name
+what is given in vain or looks like a slip; the description can be used all the same. docs/robots.md says how to write
+one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from math import degrees
+from typing import Any, Dict, List, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import run_main
+from applr_ros1.planner.costmap.grid import INSCRIBED
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import remark
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import NAMES, Robot
+from applr_ros1.robots.outline import extent
+from training.command_line import Parser, robot
+
+WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
+SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
+OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footprint
+
+
+def summary(described: Robot) -> List[str]:
+    """Lines about a robot, for people. Raises an ApplrError of one line for what the planner or the space refuses."""
+    base, laser, tree = described.base, described.laser, described.parameters()
+    planner = MoveBase(tree)
+    outline = np.asarray(planner.local_costmap.footprint)
+    length, width = np.ptp(outline, axis=0)
+    fitting = width / WIDTH
+    space, layout = space_of(described), layout_of(described)
+    with_map = described.move_base.with_map
+    lines = [
+        "%s: %s, %g m/s, %g rad/s" % (described.name, base.drive, base.max_speed, base.max_yaw_rate),
+        "footprint with padding: %.2f x %.2f m; worlds at %g of the Jackal's size"
+        % (length, width, described.world_scale),
+        "laser: %d beams, %.0f to %.0f degrees, %g to %g m, %g Hz; a policy sees %d beams up to %.1f m"
+        % (
+            laser.beams,
+            degrees(laser.first_angle),
+            degrees(laser.last_angle),
+            laser.range_min,
+            laser.range_max,
+            laser.rate,
+            layout.beams,
+            layout.range_cap,
+        ),
+        "move_base: %s, %g commands per second, %s"
+        % (
+            namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])),
+            planner.configuration_of("")["controller_frequency"],
+            "without a map only" if with_map is None else "with and without a map",
+        ),
+        "parameter space, default and range:",
+    ]
+    lines += [
+        "  %-24s %-6g %g to %g" % (parameter.name, start, parameter.low, parameter.high)
+        for parameter, start in zip(described.space, space.theta0)
+    ]
+    lines += ["remark: " + line for line in remark(tree) + traps(planner.parameters)]
+    if with_map is not None:
+        MoveBase(with_map)
+        lines += ["remark, with a map: " + line for line in remark(with_map) if "remark: " + line not in lines]
+    if abs(described.world_scale / fitting - 1.0) > SCALE_OFF:
+        lines.append(
+            "remark: world_scale is %g; by the footprint's width it is %.3f" % (described.world_scale, fitting)
+        )
+    low_x, high_x, low_y, high_y = extent(described)
+    beyond = max(*(outline.min(axis=0) - (low_x, low_y)), *((high_x, high_y) - outline.max(axis=0)))
+    if beyond > OUTSIDE:
+        lines.append(
+            "remark: body and wheels reach %.2f m beyond the padded footprint: compare body, track and footprint"
+            % beyond
+        )
+    return lines
+
+
+def traps(tree: Dict[str, Any]) -> List[str]:
+    """What DWAPlannerROS makes of the values of a complete parameter tree though nothing is wrong with them."""
+    if namespace(tree["base_local_planner"]) != "DWAPlannerROS":
+        return []
+    p, lines = tree["DWAPlannerROS"], []
+    change = p["acc_lim_x"] / (p["controller_frequency"] or 20.0)
+    if p["min_vel_x"] <= -p["min_vel_trans"] and change < 2.0 * p["min_vel_trans"]:
+        lines.append(
+            "a robot that backs can neither stop nor drive ahead until a cycle fails: acc_lim_x / controller_frequency "
+            "is %.3g m/s, and speeds below min_vel_trans %g are refused" % (change, p["min_vel_trans"])
+        )
+    progress = 2.0 * p["goal_distance_bias"] * p["max_vel_trans"] * p["sim_time"]  # goal and nose to goal
+    obstacle = p["occdist_scale"] * INSCRIBED
+    if obstacle > progress:
+        lines.append(
+            "before a narrow gap the robot turns or stands: an obstacle beside it costs %.2f (occdist_scale), all "
+            "progress of a trajectory counts %.2f (goal_distance_bias)" % (obstacle, progress)
+        )
+    return ["DWAPlannerROS: " + line for line in lines]
+
+
+def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
+    """The command line. Raises UsageError, also for a description that cannot be used."""
+    p = Parser("check_robot.py", description=__doc__)
+    p.add_argument(
+        "robot", type=robot, help="Folder with robot.yaml, or one of the included robots: %s." % ", ".join(NAMES)
+    )
+    return p.parse_args(without_remappings(arguments))
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Exit status 0 for a description that can be used; 1 and one line on stderr otherwise."""
+    return run_main(lambda: print("\n".join(summary(parse(arguments).robot))), "check_robot.py")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
