@@ -9,7 +9,7 @@ setup(
     **generate_distutils_setup(
         packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, name + ".*")]),
         package_data={
-            "applr_ros1": ["models/*", "robots/*/*", "robots/*/*/*"],
+            "applr_ros1": ["models/*", "robots/*/*", "robots/*/*/*", "robots/*/*/*/*"],
             "training": ["recipes/*.yaml", "variants/*.yaml", "report/*.html"],
             "worlds": ["data/*"],
         },

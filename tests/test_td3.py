@@ -268,3 +268,16 @@ def test_pooled_scan_becomes_an_actor_that_takes_every_beam():
     np.testing.assert_array_equal(other.action(observation), td3.action(observation))
     with pytest.raises(LearnerError, match="divisor"):
         TD3(729, 8, TD3Config(scan_pool=7), scan=720)
+
+
+def test_a_policy_can_begin_at_a_set_and_learns_from_there():
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, 10)).astype(np.float32)
+    td3 = TD3(10, 3, TD3Config(hidden=(64,), average=0.75), seed=7)
+    td3.begin_at([0.5, -0.25, 1.0])
+    np.testing.assert_allclose(td3.action(observations), np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
+    first = td3.action(observations)
+    for batch in [_batch(np.random.default_rng(i), 64, 10, 3) for i in range(10)]:
+        td3.update(batch)
+    assert (td3.action(observations) != first).all()
+    with pytest.raises(LearnerError, match="begin at 2 numbers: give 3"):
+        td3.begin_at([0.0, 0.0])

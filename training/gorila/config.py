@@ -10,7 +10,7 @@ import json
 import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Callable, Dict, List, Optional, get_type_hints
+from typing import Any, Callable, Dict, List, Optional, Tuple, get_type_hints
 
 import yaml
 
@@ -19,6 +19,8 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json
 from applr_ros1.planner.variant import PER_METRE
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
 from training.gorila.learner import LearnerConfig
 from training.gorila.options import PAPER_STEPS, Options
@@ -95,7 +97,18 @@ class TrainConfig(Options):
             max_staleness=self.max_staleness,
             seed=self.seed,
             device=self.device,
+            start=self.start_action(),
         )
+
+    def start_action(self) -> Tuple[float, ...]:
+        """The action of the set --start, () without one. Raises ConfigError, or ApplrError for a file of no use."""
+        if not self.start:
+            return ()
+        robot = load(self.robot)
+        method = methods.make(self.start, robot)
+        if not isinstance(method, methods.FixedParameters):
+            raise ConfigError("--start is %r: give static, or a JSON file with a parameter set" % self.start)
+        return tuple(space_of(robot).to_action(method.values).tolist())
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --steps written out, so that a longer --steps at a --resume does not change it."""
@@ -185,7 +198,8 @@ _BOUNDS = (
     ("eval_every", 1, 10**9),
     ("contact_seconds", 0.0, 1e6),
 )
-FIXED = {"hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm"}  # what --resume cannot replace
+# what --resume cannot replace
+FIXED = {"hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm", "start"}
 
 
 def dashed(name: str) -> str:

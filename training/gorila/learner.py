@@ -10,7 +10,7 @@ import json
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import safetensors.numpy
@@ -40,6 +40,7 @@ class LearnerConfig:
     max_staleness: int = 0  # refuse trajectories of policies older than so many updates; 0: never
     seed: int = 0
     device: str = "cpu"
+    start: Tuple[float, ...] = ()  # the action at which the policy begins; (): that of its random first weights
 
 
 class Learner:
@@ -49,6 +50,8 @@ class Learner:
         self.layout, self.config = layout, config
         self.folder = Path(folder) if folder is not None else None
         self.td3 = TD3(layout.size, layout.action, config.td3, config.seed, config.device, layout.scan)
+        if config.start:
+            self.td3.begin_at(config.start)
         self.replay = Replay(layout, config.capacity)
         self.rng = np.random.default_rng([config.seed, 1])
         self.journal = Journal(make_folder(self.folder) / "journal") if self.folder is not None else None

@@ -65,7 +65,7 @@ class TaskScheduler:
             episode,
             self.config.seed,
             self.config.noise(self.transitions),
-            self.transitions < self.config.warmup,
+            self.transitions < self.config.warmup and not self.config.start,
             self._world(slot, episode),
         )
 

@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import torch
 
 from applr_ros1.common.errors import ApplrError
 from training.td3.networks import MLP, Kept
+
+INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
+SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
 
 
 class LearnerError(ApplrError):
@@ -116,6 +119,21 @@ class TD3:
         self.updates = 0
         self.losses: Dict[str, torch.Tensor] = {}
         self._graphs = Graphs(self) if on_gpu else None
+
+    @torch.no_grad()
+    def begin_at(self, action: Sequence[float]) -> None:
+        """Makes a fresh policy answer nearly this action, numbers in [-1, 1], to every observation.
+
+        Raises:
+            LearnerError: for another number of numbers than an action has.
+        """
+        if len(action) != self.actions:
+            raise LearnerError("the policy is to begin at %d numbers: give %d" % (len(action), self.actions))
+        nearly = torch.as_tensor(action, dtype=torch.float32, device=self.device).clamp(-INNER, INNER)
+        for actor in filter(None, (self.actor, self.actor_target, self.actor_average)):
+            weight, bias = actor.layers[-1]
+            weight.mul_(SMALL_START)
+            bias.copy_(torch.atanh(nearly))
 
     # -- learning ----------------------------------------------------------------------------------
     @torch.no_grad()
