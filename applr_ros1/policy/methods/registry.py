@@ -84,7 +84,10 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         "the best single set for a planner whose distance weights count metres",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
-    "applr": (lambda robot: _actor(shipped(robot=robot), robot), "the robot's shipped policy; the Jackal's decides every second"),
+    "applr": (
+        lambda robot: _actor(shipped(robot=robot), robot),
+        "the robot's shipped policy; the Jackal's decides every second",
+    ),
     "applr_2s": (
         lambda robot: at_period(make("applr", robot), "2"),
         "the shipped policy with the paper's decision period of 2 s",
