@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from applr_ros1.monitor.memory import ObstacleMemory
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.scanner import FROZEN_SCANS
 from applr_ros1.monitor.settings import MonitorSettings
@@ -84,6 +85,43 @@ def test_backs_out_only_as_far_as_what_was_seen_behind_allows():
     assert monitor.filter(0.1, (-0.2, 0, 0), (0, 0), (0.5, 0.0)).action == PASS
 
 
+def test_backs_out_along_a_long_way_only_as_far_as_what_was_seen_there_allows():
+    """What was passed and lay three metres behind still stands there when the robot has backed up to it."""
+    monitor, behind = CollisionMonitor(), [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.see(scan_of(behind, (0, 0, math.pi)), (0, 0, math.pi))
+    there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
+    for step, x in enumerate(there_and_back):
+        pose, now = (float(x), 0.0, 0.0), 0.1 * (step + 1)
+        monitor.see(scan_of([], pose, now, ranges=np.full(BEAMS, 20.0 + now, np.float32)), pose)
+        verdict = monitor.filter(now, pose, (0, 0), (-0.5, 0.0))
+        assert x < 0.0 or verdict.action == PASS
+    assert verdict.action != PASS
+
+
+def test_a_long_time_before_edges_does_not_fill_the_memory():
+    rng, monitor, pose = np.random.default_rng(0), CollisionMonitor(), (0.0, 0.0, 0.0)
+    discs = [(0.8, y) for y in np.arange(-0.9, 0.9, 0.18)]
+    clean = scan_of(discs + wall(1.6, 1.5), pose)
+    counts = []
+    for step in range(200):
+        noisy = clean.ranges + rng.normal(0.0, 0.002, BEAMS).astype(np.float32)
+        monitor.see(scan_of([], pose, 0.05 * step, ranges=noisy), pose)
+        counts.append(len(monitor.memory.points))
+    assert counts[-1] < 1.5 * counts[0]
+
+
+def test_a_full_memory_forgets_the_oldest(monkeypatch):
+    monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1000)
+    memory, newest = ObstacleMemory(), ObstacleMemory()
+    for x in (0.0, 2.0, 4.0, 6.0, 8.0):  # each time far beyond what the scan before has shown
+        pose = (x, 0.0, 0.0)
+        scan = scan_of([], pose, x, ranges=np.full(BEAMS, 0.9, np.float32))
+        memory.update(scan, pose)
+    newest.update(scan, pose)
+    assert len(newest.points) < len(memory.points) <= 1000
+    assert np.array_equal(memory.points[-len(newest.points) :], newest.points)
+
+
 def test_a_blocked_robot_does_not_outwait_its_memory():
     monitor, pose = CollisionMonitor(), (-0.25, 0.0, 0.0)
     behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
@@ -97,7 +135,7 @@ def test_what_has_gone_is_forgotten_when_it_is_looked_at():
     monitor, pose = CollisionMonitor(), (0, 0, 0)
     monitor.see(scan_of(wall(0.38, 0.3), pose), pose)
     assert monitor.filter(0.0, pose, (0, 0), (0.5, 0.0)).action != PASS
-    monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, 8.0, np.float32)), pose)
+    monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, 20.0, np.float32)), pose)
     assert len(monitor.memory.points) == 0
     assert monitor.filter(0.1, pose, (0, 0), (0.5, 0.0)).action == PASS
 

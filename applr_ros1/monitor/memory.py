@@ -1,8 +1,8 @@
 """What the scanner saw near the robot, kept where it cannot look now. CollisionMonitor holds one ObstacleMemory.
 
 A scanner that covers 270 degrees does not look behind, and one near the front edge does not see what lies beside the
-rear wheels. The points that it measured there before are kept in the odometry frame until they are measured anew, seen
-through, too far away or too old.
+rear wheels. The points that it measured there before are kept in the frame of ScanMatcher's poses until they are
+measured anew, seen through, too far away or too old.
 """
 
 import math
@@ -10,28 +10,29 @@ import math
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.scan_matching import beam_at
 
-CAPACITY = 4096  # points
+CAPACITY = 16384  # points; beyond, the oldest go
 SPACING = 0.015  # [m]: of neighbouring beams' points only those at least so far apart are kept
 TOLERANCE = 0.08  # [m]: a measured range that differs less from a point's distance is that point
 
 
 class ObstacleMemory:
-    """Points (x, y) [m] in the odometry frame with the time at which they were measured.
+    """Points (x, y) [m] in a fixed frame with the time at which they were measured.
 
     Args:
         radius: distance [m] from the robot beyond which points are forgotten.
         seconds: age [s] at which points that are not measured again are forgotten.
     """
 
-    def __init__(self, radius=2.0, seconds=300.0):
+    def __init__(self, radius=8.0, seconds=300.0):
         self.radius, self.seconds = float(radius), float(seconds)
         self._points = np.zeros((CAPACITY, 3))
         self._count = 0
 
     @property
     def points(self):
-        """(n, 2) float64 x, y [m] of all remembered points, in the odometry frame."""
+        """(n, 2) float64 x, y [m] of all remembered points, in the fixed frame, the oldest first."""
         return self._points[: self._count, :2]
 
     def clear(self):
@@ -39,7 +40,7 @@ class ObstacleMemory:
         self._count = 0
 
     def update(self, scan, pose):
-        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) measured at the robot's pose (x, y, yaw).
+        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame) measured at the robot's pose (x, y, yaw).
 
         Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
         NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
@@ -65,6 +66,10 @@ def _update(points, count, ranges, beams, sensor, robot, limits):
     angle_min, increment, range_min, range_max = beams
     sx, sy, syaw = sensor
     radius, _, now = limits
+    surplus = min(count, max(0, count + ranges.shape[0] - points.shape[0]))
+    count -= surplus  # the oldest stand in front
+    for k in range(count):
+        points[k] = points[k + surplus]
     last_x, last_y = np.inf, np.inf
     for i in range(ranges.shape[0]):
         r = ranges[i]
@@ -101,20 +106,17 @@ def _keep(points, count, ranges, beams, sensor, robot, limits):
 
 @kernel
 def _is_measured(x, y, ranges, beams, sensor):
-    """Whether a beam and its neighbours reach to the point or beyond: it is measured anew, or it is gone."""
+    """Whether a beam ends at the point: it is measured anew; or it and its neighbours reach beyond: it is gone."""
     angle_min, increment, range_min, _ = beams
     dx, dy = x - sensor[0], y - sensor[1]
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < range_min:
         return False
-    bearing = math.atan2(dy, dx) - sensor[2] - angle_min
-    if increment > 0.0:
-        bearing %= 2.0 * math.pi
-    else:
-        bearing = -((-bearing) % (2.0 * math.pi))
-    i = int(math.floor(bearing / increment + 0.5))
+    i = int(math.floor(beam_at(angle_min, increment, math.atan2(dy, dx) - sensor[2]) + 0.5))
     if i < 1 or i >= ranges.shape[0] - 1:
         return False
+    if abs(ranges[i] - distance) < SPACING:
+        return True
     for j in range(i - 1, i + 2):
         r = ranges[j]
         if not r >= range_min or r < distance - TOLERANCE:

@@ -1,21 +1,23 @@
-"""The collision monitor itself: joins scanner check, obstacle memory and stopping distance.
+"""The collision monitor itself: joins scanner check, scan matching, obstacle memory and stopping distance.
 
 Joins what happens per scan with what happens per command. Episode (training/mdp/episode.py) calls it in process.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Tuple
 
 import numpy as np
 
 from applr_ros1.monitor.memory import ObstacleMemory
+from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import free_share, half_planes
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE = 2.0  # a measured speed is not believed from this many times the fastest command on
+AHEAD = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
 HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
 
 
@@ -55,18 +57,20 @@ class CollisionMonitor:
         self.fastest = self._fastest()
         self.memory = ObstacleMemory(self.settings.memory_radius, self.settings.memory_seconds)
         self.scanner = ScannerCheck()
+        self.matcher = ScanMatcher()
         self.reset()
 
     def _fastest(self):
-        """(v [m/s], w [rad/s]) from which the base stops within what is remembered, or within a full turn."""
+        """(v [m/s], w [rad/s]) from which the base stops within AHEAD of what is remembered, or within a full turn."""
         s = self.settings
-        ways = (s.deceleration, s.memory_radius), (s.yaw_deceleration, 2.0 * math.pi)
+        ways = (s.deceleration, min(AHEAD, s.memory_radius)), (s.yaw_deceleration, 2.0 * math.pi)
         return tuple(a * (math.sqrt(s.reaction_time**2 + 2.0 * way / a) - s.reaction_time) for a, way in ways)
 
     def reset(self):
         """As a new object: no scan, no memory. To be called when time or odometry jumps."""
         self.memory.clear()
         self.scanner.clear()
+        self.matcher.clear()
         self._stamp = None
         self._fault = "no scan has come yet"
 
@@ -86,7 +90,9 @@ class CollisionMonitor:
         if not self._fault:
             self._stamp = scan.stamp
             if not self.scanner.repeats:  # an old image at a new place would move what is remembered along
-                self.memory.update(scan, pose)
+                self.matcher.see(scan)
+                place = self.matcher.corrected
+                self.memory.update(replace(scan, sensor_pose=place(scan.sensor_pose)), place(pose))
         return self._fault
 
     def filter(self, now, pose, twist, command):
@@ -112,7 +118,9 @@ class CollisionMonitor:
         v, w = most * v, most * w
         speed, turn = max(abs(v), abs(twist[0])), max(abs(w), abs(twist[1]))
         longest = settings.reaction_time + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
-        points = self.memory.around(pose, self._radius + settings.margin + speed * longest + 0.05)
+        points = self.memory.around(
+            self.matcher.corrected(pose), self._radius + settings.margin + speed * longest + 0.05
+        )
         share, free = free_share(
             points,
             self._planes,
@@ -126,7 +134,7 @@ class CollisionMonitor:
             return Verdict((v, w))
         if share >= 1.0:
             return Verdict(
-                (v, w), SLOW, most, "slowed to what can be stopped within the remembered %g m" % settings.memory_radius
+                (v, w), SLOW, most, "slowed to what can be stopped within %g m" % min(AHEAD, settings.memory_radius)
             )
         if share <= 0.0:
             reason = (

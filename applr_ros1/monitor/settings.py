@@ -42,7 +42,7 @@ class MonitorSettings:
     deceleration: float = 4.0
     yaw_deceleration: float = 12.0
     scan_timeout: float = 0.5
-    memory_radius: float = 2.0
+    memory_radius: float = 8.0
     memory_seconds: float = 300.0
 
     @classmethod

@@ -1,0 +1,182 @@
+"""Where the robot is by what the scanner shows, where the wheels have slipped. CollisionMonitor holds one ScanMatcher.
+
+A base that brakes harder than its tyres hold slides on while its wheels stand: its odometry is then wrong by
+centimetres, and whatever the monitor remembers behind it by as much. The difference shows in the next scan, because
+what stood still seems to have moved. Each scan is laid over an earlier one (point to line; Censi, "An ICP variant using
+a point-to-line metric", ICRA 2008), beginning at the odometry's pose. What does not fit, such as a walking person, has
+little weight, and where scans do not tell a direction, as along a bare corridor, the odometry stands.
+"""
+
+import math
+
+import numpy as np
+
+from applr_ros1.common.angles import compose, inverse, wrapped
+from applr_ros1.common.kernels import kernel
+
+REACH = 8.0  # [m]: farther beams are not used
+STRIDE = 3  # every so manieth beam is laid over the earlier scan
+BASE = 0.02  # [m]: a surface's direction is taken from its points so far to both sides
+APART = 0.15, 0.3  # [m, rad]: from every reference by one of these on, a scan becomes one more of them
+KEPT = 256  # references
+ITERATIONS, COARSE = 12, 4
+WIDE, NARROW = 0.1, 0.02  # [m]: a point so far from its line counts a quarter, in the coarse and later iterations
+NOISE = 0.01  # [m]: of a distance between a point and its line
+SLIP, YAW_ERROR = 0.05, 0.01  # [m, rad]: errors of the odometry that are expected between two scans
+MOST, MOST_TURN = 0.15, 0.1  # [m, rad]: a larger correction at once is not believed
+ENOUGH = 20  # points that must have found a line ...
+FITTING = 0.5  # ... and the mean weight that they must have then
+
+
+class ScanMatcher:
+    """Corrects poses of the odometry frame by a slowly changing transform, found from scans."""
+
+    def __init__(self):
+        self.clear()
+
+    def clear(self):
+        """Begins anew: poses are the odometry's until two scans have come."""
+        self.correction = (0.0, 0.0, 0.0)
+        self._references = []  # (ranges, beams, corrected pose) of scans all along the way
+
+    def corrected(self, pose):
+        """The pose (x, y, yaw) of the odometry frame as the scans have it [m, rad]."""
+        return compose(self.correction, pose)
+
+    def see(self, scan):
+        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and corrects the transform.
+
+        It is laid over the nearest of the earlier ones, so that the robot comes back to a place where it left it.
+
+        Returns:
+            Whether the scan fits onto the earlier one; without that the transform stays as it was.
+        """
+        pose = self.corrected(scan.sensor_pose)
+        ranges = np.asarray(scan.ranges, dtype=np.float32)
+        ranges = np.where(
+            (ranges >= scan.range_min) & (ranges < min(scan.range_max, REACH)), ranges, np.float32(np.nan)
+        )
+        beams = float(scan.angle_min), float(scan.angle_increment)
+        nearest = min(range(len(self._references)), key=lambda i: sum(self._apart(i, pose)), default=None)
+        fits = False
+        if nearest is not None:
+            found, fits = self._match(nearest, ranges, beams, pose)
+            if fits:
+                pose = found
+                self.correction = compose(pose, inverse(scan.sensor_pose))
+            else:
+                del self._references[nearest]
+        if not fits or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART)):
+            self._references = [*self._references[1 - KEPT :], (ranges, beams, pose)]
+        return fits
+
+    def _match(self, reference, ranges, beams, guess):
+        pose, lines, weight = _match(*self._references[reference], ranges, beams, guess)
+        moved, turned = _difference(pose, guess)
+        return pose, lines >= ENOUGH and weight >= FITTING * lines and moved <= MOST and turned <= MOST_TURN
+
+    def _apart(self, reference, pose):
+        return _difference(self._references[reference][2], pose)
+
+
+def _difference(a, b):
+    """Distance [m] and angle [rad] between two poses."""
+    return math.hypot(a[0] - b[0], a[1] - b[1]), abs(wrapped(a[2] - b[2]))
+
+
+@kernel
+def _match(old, old_beams, old_pose, new, new_beams, guess):
+    """The pose (x, y, yaw) at which the new scan lies best on the old one, points that found a line, sum of weights."""
+    x, y, yaw = guess
+    found, weights = 0, 0.0
+    for iteration in range(ITERATIONS):
+        scale = WIDE if iteration < COARSE else NARROW
+        found, weights = 0, 0.0
+        # normal equations of the correction (dx, dy, dyaw), with the odometry's pose as prior
+        a00 = a11 = (NOISE / SLIP) ** 2
+        a22 = (NOISE / YAW_ERROR) ** 2
+        a01 = a02 = a12 = 0.0
+        b0, b1, b2 = a00 * (guess[0] - x), a11 * (guess[1] - y), a22 * (guess[2] - yaw)
+        for i in range(0, new.shape[0], STRIDE):
+            r = new[i]
+            if math.isnan(r):
+                continue
+            angle = yaw + new_beams[0] + i * new_beams[1]
+            ox, oy = r * math.cos(angle), r * math.sin(angle)
+            hit, qx, qy, nx, ny = _line(old, old_beams, old_pose, x + ox, y + oy)
+            if not hit:
+                continue
+            distance = nx * (x + ox - qx) + ny * (y + oy - qy)
+            weight = 1.0 / (1.0 + (distance / scale) ** 2) ** 2
+            lever = ny * ox - nx * oy
+            found += 1
+            weights += weight
+            a00 += weight * nx * nx
+            a01 += weight * nx * ny
+            a02 += weight * nx * lever
+            a11 += weight * ny * ny
+            a12 += weight * ny * lever
+            a22 += weight * lever * lever
+            b0 -= weight * nx * distance
+            b1 -= weight * ny * distance
+            b2 -= weight * lever * distance
+        dx, dy, dyaw = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
+        x, y, yaw = x + dx, y + dy, yaw + dyaw
+        if iteration >= COARSE and abs(dx) + abs(dy) + abs(dyaw) < 1e-5:
+            break
+    return (x, y, yaw), found, weights
+
+
+@kernel
+def _line(ranges, beams, pose, x, y):
+    """Where a scan's surface is in the direction of a point: (hit, point on it, unit normal)."""
+    dx, dy = x - pose[0], y - pose[1]
+    place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
+    i = int(math.floor(place))
+    if i < 0 or i + 1 >= ranges.shape[0] or math.isnan(ranges[i]) or math.isnan(ranges[i + 1]):
+        return False, 0.0, 0.0, 0.0, 0.0
+    near = abs(ranges[i] * beams[1])  # between neighbouring points of a surface that is seen squarely
+    span = min(int(math.ceil(BASE / max(near, 1e-6))), 20)
+    low, high = i, i + 1
+    while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < 4.0 * near:  # not across an edge
+        low -= 1
+    while high < ranges.shape[0] - 1 and high - i - 1 < span and abs(ranges[high + 1] - ranges[high]) < 4.0 * near:
+        high += 1
+    if not abs(ranges[i + 1] - ranges[i]) < 4.0 * near:
+        return False, 0.0, 0.0, 0.0, 0.0
+    x0, y0 = _point(ranges, beams, pose, low)
+    x1, y1 = _point(ranges, beams, pose, high)
+    length = math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2)
+    if length < 1e-6:
+        return False, 0.0, 0.0, 0.0, 0.0
+    share = place - i
+    qx, qy = _point(ranges, beams, pose, i)
+    px, py = _point(ranges, beams, pose, i + 1)
+    return True, qx + share * (px - qx), qy + share * (py - qy), (y0 - y1) / length, (x1 - x0) / length
+
+
+@kernel
+def beam_at(angle_min, increment, bearing):
+    """The index, with a fraction, of the beam of a scan that points to a bearing [rad]; past its end for none."""
+    turn = bearing - angle_min
+    turn = turn % (2.0 * math.pi) if increment > 0.0 else -((-turn) % (2.0 * math.pi))
+    return turn / increment
+
+
+@kernel
+def _point(ranges, beams, pose, i):
+    angle = pose[2] + beams[0] + i * beams[1]
+    return pose[0] + ranges[i] * math.cos(angle), pose[1] + ranges[i] * math.sin(angle)
+
+
+@kernel
+def _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2):
+    """Solve the symmetric, positive definite system a x = b of three unknowns (Cramer's rule)."""
+    c00, c01, c02 = a11 * a22 - a12 * a12, a02 * a12 - a01 * a22, a01 * a12 - a02 * a11
+    c11, c12, c22 = a00 * a22 - a02 * a02, a01 * a02 - a00 * a12, a00 * a11 - a01 * a01
+    determinant = a00 * c00 + a01 * c01 + a02 * c02
+    return (
+        (c00 * b0 + c01 * b1 + c02 * b2) / determinant,
+        (c01 * b0 + c11 * b1 + c12 * b2) / determinant,
+        (c02 * b0 + c12 * b1 + c22 * b2) / determinant,
+    )
