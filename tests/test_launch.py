@@ -361,18 +361,29 @@ def is_alive(pid):
         return False
 
 
+def slowness():
+    """How many times as long as on a processor of its own a process needs now, at least 1."""
+    began, used = time.monotonic(), time.process_time()
+    while time.process_time() - used < 0.2:
+        pass
+    return max(1.0, (time.monotonic() - began) / 0.2)
+
+
 def test_interrupted_demo_leaves_nobody(tmp_path, measured):
+    """Within five seconds of a machine that does nothing else; a busier one may take longer in proportion."""
     running = demo(tmp_path, "world:=generated:1")
     for line in running.stdout:
         if "goal sent" in line:
             break
     below = processes.descendants(running.pid)
     assert len(below) >= 5
+    before = slowness()
     running.send_signal(signal.SIGINT)
     began = time.monotonic()
-    assert running.wait(timeout=10) == 130
-    measured("everything has ended after", time.monotonic() - began, "s")
-    assert time.monotonic() - began < 5.0
+    assert running.wait(timeout=60) == 130
+    took = time.monotonic() - began
+    measured("everything has ended after", took, "s")
+    assert took < 5.0 * max(before, slowness())
     assert not [pid for pid in below if is_alive(pid)]
     assert not (tmp_path / "drive.png").exists()
 

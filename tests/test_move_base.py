@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from toy_robot import ToyRobot, quick, ring, run, start
+from toy_robot import ANGLE_MIN, BEAMS, INCREMENT, ToyRobot, quick, ring, run, start
 
 from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
@@ -259,6 +259,31 @@ def test_oscillation_recovers_and_aborts_in_its_own_words():
     assert [name for _, name in begun] == ["conservative_reset", "aggressive_reset"]
     # plans go on succeeding at 20 Hz meanwhile: in C++ they hold the first recovery up for many seconds
     assert begun[0][0] - 0.1 == pytest.approx(1.0, abs=0.16)
+
+
+class Wedged(ToyRobot):
+    """A robot that stands whatever it is told."""
+
+    def drive(self, command, duration):
+        super().drive(None, duration)
+
+
+@pytest.mark.parametrize("kind", [ToyRobot, Wedged])
+def test_a_start_in_collision_is_driven_out_of_or_ends_in_recoveries(kind):
+    """Two thick posts reach into the outline of the body; one robot gets away from them, the other is wedged."""
+    robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
+    points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
+    assert np.abs(points[np.isfinite(points)]).min() < 0.165  # half the width of the footprint
+    made, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
+    cycles = []
+    result = run(made, robot, 60.0, cycles=cycles)
+    if kind is ToyRobot:
+        assert result == ("succeeded", "Goal reached.")
+        return
+    assert result == ("aborted", module.OSCILLATING)
+    begun = [c.recovery[2] for _, c in cycles if c.recovery]
+    assert begun == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+    assert made.goal is None
 
 
 # -- cancel, replace ---------------------------------------------------------------------------------------------

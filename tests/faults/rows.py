@@ -195,9 +195,10 @@ SECTIONS = {
         ),
         Row(
             "17",
-            "a sealed goal, an oscillation, a goal in an obstacle",
+            "a start in collision, a sealed goal, an oscillation, a goal in an obstacle",
             "the recoveries run in order, then the goal is aborted",
             (
+                "test_move_base.py::test_a_start_in_collision_is_driven_out_of_or_ends_in_recoveries",
                 "test_move_base.py::test_sealed_goal_tries_every_recovery_in_order_and_aborts",
                 "test_move_base.py::test_oscillation_recovers_and_aborts_in_its_own_words",
                 "test_move_base.py::test_goals_that_cannot_be_reached_are_aborted",
