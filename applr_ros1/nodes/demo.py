@@ -85,7 +85,7 @@ def main(words=None):
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         stack.stop()
     os.unlink(log.name)
-    drive.title = "%s, mode %s: %s in %.1f s" % (result["world"], result["mode"], result["reason"], result["time_s"])
+    drive.title = "{world}, {robot}, mode {mode}: {reason} in {time_s:.1f} s".format(**result)
     result["picture"] = _leave("picture", values["picture"], lambda path: drive_picture.save(drive, path))
     result["animation"] = _leave(
         "animation", values["animation"], lambda path: drive_animation.save(drive, _outline(values["robot"]), path)
