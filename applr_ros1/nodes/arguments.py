@@ -20,6 +20,7 @@ from applr_ros1.robots import load
 
 MAX_GOAL = 1e5  # m; farther than any costmap
 MOVE_BASES = ("python", "cpp")
+SEPARATOR = "\u241f"  # between arguments in the launch file's one word
 ROS_NAME = re.compile(r"^/?[A-Za-z]\w*(/\w+)*$", re.ASCII)
 PARAMETER_FILES = (
     "move_base_params.yaml",
@@ -52,7 +53,10 @@ def declared(path=None):
 
 
 def parse(words, known):
-    """{name: value} from ["name:=value", ...]. ArgumentError for other words, unknown names and repeated ones."""
+    """{name: value} from ["name:=value", ...].
+
+    ArgumentError for other words, unknown names and repeated ones, and for line breaks.
+    """
     given = {}
     for word in words:
         name, separator, value = word.partition(":=")
@@ -64,6 +68,8 @@ def parse(words, known):
             raise ArgumentError("%s:= is no argument: there are %s" % (name, ", ".join(known)))
         if name in given:
             raise ArgumentError("%s:= is given twice: give it once" % name)
+        if "\n" in value:  # roslaunch would leave it out without a word
+            raise ArgumentError("%s is %s: ROS takes no line break in an argument; rename the file" % (name, value))
         given[name] = value
     return given
 
@@ -205,7 +211,9 @@ def main():
 
 
 def _check_command_line():
-    known = declared()
-    given = parse([word for word in sys.argv[1:] if not word.startswith("_")], known)
+    known, words = declared(), sys.argv[1:]
+    if words[:1] == ["--hex"]:  # the launch file's way: all arguments, whatever quotes they hold
+        words = [word.lstrip() for word in bytes.fromhex(words[1]).decode("utf-8").split(SEPARATOR)]
+    given = parse([word for word in words if not word.startswith("_")], known)
     check(dict({name: default for name, (default, _) in known.items()}, **given))
     print("checked")

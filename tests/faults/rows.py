@@ -332,12 +332,14 @@ SECTIONS = {
         Row(
             "23a",
             "options and arguments that cannot be, quotes and newlines in paths",
-            "one line and a status, never a traceback",
+            "one line and a status, never a traceback; paths with quotes are used as they are",
             (
                 HOSTILE + "test_options_that_cannot_be_are_one_line",
                 HOSTILE + "test_mistakes_on_the_other_command_lines_are_one_line",
                 "test_common.py::test_a_newline_in_a_path_leaves_the_error_on_one_line",
                 "test_launch.py::test_a_wrong_argument_is_one_line",
+                "test_launch_paths.py::test_quotes_and_spaces_in_paths_reach_the_nodes_as_they_are",
+                "test_launch_paths.py::test_a_line_break_in_an_argument_is_refused",
             ),
         ),
         Row(

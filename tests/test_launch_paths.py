@@ -1,0 +1,53 @@
+"""Paths with quotes and spaces in arguments of the launch files, and line breaks, which ROS does not take."""
+
+import json
+import os
+import shutil
+
+import pytest
+from test_launch import ROOT, inside
+
+import worlds
+from applr_ros1.nodes import arguments
+from worlds import sdf_writer
+
+pytestmark = pytest.mark.ros
+
+LOAD = """
+import json, shlex, sys
+import roslaunch.config, roslaunch.xmlloader
+config = roslaunch.config.ROSLaunchConfig()
+roslaunch.xmlloader.XmlLoader().load(sys.argv[1], config, argv=sys.argv[2:], verbose=False)
+print(json.dumps({
+    "parameters": {name: param.value for name, param in config.params.items()},
+    "words": {node.name: shlex.split(node.args or "") for node in config.nodes},
+}))
+"""
+
+
+def test_quotes_and_spaces_in_paths_reach_the_nodes_as_they_are(tmp_path):
+    folder = tmp_path / 'it\'s a "b" c'
+    shutil.copytree(os.path.join(ROOT, "applr_ros1", "robots", "jackal"), folder / "robot")
+    world = folder / "w.world"
+    sdf_writer.write(worlds.load("generated:1"), str(world))
+    given = {"robot": folder / "robot", "world": world, "record": folder / "r.bag", "rviz": "true"}
+    words = ["%s:=%s" % pair for pair in given.items()]
+    done = inside("python", "-c", LOAD, os.path.join(ROOT, "applr_ros1", "launch", "jackal_applr.launch"), *words)
+    assert done.returncode == 0, done.stderr[-2000:]
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["parameters"]["/applr_launch"].strip() == "checked"
+    for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal"):
+        assert found["parameters"]["/%s/robot" % node] == str(folder / "robot")
+    assert found["parameters"]["/sim_bridge/world"] == str(world)
+    assert found["words"]["record"] == [str(folder / "r.bag"), "--costmaps", "false", "--robot", str(folder / "robot")]
+    assert found["words"]["rviz"][:2] == ["--robot", str(folder / "robot")]
+    bag = ["bag:=%s" % (folder / "r.bag"), "robot:=%s" % (folder / "robot")]
+    done = inside("python", "-c", LOAD, os.path.join(ROOT, "applr_ros1", "launch", "replay.launch"), *bag)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert json.loads(done.stdout.splitlines()[-1])["words"]["replay"][0] == str(folder / "r.bag")
+
+
+def test_a_line_break_in_an_argument_is_refused():
+    """ROS leaves such an argument out without a word, and the stack would drive something else."""
+    with pytest.raises(arguments.ArgumentError, match="no line break"):
+        arguments.parse(["world:=a\nb.world"], arguments.declared())
