@@ -133,7 +133,7 @@ class PybulletSimulator(Simulator):
 
     def _touching(self, position):
         """Whether anything but the ground presses on the robot now."""
-        if _find_near(self._circles, position[0], position[1], self._span, self._near):  # few are: asking is dear
+        if _find_near(self._circles, position[0], position[1], self._span, self._near):  # asking Bullet is slow
             for obstacle, near in zip(self._obstacles, self._near):
                 if near and self._pressing(obstacle):
                     return True

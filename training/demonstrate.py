@@ -46,8 +46,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
     driver = Demonstrator(world, robot)
     state = simulator.reset(world, seed)
     metres, contacts, began = 0.0, 0, state.time
-    scan_period = 1.0 / robot.laser.rate if robot.laser.rate * CONTROL_PERIOD < 1.0 else 0.0  # 0: one in each cycle
-    scan_due = began
+    scan_period, scan_due = robot.laser.period_in(CONTROL_PERIOD), began
     with BagWriter(bag, TopicNames.of(robot), robot) as writer:
         source = dict(said or {}, demonstrator=NAME, world=world.name, seed=seed)
         writer.told(1.0, **source)

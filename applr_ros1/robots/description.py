@@ -86,6 +86,10 @@ class Laser:
         """Angle from one beam to the next [rad]."""
         return (self.last_angle - self.first_angle) / (self.beams - 1)
 
+    def period_in(self, cycle: float) -> float:
+        """Time between two scans [s] where there is at most one in each cycle of `cycle` [s]; 0: one in every cycle."""
+        return 1.0 / self.rate if self.rate * cycle < 1.0 else 0.0
+
 
 @dataclass(frozen=True)
 class Topics:

@@ -132,8 +132,7 @@ class Episode:
         self.simulator, self.move_base, self.monitor = simulator, move_base, monitor
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
-        slow = robot.laser.rate * CONTROL_PERIOD < 1.0
-        self._scan_period = 1.0 / robot.laser.rate if slow else 0.0  # 0: a scan in every cycle
+        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
         self.end_on_contact, self.record = end_on_contact, record
         self.set_period(period)
         self.time_limit = TIME_LIMIT if limit is None else limit * period
