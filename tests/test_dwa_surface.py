@@ -11,6 +11,10 @@ from move_base_stack import POSTS, goal, start
 from ros_harness import wait_for
 from test_dwa_move_base import tree
 
+from applr_ros1.nodes.reconfigure_client import decode
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
+
 pytestmark = pytest.mark.ros
 SURFACE = json.loads((Path(__file__).parent / "dwa_surface.json").read_text())
 SERVER = "/move_base/DWAPlannerROS"
@@ -70,14 +74,28 @@ def test_the_server_describes_the_cpp_parameters_and_clamps(node):
     client.close()
 
 
-def test_drives_to_a_goal_and_shows_plans_and_clouds(node):
+def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(master, node):
+    """The Husky's parameters and policy. The layers of these parameter files have other names than the Husky's."""
     import actionlib
     import rospy
+    from dynamic_reconfigure.msg import Config
     from move_base_msgs.msg import MoveBaseAction
     from nav_msgs.msg import Path as PathMessage
     from sensor_msgs.msg import PointCloud2
+    from std_msgs.msg import String
 
-    seen = {}
+    space = space_of(load("husky"))
+    decisions, in_force, seen = [], [], {}
+    rospy.Subscriber("/applr/decision", String, lambda m: decisions.append(json.loads(m.data)["theta"]))
+    rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode(m)))
+
+    def has(theta):
+        """Whether the planner has had the values of a set at some time."""
+        wanted = space.requests(theta)["DWAPlannerROS"].items()
+        return any(wanted <= values.items() for values in in_force)
+
+    applr = master.python("-m", "applr_ros1.scripts.applr", "_robot:=husky", "_period:=0.4")
+    wait_for(lambda: has(space.theta0) or not applr.alive(), 10.0, "the Husky's own parameters")
     kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)
     for topic, kind in kinds.items():
         rospy.Subscriber(SERVER + "/" + topic, kind, lambda m, topic=topic: seen.setdefault(topic, m))
@@ -86,6 +104,11 @@ def test_drives_to_a_goal_and_shows_plans_and_clouds(node):
     client.send_goal(goal(1.0))
     assert client.wait_for_result(rospy.Duration(30.0)), node.text
     assert client.get_goal_status_text() == "Goal reached."
+    assert len(decisions) >= 2
+    for theta in decisions[:-1]:  # the newest may have come too late
+        assert has(space.from_dict(theta)), theta
+    assert applr.end() == 0
+    assert "WARN" not in applr.text, applr.text
     assert set(seen) == set(kinds)
     assert [f.name for f in seen["trajectory_cloud"].fields] == ["x", "y", "z", "theta", "cost"]
     assert seen["trajectory_cloud"].header.frame_id == "odom"
