@@ -15,7 +15,8 @@ from training.gorila.learner import Learner
 TINY = """
 seeds: [3]
 minutes: 5
-options: {env: "tests.toy_env:Line", steps: 40, hidden: "8", batch_size: 4, eval_worlds: none, tensorboard: false}
+options: {env: "tests.toy_env:Line", steps: 40, hidden: "8", batch_size: 4, eval_worlds: none, tensorboard: false,
+  robot: husky}
 variants:
   plain: {}
   quick_0.5: {updates_per_transition: 0.5}
@@ -27,12 +28,16 @@ def test_each_variant_is_trained_judged_and_gets_a_row(tmp_path, monkeypatch, ca
     file, out = tmp_path / "tiny.yaml", tmp_path / "out"
     file.write_text(TINY)
 
+    robots = []
+
     def drive(options):
+        robots.append(options.robot.name)
         evaluate(dataclasses.replace(options, methods="dwa", runner="tests.toy_runner:ToyRunner", workers=0))
 
     monkeypatch.setattr(compare_variants, "evaluate", drive)
     command = [str(file), "--out", str(out), "--worlds", "generated:0,generated:1", "--trials", "2", "--parallel", "2"]
     assert compare_variants.main(command) == 0, capsys.readouterr().err
+    assert robots == ["husky", "husky"]
     assert "5 minutes of training" in capsys.readouterr().out
     rows = list(csv.DictReader((out / "variants.csv").open()))
     assert [(row["variant"], row["seeds"], float(row["transitions"])) for row in rows] == [

@@ -1,8 +1,9 @@
 """Compares variants of the learning: the same wall time and seeds for each, judged in worlds that none trained in.
 
 Started as `python -m training.compare_variants FILE.yaml --out DIR`. The YAML file holds what is common and the
-variants, each a few options of train.py (training/variants/learning.yaml is one). A comparison that was stopped
-continues with the same command. docs/training.md describes the table.
+variants, each a few options of train.py (training/variants/learning.yaml is one); the robot is among these options,
+and trials are driven with it. A comparison that was stopped continues with the same command. docs/training.md describes
+the table.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import yaml
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, read_json, write_bytes
 from applr_ros1.planner.variant import WEIGHTS
+from applr_ros1.robots import load
 from training.command_line import Parser, add_simulator, add_worlds, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import trial_seconds
@@ -165,7 +167,7 @@ def _done(given: Dict[str, Any], folder: Path) -> bool:
 
 
 def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials: int, workers: int) -> None:
-    """Drives the best policy of each run in the validation worlds, with both kinds of distance weights."""
+    """Drives the best policy of each run, with its robot and both kinds of distance weights, in the worlds."""
     for name, seed in comparison.runs():
         folder = folder_of(out, name, seed)
         best = folder / "best.safetensors"
@@ -180,6 +182,7 @@ def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials
                 out=str(folder / "validation"),
                 weights=WEIGHTS,
                 traces=0,
+                robot=load(comparison.of(name, seed)["robot"]),
             )
         )
 
