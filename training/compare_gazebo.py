@@ -1,8 +1,8 @@
 """Compares trials in our simulator with default DWA's times in Gazebo, world by world.
 
 `python -m training.compare_gazebo results/trials.csv gazebo_dwa_train.csv`. The second file is a table with the columns
-in COLUMNS. It is other people's data and not part of this repository. Nothing is driven here: which robot drove is a matter
-of the two tables.
+in COLUMNS. It is other people's data and not part of this repository. Nothing is driven here: which robot drove is a
+matter of the two tables.
 """
 
 from __future__ import annotations
