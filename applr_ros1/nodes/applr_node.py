@@ -1,7 +1,8 @@
-"""The applr node: every two seconds of ROS time observation → method → eight parameters (Algorithm 1 of the paper).
+"""The applr node: every second or two of ROS time observation → method → parameters (Algorithm 1 of the paper).
 
-Run by scripts/applr.py beside any TrajectoryPlannerROS move_base. It decides while a goal is active; between goals
-the planner has theta_0, on which every course starts. README.md lists its topics, services and parameters.
+Run by scripts/applr.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
+active; between goals the planner has theta_0, on which every course starts. README.md lists its topics, services and
+parameters.
 """
 
 import gc
@@ -253,7 +254,7 @@ class ApplrNode:
             self.worker.request(theta)
 
     def _capped(self, theta):
-        """Theta (8,) with max_vel_x within max_speed."""
+        """Theta (n,) with max_vel_x within max_speed."""
         return np.minimum(theta, self._cap)
 
     def shutdown(self):
