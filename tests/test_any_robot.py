@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
+import sim_bridge
+import worlds
 from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import complete
@@ -14,6 +16,9 @@ from applr_ros1.policy.actor import Actor, ActorError
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import SpaceError, space_of
 from training import check_robot, evaluate, static_search, train
+from training.bags import reader as bags
+from training.bags.reader import TopicNames
+from training.bags.writer import BagWriter, RecordingEpisode
 from training.evaluation.store import read_rows
 from training.evaluation.trials import COLUMNS
 
@@ -182,6 +187,20 @@ def test_searched_trained_and_driven(crate, tmp_path, capsys):
         "cost_scaling_factor": 8.0,
     }
     assert "# metres" in (own / "costmap.yaml").read_text()
+
+
+def test_recorded_and_read_back(crate, tmp_path):
+    robot = robots.load(str(crate))
+    space, topics = space_of(robot), TopicNames.of(robot)
+    with BagWriter(tmp_path / "a.bag", topics, robot) as writer:
+        simulator, planner = sim_bridge.make("kinematic", robot=robot), MoveBase(robot.parameters())
+        episode = RecordingEpisode(simulator, planner, writer, limit=2)
+        outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
+        while not outcome.over:
+            outcome = episode.decide(space.high)
+    read_back = bags.read(tmp_path / "a.bag", topics, robot).parameters
+    assert set(read_back) == set(space.servers)
+    assert read_back[""][-1][1]["planner_patience"] == 20.0
 
 
 @pytest.mark.parametrize(

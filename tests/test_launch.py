@@ -19,7 +19,7 @@ from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters import declarations as parameters
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import NAMES, RobotError, load
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -72,7 +72,8 @@ def test_other_robots_bring_their_files_names_and_frames(name):
     assert complete(without)["global_costmap"]["global_frame"] == robot.frames.odom
     recorded = recording.topics(False, robot=robot)
     assert {"/" + robot.topics.scan, "/" + robot.topics.odometry} <= set(recorded)
-    assert any(topic.endswith("/parameter_updates") and "costmap" in topic for topic in recorded)
+    servers = dict(space_of(robot).places())
+    assert {os.path.normpath("/move_base/%s/parameter_updates" % server) for server in servers} <= set(recorded)
 
 
 def test_a_robot_without_a_policy_drives_on_its_own_parameters(tmp_path):

@@ -6,6 +6,7 @@ says when it is finished.
 
 import dataclasses
 import math
+import posixpath
 import time
 from collections import namedtuple
 
@@ -66,9 +67,8 @@ class Observer:
         self.parameters.update((name, []) for _, name in space.places())
         for server in dict(space.places()):
             names = tuple(name for place, name in space.places() if place == server)
-            rospy.Subscriber(
-                "/move_base/%s/parameter_updates" % server, Config, self._on_parameters, names, queue_size=10
-            )
+            topic = posixpath.join("/move_base", server, "parameter_updates")
+            rospy.Subscriber(topic, Config, self._on_parameters, names, queue_size=10)
         self.client = None
 
     def parts(self):

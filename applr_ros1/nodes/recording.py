@@ -6,6 +6,7 @@ Called by scripts/record.py (launch argument record:=), which becomes rosbag's r
 from __future__ import annotations
 
 import argparse
+import posixpath
 import sys
 from typing import Iterator, List, Sequence
 
@@ -47,8 +48,9 @@ def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL)
     mappings = names.load_mappings(list(arguments))
     mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
     found = list(SHARED)
-    servers = {setting.server for parameter in robot.space for setting in parameter.settings} - {"", *PLANNERS}
-    text = " ".join(["move_base/%s/parameter_updates" % server for server in sorted(servers)] + [STACK])
+    servers = {setting.server for parameter in robot.space for setting in parameter.settings} - set(PLANNERS)
+    updates = [posixpath.join("move_base", server, "parameter_updates") for server in sorted(servers)]
+    text = " ".join([*updates, STACK])
     for name in _named(text + " " + COSTMAPS if costmaps else text, robot):
         name = names.resolve_name(name, node)
         found.append(mappings.get(name, name))
