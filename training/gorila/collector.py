@@ -33,13 +33,17 @@ class Collector:
     def run(self, task: Collect, policy: Optional[PolicyWeights]) -> Answer:
         """Drives the episode; all of its randomness comes from the task's seed, actor and episode."""
         rng = np.random.default_rng([TRAINING, task.seed, *task.actor.encode(), task.episode])
-        size = self.layout.action
+        size, sigma = self.layout.action, task.sigma
+        if task.mixed:
+            sigma *= 2.0 * rng.random()
+        held = rng.standard_normal(size, dtype=np.float32) * np.float32(sigma * task.held**0.5) if task.held else 0.0
+        sigma *= (1.0 - task.held) ** 0.5
 
         def act(observation: np.ndarray) -> np.ndarray:
             if policy is None or task.random:
                 return rng.uniform(-1.0, 1.0, size).astype(np.float32)
-            noise = rng.standard_normal(size, dtype=np.float32) * np.float32(task.sigma)
-            return np.clip(policy(observation) + noise, -1.0, 1.0)
+            noise = rng.standard_normal(size, dtype=np.float32) * np.float32(sigma)
+            return np.clip(policy(observation) + held + noise, -1.0, 1.0)
 
         options = None if task.world is None else {"world": task.world}
         episode = roll_out(self.env, act, int(rng.integers(2**31)), options)

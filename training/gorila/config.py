@@ -183,6 +183,10 @@ _BOUNDS = (
     ("saturation", 0.0, 100.0),
     ("period", 0.05, 10.0),
     ("scan_pool", 1, 1000),
+    ("bins", 0, 10_000),
+    ("value_low", -1e6, 1e6),
+    ("value_high", -1e6, 1e6),
+    ("noise_held", 0.0, 1.0),
     ("policy_delay", 1, 100),
     ("updates_per_transition", 0.0, 100.0),
     ("warmup", 0, 10**9),
@@ -199,7 +203,7 @@ _BOUNDS = (
     ("contact_seconds", 0.0, 1e6),
 )
 # what --resume cannot replace
-FIXED = {"hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm", "start"}
+FIXED = {"hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm", "bins", "value_low", "value_high", "start"}
 
 
 def dashed(name: str) -> str:

@@ -90,6 +90,8 @@ class Options:
     planner_frequency: int = option(0,
         "Global plans per simulated second during training. 10 or 5 make the simulation faster and less exact. "
         "0 plans as often as the robot does, as evaluations always do; the Jackal plans 20 times.")
+    monitor: bool = option(False,
+        "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
     curriculum: float = option(0.0,
         "Share of --steps over which the harder worlds are added to the easiest quarter. 0 uses all worlds from the "
         "beginning.")
@@ -109,6 +111,8 @@ class Options:
     c_c: float = option(Reward.c_c,
         "Coefficient of the clearance term: what 1/d costs in 2 s, with d the distance [m] of the nearest obstacle in "
         "the laser scan.")
+    end_on_contact: bool = option(False,
+        "End a training episode at the first contact, as a failure. Evaluations are not ended.")
     along_y: bool = option(False,
         "Measure progress along the y axis of the world, as the paper simplified it, instead of in the direction of "
         "the goal.")
@@ -143,6 +147,13 @@ class Options:
         "makes a gradient step four times faster; the actor file still takes every beam.")
     layer_norm: bool = option(TD3Config.layer_norm,
         "Normalise the hidden layers of the critics, which keeps many gradient steps per transition stable.")
+    bins: int = option(TD3Config.bins,
+        "Number of intervals of values that the critics tell apart as classes, such as 101, instead of regressing the "
+        "value: rare returns far off the others then disturb them less. 0 regresses.")
+    value_low: float = option(TD3Config.value_low,
+        "Lower end of the range of values that --bins divides. Lower target values count as this.")
+    value_high: float = option(TD3Config.value_high,
+        "Upper end of the range of values that --bins divides. Higher target values count as this.")
     policy_delay: int = option(TD3Config.policy_delay, "Number of critic updates per policy update.")
     updates_per_transition: float = option(LearnerConfig.updates_per_transition,
         "Number of gradient steps per collected transition.")
@@ -161,6 +172,12 @@ class Options:
     noise_start: float = option(0.5,
         "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.")
     noise_end: float = option(0.02, "Standard deviation of the exploration noise after --noise-steps transitions.")
+    noise_mixed: bool = option(False,
+        "Draw the standard deviation of the exploration noise anew in each episode, from 0 to twice that of "
+        "--noise-start and --noise-end.")
+    noise_held: float = option(0.0,
+        "Share of the exploration noise's variance, 0 to 1, that is drawn once an episode and held, instead of anew in "
+        "each decision.")
     noise_steps: int = option(0,
         "Number of transitions over which the exploration noise falls. 0 takes the paper's 3.84 million, or "
         "proportionally fewer where --steps is below 5 million.")

@@ -66,12 +66,15 @@ def prepare(config: TrainConfig) -> Preparation:
         "randomisation": config.randomisation(),
         "reward": config.reward(),
         "period": config.period,
+        "end_on_contact": config.end_on_contact,
+        "monitor": config.monitor,
     }
     trials = {
         "robot": config.robot,
         "simulator": config.evaluation()["simulator"],
         "reward": config.reward(),
         "period": config.period,
+        "monitor": config.monitor,
     }
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))

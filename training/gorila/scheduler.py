@@ -67,6 +67,8 @@ class TaskScheduler:
             self.config.noise(self.transitions),
             self.transitions < self.config.warmup and not self.config.start,
             self._world(slot, episode),
+            mixed=self.config.noise_mixed,
+            held=self.config.noise_held,
         )
 
     def _world(self, slot: int, episode: int) -> Optional[int]:

@@ -15,6 +15,8 @@ import numpy as np
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy.decision import PERIOD
@@ -43,6 +45,8 @@ class ApplrEnv(gymnasium.Env):
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         robot: the robot that drives, or its name or folder; worlds are at its scale.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
+        end_on_contact: a contact ends the episode, terminated, as a failure.
+        monitor: the collision monitor stands between the planner and the base.
         record: keep the driven path in .episode.trace.
         render_mode: "rgb_array", in which render() returns a picture from above, or None.
 
@@ -68,6 +72,7 @@ class ApplrEnv(gymnasium.Env):
         record: bool = False,
         render_mode: Optional[str] = None,
         robot: Union[Robot, str] = JACKAL,
+        monitor: bool = False,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
@@ -89,6 +94,7 @@ class ApplrEnv(gymnasium.Env):
             period=period,
             end_on_contact=end_on_contact,
             record=record or render_mode is not None,
+            monitor=CollisionMonitor(MonitorSettings.of(robot)) if monitor else None,
         )
         self.space = self.episode.space
         self.scan_beams = self.episode.layout.beams  # first numbers of an observation; the replay stores them coarser

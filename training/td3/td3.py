@@ -19,6 +19,7 @@ import torch
 
 from applr_ros1.common.errors import ApplrError
 from training.td3.networks import MLP, Kept
+from training.td3.values import Classification, Regression
 
 INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
 SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
@@ -47,6 +48,9 @@ class TD3Config:
     #                                 ends of the ranges, where tanh lets no gradient through
     scan_pool: int = 1  # neighbouring beams whose mean enters the networks as one input; 1: each beam by itself
     layer_norm: bool = False  # normalise the critics' hidden layers
+    bins: int = 0  # intervals of values that the critics tell apart as classes; 0: they regress
+    value_low: float = -50.0  # ends of the range of values that these intervals divide
+    value_high: float = 10.0
     bc_alpha: float = 0.0  # > 0: TD3+BC (Fujimoto & Gu 2021), their alpha is 2.5
 
 
@@ -94,7 +98,8 @@ class TD3:
             scan: how many of the observation's first numbers are a scan; config.scan_pool neighbours are averaged.
 
         Raises:
-            LearnerError: for an unknown device, or a scan that config.scan_pool does not divide.
+            LearnerError: for an unknown device, a scan that config.scan_pool does not divide, or a range of values
+                that is none.
         """
         self.config, self.actions, self.observations, self.scan = config, actions, observations, scan
         if config.scan_pool < 1 or (config.scan_pool > 1 and (scan < config.scan_pool or scan % config.scan_pool)):
@@ -103,9 +108,11 @@ class TD3:
         self.device = _device(device)
         rng = np.random.default_rng(seed)
         hidden = list(config.hidden)
+        self.values = _values(config, self.device)
         self.actor = MLP([self.features, *hidden, actions], rng, self.device)
         self.critics = [
-            MLP([self.features + actions, *hidden, 1], rng, self.device, config.layer_norm) for _ in range(2)
+            MLP([self.features + actions, *hidden, self.values.outputs], rng, self.device, config.layer_norm)
+            for _ in range(2)
         ]
         self.actor_target = self.actor.copy()
         self.critic_targets = [critic.copy() for critic in self.critics]
@@ -173,16 +180,16 @@ class TD3:
         action = torch.tanh(self.actor_target.forward(batch.next_observation)).add_(noise).clamp_(-1.0, 1.0)
         # Clipped double Q: y = r + gamma^k min_i Q'_i(s', a'), bootstrapping through time limits.
         there = torch.cat((batch.next_observation, action), 1)
-        q1, q2 = (target.forward(there) for target in self.critic_targets)
+        q1, q2 = (self.values.value(target.forward(there)) for target in self.critic_targets)
         y = torch.minimum(q1, q2).mul_(batch.discount[:, None]).add_(batch.reward[:, None])
         here = torch.cat((batch.observation, batch.action), 1)
         loss: Any = 0.0
         gradients: List[torch.Tensor] = []
         for critic in self.critics:
             kept: Kept = []
-            error = critic.forward(here, kept).sub_(y)
-            loss = loss + error.square().mean()
-            gradients += critic.backward(kept, error.mul_(2.0 / len(y)))
+            error, gradient = self.values.error(critic.forward(here, kept), y)
+            loss = loss + error
+            gradients += critic.backward(kept, gradient)
         _apply(self.critic_optimizer, self._critic_parameters, gradients)
         self.losses["critic_loss"], self.losses["target_q"] = loss, y.mean()
 
@@ -191,12 +198,13 @@ class TD3:
         kept_q: Kept = []
         z = self.actor.forward(batch.observation, kept)
         action = torch.tanh(z)
-        q = self.critics[0].forward(torch.cat((batch.observation, action), 1), kept_q)
+        out = self.critics[0].forward(torch.cat((batch.observation, action), 1), kept_q)
+        q = self.values.value(out)
         # Deterministic policy gradient (the paper's eq. 2): climb Q_1, leaving its own weights alone.
         weight: Any = 1.0
         if self.config.bc_alpha > 0.0:
             weight = self.config.bc_alpha / q.abs().mean().clamp_(min=1e-6)
-        dq = torch.full_like(q, -1.0 / len(q)) * weight
+        dq = self.values.gradient(out, torch.full_like(q, -1.0 / len(q)) * weight)
         da = self.critics[0].input_gradient(kept_q, dq, slice(self.features, None))
         if self.config.bc_alpha > 0.0:
             da += (action - batch.action) * (2.0 / action.numel())
@@ -373,6 +381,17 @@ def _apply(optimizer, parameters, gradients) -> None:
     for parameter, gradient in zip(parameters, gradients):
         parameter.grad = gradient
     optimizer.step()
+
+
+def _values(config: TD3Config, device: torch.device):
+    if not config.bins:
+        return Regression()
+    if config.bins == 1 or not config.value_low < config.value_high:
+        raise LearnerError(
+            "%d bins from %g to %g: give at least 2, and --value-low below --value-high"
+            % (config.bins, config.value_low, config.value_high)
+        )
+    return Classification(config.value_low, config.value_high, config.bins, device)
 
 
 def _device(name) -> torch.device:

@@ -25,7 +25,8 @@ class Collect:
 
     actor and episode identify the episode and seed its randomness; sigma is the standard deviation of the noise, random
     asks for uniform actions instead of the policy's; world is an index, None leaves the choice to the environment.
-    version is the policy's, in gradient steps; the pool fills it in.
+    version is the policy's, in gradient steps; the pool fills it in. mixed draws the episode's standard deviation from
+    0 to twice sigma; held is the share of the noise's variance that stays the same during the episode.
     """
 
     actor: str
@@ -35,6 +36,8 @@ class Collect:
     random: bool
     world: Optional[int] = None
     version: int = -1
+    mixed: bool = False
+    held: float = 0.0
 
 
 @dataclass(frozen=True)
