@@ -138,10 +138,12 @@ def test_gradients_equal_autograd(alpha, saturation):
         torch.testing.assert_close(p.grad, q.grad, atol=1e-7, rtol=1e-5)
 
 
-def test_learns_a_small_task():
+@pytest.mark.parametrize("bins", [0, 51])
+def test_learns_a_small_task(bins):
     """Go to zero on a line: x' = x + .3 a, r = -|x'|, ten steps cut by a time limit. Best return from x_0 = 1: -1.8."""
     layout, rng = Layout(scan=0, rest=1, action=1), np.random.default_rng(0)
-    td3 = TD3(1, 1, TD3Config(hidden=(64, 64), actor_lr=1e-3, batch_size=128, gamma=0.9, n_step=2), seed=0)
+    critics = {"bins": bins, "value_low": -5.0, "value_high": 1.0}
+    td3 = TD3(1, 1, TD3Config(hidden=(64, 64), actor_lr=1e-3, batch_size=128, gamma=0.9, n_step=2, **critics), seed=0)
     replay = Replay(layout, 5000)
 
     def episode(policy):
@@ -250,6 +252,31 @@ def test_layer_norm_gradients_are_those_of_autograd():
         found = [*network.backward(kept, dy), network.input_gradient(kept, dy, slice(0, None))]
     for ours, theirs in zip(found, expected):
         torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_classifying_critics_have_the_gradients_of_autograd_and_keep_the_value():
+    from training.td3.values import Classification
+
+    head = Classification(-50.0, 10.0, 101, torch.device("cpu"))
+    draw = torch.Generator().manual_seed(0)
+    out = torch.randn(40, 101, generator=draw).requires_grad_()
+    y = torch.rand(40, 1, generator=draw) * 50.0 - 45.0
+    normal = torch.distributions.Normal(y, 0.75 * 60.0 / 101)
+    target = normal.cdf(head.edges[:, 1:]) - normal.cdf(head.edges[:, :-1])
+    target = target / target.sum(1, keepdim=True)
+    torch.testing.assert_close(head.value(target.log()), y, atol=0.02, rtol=0)  # what is learnt is y
+    loss = torch.nn.functional.cross_entropy(out, target)
+    (expected,) = torch.autograd.grad(loss, out)
+    found, gradient = head.error(out.detach(), y)
+    torch.testing.assert_close(found, loss.detach())
+    torch.testing.assert_close(gradient, expected, atol=1e-6, rtol=1e-3)
+    dq = torch.randn(40, 1, generator=draw)
+    (expected,) = torch.autograd.grad((head.value(out) * dq).sum(), out)
+    torch.testing.assert_close(head.gradient(out.detach(), dq), expected, atol=1e-5, rtol=1e-3)
+    ends = head.error(out.detach(), torch.tensor([[-80.0], [40.0]]).repeat(20, 1))[1]
+    assert torch.isfinite(ends).all()
+    with pytest.raises(LearnerError, match="1 bins from -50 to 10: give at least 2"):
+        TD3(3, 1, TD3Config(bins=1))
 
 
 def test_pooled_scan_becomes_an_actor_that_takes_every_beam():

@@ -192,7 +192,8 @@ def test_weights_and_planner_reach_training_and_evaluation(tmp_path):
     from training.mdp.env import ApplrEnv
 
     config = TrainConfig(
-        worlds="generated:0", eval_worlds="generated:1", weights="drawn", planner_frequency=5, eval_planner="cpp-like"
+        worlds="generated:0", eval_worlds="generated:1", weights="drawn", planner_frequency=5, eval_planner="cpp-like",
+        end_on_contact=True, monitor=True,
     )
     made, kinds = prepare(config), config.evaluation()
     env = ApplrEnv(**made.settings.collect.options["options"])
@@ -209,6 +210,10 @@ def test_weights_and_planner_reach_training_and_evaluation(tmp_path):
     assert held_out.move_base.variant.planner == "cpp-like"
     frequencies = [e.move_base.configuration("")["planner_frequency"] for e in (env.episode, held_out)]
     assert frequencies == [5.0, 20.0]
+    assert env.episode.end_on_contact
+    assert not held_out.end_on_contact
+    assert env.episode.monitor
+    assert held_out.monitor
     # a run of before the choice existed drove per_metre, and goes on so
     older = {name: value for name, value in asdict(config).items() if name != "weights"}
     (tmp_path / "config.json").write_text(json.dumps(older))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from training.experience.trajectory import Layout, Trajectory
+from training.gorila.collector import Collector
 from training.gorila.config import TrainConfig
 from training.gorila.learner import Learner, LearnerConfig
 from training.gorila.scheduler import TaskScheduler
@@ -73,6 +74,25 @@ def collect(pool, seconds, enough=lambda answers: False):
     while time.monotonic() < end and not enough(answers):
         answers += pool.poll(0.2)
     return answers
+
+
+def test_noise_can_be_held_for_an_episode_and_its_size_drawn_for_each():
+    runner = Collector("tests.toy_env:Line", {})
+
+    def actions(episode, **noise):
+        answer = runner.run(Collect("a", episode, 0, 0.1, False, **noise), lambda observation: np.zeros(1, np.float32))
+        return Trajectory.unpack(answer.data).action[:, 0]
+
+    spreads = {
+        name: [actions(episode, **noise).std() for episode in range(40)]
+        for name, noise in (("plain", {}), ("mixed", {"mixed": True}), ("held", {"held": 1.0}))
+    }
+    assert max(spreads["held"]) < 1e-6
+    held = np.array([actions(episode, held=1.0)[0] for episode in range(40)])
+    assert 0.06 < held.std() < 0.14
+    assert 0.07 < np.mean(spreads["plain"]) < 0.12
+    assert 0.07 < np.mean(spreads["mixed"]) < 0.12
+    assert np.std(spreads["mixed"]) > 1.5 * np.std(spreads["plain"])
 
 
 def trajectories(answers):

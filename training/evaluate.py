@@ -86,6 +86,13 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         "gets every command of the planner as it is.",
     )
     p.add_argument(
+        "--as-they-are",
+        action="store_true",
+        help="Send every parameter set as it is, even where the planner's distance weights count otherwise than where "
+        "the set was learned. Without it a set is sent so that it means the same to the planner, as the applr node "
+        "does (docs/cpp_move_base.md).",
+    )
+    p.add_argument(
         "--workers",
         type=whole(0, 4096),
         default=defaults.workers,

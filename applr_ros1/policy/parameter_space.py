@@ -127,7 +127,11 @@ class Space:
 
         Raises SpaceError, before there is any request, for a wrong length or a value that is not finite.
         """
-        values = list(self.as_dict(self.clip(theta)).values())
+        return self.requests_for(self.clip(theta))
+
+    def requests_for(self, values):
+        """The requests for values (n,) that may lie outside of the space's ranges (distance_weights.Compensation)."""
+        values = list(self.as_dict(values).values())
         return {
             server: {t.names[0]: type(values[i])(t.sign * values[i]) for i, t in self.targets_of(server)}
             for server in self.servers

@@ -47,6 +47,7 @@ class EvaluationOptions:
     weights: Tuple[str, ...] = (DEFAULT_WEIGHTS,)
     planner: str = OURS
     monitor: bool = False
+    as_they_are: bool = False
     traces: int = 1
     runner: str = TRIAL_RUNNER
     robot: Robot = JACKAL
@@ -99,6 +100,7 @@ def settings(
         "weights": options.weights,
         "planner": options.planner,
         "monitor": options.monitor,
+        "as_they_are": options.as_they_are,
         "seed": options.seed,
     }
 
@@ -122,6 +124,8 @@ def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None
     arguments: Dict[str, Any] = {"simulator": options.simulator, "protocol": options.protocol}
     if options.monitor:
         arguments["monitor"] = True
+    if options.as_they_are:
+        arguments["as_they_are"] = True
     if options.robot is not JACKAL:  # a worker of one's own need not know of robots
         arguments["robot"] = options.robot.folder
     runner = RunnerSpec(options.runner, arguments)

@@ -30,6 +30,7 @@ OLDER = {
     "planner": "ours",
     "robot": described(JACKAL),
     "monitor": False,
+    "as_they_are": True,
     "worlds_with_movers": [],
 }  # what evaluations drove that do not name them
 TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"

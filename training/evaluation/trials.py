@@ -141,6 +141,9 @@ class TrialRunner:
         monitor: whether the collision monitor stands between the planner and the base.
         planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
         robot: name or folder of the robot that drives; worlds are at its scale.
+        as_they_are: whether sets are sent as they are even where the planner's distance weights count otherwise than
+            where the set was learned; else they are sent so that they mean the same, as the applr node does.
+        learnt_with: what the distance weights of the policy that is being learnt count.
     """
 
     def __init__(
@@ -152,8 +155,10 @@ class TrialRunner:
         monitor: bool = False,
         planner_frequency: Optional[int] = None,
         robot: str = JACKAL.name,
+        as_they_are: bool = False,
+        learnt_with: Optional[str] = None,
     ):
-        self.robot = load(robot)
+        self.robot, self.as_they_are, self.learnt_with = load(robot), as_they_are, learnt_with
         self.space = space_of(self.robot)
         self.monitor = CollisionMonitor(MonitorSettings.of(self.robot)) if monitor else None
         self.protocol, self.reward = protocol, Reward(**(reward or {}))
@@ -172,6 +177,7 @@ class TrialRunner:
         episode = self.episode(task.weights, task.planner)
         episode.set_period(self.period or method.period)
         episode.layout = method.layout
+        episode.meant = None if self.as_they_are else method.weights
         outcome = episode.reset(world, task.seed)
         if method.commands:
             episode.take_over()
@@ -228,7 +234,7 @@ class TrialRunner:
         if task.method_spec == POLICY:
             if policy is None:
                 raise ValueError("a trial of the policy came without a policy")
-            return methods.ObservationPolicy(_Learnt(policy, self.robot))
+            return methods.ObservationPolicy(_Learnt(policy, self.robot, self.learnt_with))
         spec = methods.for_weights(task.method_spec, task.weights, self.robot)
         if spec not in self._methods:
             self._methods[spec] = methods.make(spec, self.robot)
@@ -238,8 +244,9 @@ class TrialRunner:
 class _Learnt:
     """The policy that is being learnt, as what ObservationPolicy asks."""
 
-    def __init__(self, policy: PolicyWeights, robot: Robot):
-        self.policy, self.space, self.layout = policy, space_of(robot), layout_of(robot)
+    def __init__(self, policy: PolicyWeights, robot: Robot, weights: Optional[str]):
+        self.policy, self.weights = policy, weights
+        self.space, self.layout = space_of(robot), layout_of(robot)
 
     def theta(self, observation: np.ndarray) -> np.ndarray:
         return self.space.to_theta(self.policy(observation))

@@ -75,6 +75,7 @@ def prepare(config: TrainConfig) -> Preparation:
         "reward": config.reward(),
         "period": config.period,
         "monitor": config.monitor,
+        "learnt_with": config.weights,
     }
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))

@@ -17,7 +17,9 @@ from applr_ros1.common.angles import place, wrapped
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.variant import PER_METRE
 from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot
@@ -132,6 +134,9 @@ class Episode:
         self.simulator, self.move_base, self.monitor = simulator, move_base, monitor
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
+        # what the distance weights of the coming trials' sets count (Method.weights); None: whatever the planner's do
+        self.meant: Optional[str] = None
+        self._compensation = Compensation(space=self.space)
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
         self.end_on_contact, self.record = end_on_contact, record
         self.set_period(period)
@@ -171,6 +176,7 @@ class Episode:
         state = self.simulator.reset(world, seed, start)
         # drawn weights and planners differ from world to world, whatever the seeds are
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
+        self._compensation = self._compensate()
         if self.monitor is not None:
             self.monitor.reset()
         self.trace = Trace()
@@ -277,10 +283,25 @@ class Episode:
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta) -> np.ndarray:
-        """Set parameters theta (n,) through the same reconfigure servers as over ROS; returns what is in force."""
-        requests = self.space.requests(theta)
+        """Set parameters theta (n,) through the same reconfigure servers as over ROS; returns what is in force.
+
+        As the applr node does: where `meant` and the planner differ in what distance weights count, what is sent is
+        what means the same there.
+        """
+        theta = self.space.clip(theta)
+        sent = self._compensation.outgoing(theta)
+        requests = self.space.requests_for(sent)
         has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
-        return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
+        got = np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
+        return theta if np.array_equal(got, sent) else self._compensation.incoming(got)
+
+    def _compensate(self) -> Compensation:
+        """For the planner as it is after its reset."""
+        if self.meant is None:
+            return Compensation(space=self.space)
+        resolution = self.move_base.local_costmap.resolution
+        factor = resolution if self.move_base.variant.weights == PER_METRE else 1.0
+        return Compensation(self.meant, factor, resolution, space=self.space)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
     def _cycle(self):

@@ -23,7 +23,8 @@ from worlds import builtin
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
-SAME = ("methods", "simulator", "protocol", "weights", "planner", "monitor", "robot", "seed")  # of joined evaluations
+# what joined evaluations must have in common
+SAME = ("methods", "simulator", "protocol", "weights", "planner", "monitor", "as_they_are", "robot", "seed")
 ADDED = ("worlds", "world_specs", "worlds_with_movers", "provenance")
 
 
