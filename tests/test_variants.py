@@ -192,8 +192,13 @@ def test_weights_and_planner_reach_training_and_evaluation(tmp_path):
     from training.mdp.env import ApplrEnv
 
     config = TrainConfig(
-        worlds="generated:0", eval_worlds="generated:1", weights="drawn", planner_frequency=5, eval_planner="cpp-like",
-        end_on_contact=True, monitor=True,
+        worlds="generated:0",
+        eval_worlds="generated:1",
+        weights="drawn",
+        planner_frequency=5,
+        eval_planner="cpp-like",
+        end_on_contact=True,
+        monitor=True,
     )
     made, kinds = prepare(config), config.evaluation()
     env = ApplrEnv(**made.settings.collect.options["options"])

@@ -203,7 +203,10 @@ _BOUNDS = (
     ("contact_seconds", 0.0, 1e6),
 )
 # what --resume cannot replace
-FIXED = {"hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm", "bins", "value_low", "value_high", "start"}
+FIXED = {
+    *("hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm"),
+    *("bins", "value_low", "value_high", "start"),
+}
 
 
 def dashed(name: str) -> str:

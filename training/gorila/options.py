@@ -43,8 +43,8 @@ class Options:
         "and the learning curves.", group="The run")
     resume: bool = option(False,
         "Continue the run in the folder --out with the options that it was started with. Options that are given again "
-        "replace the stored ones, except for the network, the replay buffer's size, the seed, the environment, the "
-        "robot, --scan-pool and --layer-norm.")
+        "replace the stored ones, except for the networks, what the critics' outputs mean, the replay buffer's size, "
+        "the seed, the environment, the robot and --start.")
     steps: int = option(PAPER_STEPS,
         "Number of transitions to collect in all, one per decision. The paper used 5 million.")
     minutes: float = option(0.0,
