@@ -10,7 +10,12 @@ def test_recipes_are_options_that_the_command_line_replaces(tmp_path):
     assert (chosen.period, chosen.steps, chosen.hidden, chosen.seed) == (2.0, 5_000_000, "512,512,512", 7)
     assert (chosen.n_step, chosen.along_y, chosen.worlds) == (1, True, "generated:train")
     shipped = options.parse(["--recipe", "applr"])
-    assert (shipped.period, shipped.simulator, shipped.weights, shipped.planner) == (1.0, "pybullet", "per_cell", "drawn")
+    assert (shipped.period, shipped.simulator, shipped.weights, shipped.planner) == (
+        1.0,
+        "pybullet",
+        "per_cell",
+        "drawn",
+    )
     assert (shipped.bins, shipped.noise_mixed, shipped.eval_worlds) == (101, True, "generated:validation")
     assert all(options.parse(["--recipe", name]) for name in options.recipes())
     own = tmp_path / "own.yaml"
