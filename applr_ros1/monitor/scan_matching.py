@@ -3,8 +3,10 @@
 A base that brakes harder than its tyres hold slides on while its wheels stand: its odometry is then wrong by
 centimetres, and whatever the monitor remembers behind it by as much. The difference shows in the next scan, because
 what stood still seems to have moved. Each scan is laid over an earlier one (point to line; Censi, "An ICP variant using
-a point-to-line metric", ICRA 2008), beginning at the odometry's pose. What does not fit, such as a walking person, has
-little weight, and where scans do not tell a direction, as along a bare corridor, the odometry stands.
+a point-to-line metric", ICRA 2008), beginning at the odometry's pose, and once more where the base would be had it gone
+on as between the last two scans: a base that slides keeps its speed while its wheels stand or turn backwards. The
+latter counts where it fits clearly better. What does not fit, such as a walking person, has little weight, and where
+scans do not tell a direction, as along a bare corridor, the odometry stands.
 """
 
 import math
@@ -24,6 +26,8 @@ WIDE, NARROW = 0.1, 0.02  # [m]: a point so far from its line counts a quarter, 
 NOISE = 0.01  # [m]: of a distance between a point and its line
 SLIP, YAW_ERROR = 0.05, 0.01  # [m, rad]: errors of the odometry that are expected between two scans
 MOST, MOST_TURN = 0.15, 0.1  # [m, rad]: a larger correction at once is not believed
+BETTER = 0.05  # by so much the mean weight of a match that does not begin at the odometry's pose must be better
+LONGEST = 0.5  # [s]: over more between two scans nothing goes on as before
 ENOUGH = 20  # points that must have found a line ...
 FITTING = 0.5  # ... and the mean weight that they must have then
 
@@ -38,6 +42,8 @@ class ScanMatcher:
         """Begins anew: poses are the odometry's until two scans have come."""
         self.correction = (0.0, 0.0, 0.0)
         self._references = []  # (ranges, beams, corrected pose) of scans all along the way
+        self._last = None  # stamp [s] and corrected pose of the newest scan
+        self._speed = (0.0, 0.0, 0.0)  # from the last two: forwards, to the left [m/s], turning [rad/s]
 
     def corrected(self, pose):
         """The pose (x, y, yaw) of the odometry frame as the scans have it [m, rad]."""
@@ -60,7 +66,8 @@ class ScanMatcher:
         nearest = min(range(len(self._references)), key=lambda i: sum(self._apart(i, pose)), default=None)
         fits = False
         if nearest is not None:
-            found, fits = self._match(nearest, ranges, beams, pose)
+            tried = [self._match(nearest, ranges, beams, guess) for guess in self._guesses(pose, scan.stamp)]
+            found, _, fits = max(tried, key=lambda match: (match[2], match[1] - BETTER * (match is not tried[0])))
             if fits:
                 pose = found
                 self.correction = compose(pose, inverse(scan.sensor_pose))
@@ -68,12 +75,29 @@ class ScanMatcher:
                 del self._references[nearest]
         if not fits or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART)):
             self._references = [*self._references[1 - KEPT :], (ranges, beams, pose)]
+        self._remember(scan.stamp, pose)
         return fits
 
+    def _guesses(self, pose, stamp):
+        """[pose, and where the base would be had it gone on as between the last two scans, if that is elsewhere]."""
+        if self._last is None or not 0.0 < stamp - self._last[0] <= LONGEST:
+            return [pose]
+        gone_on = compose(self._last[1], tuple(speed * (stamp - self._last[0]) for speed in self._speed))
+        return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW else [pose]
+
+    def _remember(self, stamp, pose):
+        since = stamp - self._last[0] if self._last is not None else 0.0
+        self._speed = (0.0, 0.0, 0.0)
+        if 0.0 < since <= LONGEST:
+            self._speed = tuple(value / since for value in compose(inverse(self._last[1]), pose))
+        self._last = stamp, pose
+
     def _match(self, reference, ranges, beams, guess):
+        """Pose, mean weight of the points that found a line, and whether that is a fit."""
         pose, lines, weight = _match(*self._references[reference], ranges, beams, guess)
         moved, turned = _difference(pose, guess)
-        return pose, lines >= ENOUGH and weight >= FITTING * lines and moved <= MOST and turned <= MOST_TURN
+        fits = lines >= ENOUGH and weight >= FITTING * lines and moved <= MOST and turned <= MOST_TURN
+        return pose, weight / max(lines, 1), fits
 
     def _apart(self, reference, pose):
         return _difference(self._references[reference][2], pose)
