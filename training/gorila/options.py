@@ -188,8 +188,8 @@ class Options:
     mix: bool = option(False, "Load --dataset into the replay buffer and then train online.")
     updates: int = option(100_000, "Number of gradient steps of offline learning.")
     bc_alpha: float = option(0.0,
-        "Alpha of TD3+BC, which keeps the policy close to the actions of the dataset; its paper uses 2.5. 0 is plain "
-        "TD3.")
+        "Alpha of TD3+BC, which keeps the policy close to the actions of the dataset; its paper uses 2.5. Online it "
+        "keeps it close to what it has driven with. 0 is plain TD3.")
 
     checkpoint_every: float = option(120.0,
         "Seconds between two checkpoints.", group="Checkpoints and periodic evaluation")
