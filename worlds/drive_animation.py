@@ -74,7 +74,7 @@ def _course(drive: Drive) -> Tuple[Any, Callable[[np.ndarray], List[Tuple[float,
     width, height = np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim())
     size = WIDE if width > height else TALL
     figure.set_size_inches(size[0] / 100, size[1] / 100)
-    axes.set_title(drive.title, fontsize=9)
+    axes.set_title(drive.title, fontsize=9, wrap=True)
     canvas.draw()
     course = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba()).convert("RGB")
     picture = Image.new("RGB", (course.width + PANEL, course.height), "white")

@@ -92,7 +92,7 @@ def _course(figure, axes, drive):
         points = track[:, 1:3]
         lines = LineCollection(list(np.stack([points[:-1], points[1:]], axis=1)), cmap="viridis", lw=3)
         lines.set_array(track[:-1, 3])
-        lines.set_clim(0, max(0.5, float(track[:, 3].max())))
+        lines.set_clim(0, max(0.2, float(track[:, 3].max())))
         axes.add_collection(lines)
         figure.colorbar(lines, ax=axes, label="speed [m/s]", shrink=0.6)
     if drive.contacts:
