@@ -361,7 +361,7 @@ def test_shipped_policy_says_what_made_it_and_drives():
     assert not {"generated:%d" % n for n in builtin.TEST} & set(trained_in)
     assert 0.0 < told["result"]["time_s"] < 100.0
     with open(path.replace(".safetensors", ".md"), encoding="utf-8") as card:
-        assert "training.train" in card.read()
+        assert "train.py --recipe applr" in card.read()
     runner = trials.TrialRunner("kinematic")
     times = {}
     for task in trials.plan([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
