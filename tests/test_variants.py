@@ -215,6 +215,7 @@ def test_weights_and_planner_reach_training_and_evaluation(tmp_path):
     assert held_out.move_base.variant.planner == "cpp-like"
     frequencies = [e.move_base.configuration("")["planner_frequency"] for e in (env.episode, held_out)]
     assert frequencies == [5.0, 20.0]
+    assert config.setting() == "generated:1, kinematic, drawn, cpp-like, collision monitor"
     assert env.episode.end_on_contact
     assert not held_out.end_on_contact
     assert env.episode.monitor

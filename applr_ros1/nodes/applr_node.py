@@ -1,8 +1,7 @@
 """The applr node: every second or two of ROS time observation → method → parameters (Algorithm 1 of the paper).
 
 Run by scripts/applr.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
-active; between goals the planner has theta_0, on which every course starts. README.md lists its topics, services and
-parameters.
+active; between goals the planner has theta_0, on which every course starts. README.md lists what it offers.
 """
 
 import gc

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The applr node: sets the planner's parameters every two seconds (nodes/applr_node.py)."""
+"""The applr node: sets the planner's parameters at every decision (nodes/applr_node.py)."""
 
 import sys
 

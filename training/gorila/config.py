@@ -137,6 +137,11 @@ class TrainConfig(Options):
             name: getattr(self, "eval_" + name) or getattr(self, name) for name in ("simulator", "weights", "planner")
         }
 
+    def setting(self) -> str:
+        """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
+        monitor = ["collision monitor"] * self.monitor
+        return ", ".join([self.eval_worlds, *self.evaluation().values(), *monitor])
+
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""
         fall = (self.noise_start - self.noise_end) * transitions / self.noise_steps

@@ -66,7 +66,7 @@ class TrainingRun:
             config.eval_every,
             config.seed,
             config.contact_seconds,
-            setting=", ".join([config.eval_worlds, *kinds.values()]),
+            setting=config.setting(),
             weights=kinds["weights"],
             planner=kinds["planner"],
         )

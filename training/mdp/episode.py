@@ -136,7 +136,7 @@ class Episode:
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         # what the distance weights of the coming trials' sets count (Method.weights); None: whatever the planner's do
         self.meant: Optional[str] = None
-        self._compensation = Compensation(space=self.space)
+        self._compensation = self._compensate()
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
         self.end_on_contact, self.record = end_on_contact, record
         self.set_period(period)
@@ -296,7 +296,7 @@ class Episode:
         return theta if np.array_equal(got, sent) else self._compensation.incoming(got)
 
     def _compensate(self) -> Compensation:
-        """For the planner as it is after its reset."""
+        """What makes sets mean the same to the planner as it is after its reset."""
         if self.meant is None:
             return Compensation(space=self.space)
         resolution = self.move_base.local_costmap.resolution
