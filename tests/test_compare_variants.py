@@ -91,8 +91,8 @@ def test_a_file_that_cannot_be_meant_is_one_line(text, word, tmp_path):
 def test_the_included_comparison_can_be_read():
     found = compare_variants.read(str(compare_variants.VARIANTS / "learning.yaml"))
     assert len(found.runs()) == 3 * len(found.variants)
-    assert found.of("applr", 0)["layer_norm"]
-    assert not found.of("no_layer_norm", 0)["layer_norm"]
+    assert found.of("applr", 0)["bins"] == 101
+    assert found.of("regressing_critics", 0)["bins"] == 0
     assert (
         compare_variants.read(str(compare_variants.VARIANTS / "smoothness.yaml")).of("switch_5", 0)["c_switch"] == 5.0
     )

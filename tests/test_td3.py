@@ -7,7 +7,18 @@ import torch
 from training.experience.replay import Replay
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila.batch import draw_batch
-from training.td3.td3 import TD3, Batch, LearnerError, TD3Config
+from training.td3.batch import Batch
+from training.td3.networks import MLP
+from training.td3.td3 import TD3, LearnerError, TD3Config
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """On a busy machine the threads of a small product wait for each other ten times as long as it takes."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 def _batch(rng, size, n, m, gamma=0.95):
@@ -138,11 +149,11 @@ def test_gradients_equal_autograd(alpha, saturation):
         torch.testing.assert_close(p.grad, q.grad, atol=1e-7, rtol=1e-5)
 
 
-@pytest.mark.parametrize("bins", [0, 51])
-def test_learns_a_small_task(bins):
+@pytest.mark.parametrize(("bins", "bf16"), [(0, False), (51, False), (51, True)])
+def test_learns_a_small_task(bins, bf16):
     """Go to zero on a line: x' = x + .3 a, r = -|x'|, ten steps cut by a time limit. Best return from x_0 = 1: -1.8."""
     layout, rng = Layout(scan=0, rest=1, action=1), np.random.default_rng(0)
-    critics = {"bins": bins, "value_low": -5.0, "value_high": 1.0}
+    critics = {"bins": bins, "value_low": -5.0, "value_high": 1.0, "bf16": bf16}
     td3 = TD3(1, 1, TD3Config(hidden=(64, 64), actor_lr=1e-3, batch_size=128, gamma=0.9, n_step=2, **critics), seed=0)
     replay = Replay(layout, 5000)
 
@@ -232,8 +243,6 @@ def test_cuda_graphs_give_the_same_weights():
 
 
 def test_layer_norm_gradients_are_those_of_autograd():
-    from training.td3.networks import MLP
-
     network = MLP([10, 32, 32, 3], np.random.default_rng(0), normalised=True)
     x = torch.randn(70, 10, generator=torch.Generator().manual_seed(1), requires_grad=True)
     kept = []
@@ -252,6 +261,23 @@ def test_layer_norm_gradients_are_those_of_autograd():
         found = [*network.backward(kept, dy), network.input_gradient(kept, dy, slice(0, None))]
     for ours, theirs in zip(found, expected):
         torch.testing.assert_close(ours, theirs, rtol=1e-4, atol=1e-5)
+
+
+def test_products_in_bfloat16_are_near_those_in_float32_and_the_last_layer_is_exact():
+    rng = np.random.default_rng(0)
+    exact = MLP([20, 64, 64, 3], rng, normalised=True)
+    half = exact.copy()
+    half.half = True
+    x, dy = torch.randn(80, 20), torch.randn(80, 3)
+    kept, kept_half = [], []
+    y, y_half = exact.forward(x, kept), half.forward(x, kept_half)
+    assert y_half.dtype == torch.float32
+    assert 0.0 < float((y - y_half).abs().max()) < 0.05 * float(y.abs().max())
+    gradients, gradients_half = exact.backward(kept, dy), half.backward(kept_half, dy)
+    for gradient, other in zip(gradients, gradients_half):
+        assert float((gradient - other).norm()) < 0.1 * float(gradient.norm())
+    torch.testing.assert_close(gradients[-1], gradients_half[-1])  # of the last bias: dy's sum
+    assert half.copy().half
 
 
 def test_classifying_critics_have_the_gradients_of_autograd_and_keep_the_value():

@@ -24,7 +24,6 @@ import yaml
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, read_json, write_bytes
-from applr_ros1.planner.variant import WEIGHTS
 from applr_ros1.robots import load
 from training.command_line import Parser, add_simulator, add_worlds, whole
 from training.evaluation.run import EvaluationOptions, evaluate
@@ -167,7 +166,11 @@ def _done(given: Dict[str, Any], folder: Path) -> bool:
 
 
 def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials: int, workers: int) -> None:
-    """Drives the best policy of each run, with its robot and both kinds of distance weights, in the worlds."""
+    """Drives the best policy of each run, with its robot, in the worlds.
+
+    A policy of this project states what its distance weights count and is sent what means the same, so one kind of
+    weights is enough.
+    """
     for name, seed in comparison.runs():
         folder = folder_of(out, name, seed)
         best = folder / "best.safetensors"
@@ -180,7 +183,6 @@ def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials
                 simulator=simulator,
                 workers=workers,
                 out=str(folder / "validation"),
-                weights=WEIGHTS,
                 traces=0,
                 robot=load(comparison.of(name, seed)["robot"]),
             )
@@ -276,7 +278,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         "--trials",
         type=whole(1, 10_000),
         default=4,
-        help="Number of trials in each world and with each kind of distance weights. Default: %(default)s.",
+        help="Number of trials in each world. Default: %(default)s.",
     )
     given = p.parse_args(arguments)
     comparison, out = read(given.file), make_folder(given.out)

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from training.experience.replay import Replay
-from training.td3.td3 import Batch
+from training.td3.batch import Batch
 
 
 def draw_batch(

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 import torch
 
 from applr_ros1.common.errors import ApplrError
+from training.td3.batch import Batch
+from training.td3.graphs import Graphs
 from training.td3.networks import MLP, Kept
 from training.td3.values import Classification, Regression
 
@@ -31,7 +33,11 @@ class LearnerError(ApplrError):
 
 @dataclass(frozen=True)
 class TD3Config:
-    """The options of TD3 (Fujimoto et al. 2018) and of its variants here."""
+    """The options of TD3 (Fujimoto et al. 2018) and of its variants here.
+
+    Raises:
+        LearnerError: for a range of values that cannot be divided into `bins`.
+    """
 
     hidden: Tuple[int, ...] = (512, 512, 512)
     actor_lr: float = 3e-4
@@ -51,28 +57,15 @@ class TD3Config:
     bins: int = 0  # intervals of values that the critics tell apart as classes; 0: they regress
     value_low: float = -50.0  # ends of the range of values that these intervals divide
     value_high: float = 10.0
+    bf16: bool = False  # compute the products of the hidden layers in bfloat16
     bc_alpha: float = 0.0  # > 0: TD3+BC (Fujimoto & Gu 2021), their alpha is 2.5
 
-
-@dataclass
-class Batch:
-    """The transitions of one update, as tensors on the learner's device.
-
-    Attributes:
-        observation: (B, n).
-        action: (B, m) in [-1, 1].
-        reward: (B,) sum of k discounted rewards.
-        discount: (B,) gamma^k; 0 past a terminal state.
-        next_observation: (B, n) k steps later.
-        noise: (B, m) standard normal, for the smoothing of target actions.
-    """
-
-    observation: torch.Tensor
-    action: torch.Tensor
-    reward: torch.Tensor
-    discount: torch.Tensor
-    next_observation: torch.Tensor
-    noise: torch.Tensor
+    def __post_init__(self):
+        if self.bins and (self.bins == 1 or not self.value_low < self.value_high):
+            raise LearnerError(
+                "%d bins from %g to %g: give at least 2, and --value-low below --value-high"
+                % (self.bins, self.value_low, self.value_high)
+            )
 
 
 class TD3:
@@ -98,8 +91,7 @@ class TD3:
             scan: how many of the observation's first numbers are a scan; config.scan_pool neighbours are averaged.
 
         Raises:
-            LearnerError: for an unknown device, a scan that config.scan_pool does not divide, or a range of values
-                that is none.
+            LearnerError: for an unknown device, or a scan that config.scan_pool does not divide.
         """
         self.config, self.actions, self.observations, self.scan = config, actions, observations, scan
         if config.scan_pool < 1 or (config.scan_pool > 1 and (scan < config.scan_pool or scan % config.scan_pool)):
@@ -109,9 +101,15 @@ class TD3:
         rng = np.random.default_rng(seed)
         hidden = list(config.hidden)
         self.values = _values(config, self.device)
-        self.actor = MLP([self.features, *hidden, actions], rng, self.device)
+        self.actor = MLP([self.features, *hidden, actions], rng, self.device, half=config.bf16)
         self.critics = [
-            MLP([self.features + actions, *hidden, self.values.outputs], rng, self.device, config.layer_norm)
+            MLP(
+                [self.features + actions, *hidden, self.values.outputs],
+                rng,
+                self.device,
+                config.layer_norm,
+                config.bf16,
+            )
             for _ in range(2)
         ]
         self.actor_target = self.actor.copy()
@@ -125,7 +123,7 @@ class TD3:
         )
         self.updates = 0
         self.losses: Dict[str, torch.Tensor] = {}
-        self._graphs = Graphs(self) if on_gpu else None
+        self._graphs = Graphs(self.step, config.policy_delay) if on_gpu else None
 
     @torch.no_grad()
     def begin_at(self, action: Sequence[float]) -> None:
@@ -334,49 +332,6 @@ class TD3:
         )
 
 
-class Graphs:
-    """Records the two kinds of update once as CUDA graphs and repeats them: no launch cost for 150 small kernels."""
-
-    WARM_UP = 3
-
-    def __init__(self, td3: TD3):
-        self.td3, self.count = td3, 0
-        self.batch: Optional[Batch] = None
-        self.graphs: Dict[bool, torch.cuda.CUDAGraph] = {}
-
-    def run(self, batch: Batch, delayed: bool) -> None:
-        """One update: by replay of the recorded graph where there is one, else step by step."""
-        fields = vars(batch)
-        if self.batch is not None and len(batch.reward) != len(self.batch.reward):
-            self.td3.step(batch, delayed)  # another batch size than the recorded one
-            return
-        if self.batch is None:
-            self.batch = Batch(**{name: tensor.clone() for name, tensor in fields.items()})
-        for name, tensor in fields.items():
-            getattr(self.batch, name).copy_(tensor, non_blocking=True)
-        self.count += 1
-        if self.count <= self.WARM_UP * self.td3.config.policy_delay:
-            self._warm(self.batch, delayed)
-        elif delayed not in self.graphs:
-            self._record(self.batch, delayed)
-        if delayed in self.graphs:
-            self.graphs[delayed].replay()
-
-    def _warm(self, batch: Batch, delayed: bool) -> None:
-        """The first updates run as usual, on a side stream, as recording asks for."""
-        stream = torch.cuda.Stream()
-        stream.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(stream):
-            self.td3.step(batch, delayed)
-        torch.cuda.current_stream().wait_stream(stream)
-
-    def _record(self, batch: Batch, delayed: bool) -> None:
-        graph = torch.cuda.CUDAGraph()
-        with torch.cuda.graph(graph):
-            self.td3.step(batch, delayed)
-        self.graphs[delayed] = graph
-
-
 def _apply(optimizer, parameters, gradients) -> None:
     for parameter, gradient in zip(parameters, gradients):
         parameter.grad = gradient
@@ -386,11 +341,6 @@ def _apply(optimizer, parameters, gradients) -> None:
 def _values(config: TD3Config, device: torch.device):
     if not config.bins:
         return Regression()
-    if config.bins == 1 or not config.value_low < config.value_high:
-        raise LearnerError(
-            "%d bins from %g to %g: give at least 2, and --value-low below --value-high"
-            % (config.bins, config.value_low, config.value_high)
-        )
     return Classification(config.value_low, config.value_high, config.bins, device)
 
 
