@@ -2,6 +2,9 @@
 
 import csv
 import dataclasses
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -11,6 +14,7 @@ from applr_ros1.common.errors import ApplrError
 from training import compare_variants
 from training.evaluation.run import evaluate
 from training.gorila.learner import Learner
+from training.storage import Lock
 
 TINY = """
 seeds: [3]
@@ -39,20 +43,36 @@ def test_each_variant_is_trained_judged_and_gets_a_row(tmp_path, monkeypatch, ca
     assert compare_variants.main(command) == 0, capsys.readouterr().err
     assert robots == ["husky", "husky"]
     assert "5 minutes of training" in capsys.readouterr().out
-    rows = list(csv.DictReader((out / "variants.csv").open()))
+    rows = list(csv.DictReader((out / "tiny.csv").open()))
     assert [(row["variant"], row["seeds"], float(row["transitions"])) for row in rows] == [
         ("plain", "1", 40.0),
         ("quick_0.5", "1", 40.0),
     ]
     assert [float(row["updates"]) for row in rows] == [4.0, 20.0]
     assert rows[0]["score"] == rows[1]["score"]  # the same toy trials
-    assert "| quick_0.5 | 1 |" in (out / "variants.md").read_text()
-    assert (out / "variants.png").read_bytes().startswith(b"\x89PNG")
+    assert "| quick_0.5 | 1 |" in (out / "tiny.md").read_text()
+    assert (out / "tiny.png").read_bytes().startswith(b"\x89PNG")
     assert compare_variants.main(command) == 0
     assert "minutes of training" not in capsys.readouterr().out  # nothing is left to do
     file.write_text(TINY.replace("n: 0.5", "n: 0.7"))
     assert compare_variants.main(command) == 1
     assert "updates_per_transition 0.5, not 0.7" in capsys.readouterr().err
+
+
+def test_sigterm_saves_and_ends_the_runs_too(tmp_path):
+    file, run = tmp_path / "slow.yaml", tmp_path / "out" / "plain-3"
+    file.write_text(TINY.replace("toy_env:Line", "toy_env:Slow").replace("steps: 40", "steps: 100000"))
+    command = [sys.executable, "-m", "training.compare_variants", str(file), "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as comparison:
+        until = time.monotonic() + 60.0
+        while not (run / "config.json").exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        comparison.terminate()
+        _, errors = comparison.communicate(timeout=60)
+    assert comparison.returncode == 130
+    assert errors.splitlines()[-1] == "compare_variants: stopped; the same command continues"
+    assert Learner.saved(run) is not None
+    Lock(run).release()  # nobody works in it any more
 
 
 def test_a_run_ends_when_its_time_is_up(tmp_path):

@@ -1,6 +1,3 @@
 """Learning: the meta-environment, TD3, actors and learner, datasets, evaluation and reports."""
 
-from applr_ros1.common import interrupts
-
-if interrupts.is_starting():
-    interrupts.make_quiet()
+import applr_ros1  # noqa: F401 - it makes Ctrl-C one line while the rest is imported

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from typing import Callable, NoReturn
+import signal
+from typing import Any, Callable, NoReturn
 
 import sim_bridge
 from applr_ros1.common.errors import ApplrError, UsageError
@@ -27,6 +28,15 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raises UsageError with argparse's message."""
         raise UsageError("%s; --help lists all options" % message)
+
+
+def end_at_sigterm() -> None:
+    """From now on SIGTERM ends this process as Ctrl-C does: a KeyboardInterrupt, at which it stops what it started."""
+
+    def interrupt(*_: Any) -> NoReturn:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -25,7 +25,7 @@ import yaml
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, read_json, write_bytes
 from applr_ros1.robots import load
-from training.command_line import Parser, add_simulator, add_worlds, whole
+from training.command_line import Parser, add_simulator, add_worlds, end_at_sigterm, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import trial_seconds
 from training.evaluation.store import MEASURES_FILE, TRIALS, flag, read_rows
@@ -257,6 +257,7 @@ def markdown(rows: Sequence[Dict[str, Any]]) -> str:
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Exit status 0; 1 or 2 with one line for a mistake; 130 after Ctrl-C."""
+    end_at_sigterm()
     return run_main(lambda: run(arguments), "compare_variants")
 
 
@@ -264,7 +265,11 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Trains and judges what is missing, and writes the table and the picture."""
     p = Parser("python -m training.compare_variants", description=__doc__ or "")
     p.add_argument("file", help="YAML file with the variants.")
-    p.add_argument("--out", required=True, help="Folder for the runs and the table.")
+    p.add_argument(
+        "--out",
+        required=True,
+        help="Folder for the runs and the table. Comparisons that have a run in common can share a folder.",
+    )
     p.add_argument(
         "--parallel",
         type=whole(1, 1000),
@@ -292,9 +297,10 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     writer = csv.DictWriter(text, list(rows[0]))
     writer.writeheader()
     writer.writerows(rows)
-    write_bytes(out / "variants.csv", text.getvalue().encode())
-    write_bytes(out / "variants.md", markdown(rows).encode())
-    draw_variants(out / "variants.png", rows)
+    name = Path(given.file).stem  # several comparisons may share a folder, and runs
+    write_bytes(out / (name + ".csv"), text.getvalue().encode())
+    write_bytes(out / (name + ".md"), markdown(rows).encode())
+    draw_variants(out / (name + ".png"), rows)
     print(markdown(rows), end="")
 
 

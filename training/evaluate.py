@@ -7,15 +7,23 @@ with the same command, and its rows are the same as without the stop. docs/evalu
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
-from typing import Any, NoReturn, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy import methods
-from training.command_line import Parser, add_planner, add_robot, add_seed, add_simulator, add_worlds, whole
+from training.command_line import (
+    Parser,
+    add_planner,
+    add_robot,
+    add_seed,
+    add_simulator,
+    add_worlds,
+    end_at_sigterm,
+    whole,
+)
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.trials import PROTOCOLS
 from training.report import write
@@ -23,7 +31,7 @@ from training.report import write
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Exit status 0 when all trials are done and reported; 1 and one line on stderr otherwise; 130 after Ctrl-C."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    end_at_sigterm()
     return run_main(lambda: run(*parse(arguments)), "evaluate.py")
 
 
@@ -138,10 +146,6 @@ def _kinds(text: str) -> Tuple[str, ...]:
     if len(set(kinds)) < len(kinds):
         raise argparse.ArgumentTypeError("%r names one twice" % text)
     return kinds
-
-
-def _interrupt(*_: Any) -> NoReturn:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

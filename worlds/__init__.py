@@ -1,9 +1,6 @@
 """Worlds: reading, generating, measuring and drawing the courses that robots drive."""
 
-from applr_ros1.common import interrupts
-
-if interrupts.is_starting():
-    interrupts.make_quiet()
+import applr_ros1  # noqa: F401 - it makes Ctrl-C one line while the rest is imported
 
 from .loading import Worlds, load, load_all, specs
 from .scaling import scaled
