@@ -59,6 +59,12 @@ def test_each_variant_is_trained_judged_and_gets_a_row(tmp_path, monkeypatch, ca
     assert "updates_per_transition 0.5, not 0.7" in capsys.readouterr().err
 
 
+def test_runs_at_the_same_time_have_equal_shares_of_the_cores():
+    assert compare_variants.shares([0, 1, 2, 3, 4], 2) == [[0, 1], [2, 3]]
+    assert compare_variants.shares([4, 6], 1) == [[4, 6]]
+    assert compare_variants.shares([0, 1], 3) == [[0, 1]] * 3
+
+
 def test_sigterm_saves_and_ends_the_runs_too(tmp_path):
     file, run = tmp_path / "slow.yaml", tmp_path / "out" / "plain-3"
     file.write_text(TINY.replace("toy_env:Line", "toy_env:Slow").replace("steps: 40", "steps: 100000"))

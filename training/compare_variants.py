@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import re
 import signal
 import subprocess
@@ -101,23 +102,26 @@ def read(path: str) -> Comparison:
 
 
 def train(comparison: Comparison, out: Path, parallel: int) -> None:
-    """Makes the runs that are missing or not at their end, `parallel` of them at the same time.
+    """Makes the runs that are missing or not at their end, `parallel` of them at the same time, on cores of their own.
 
     Raises:
         VariantsError: for a run that failed; its folder's log says why.
     """
     runs = [(comparison.of(name, seed), folder_of(out, name, seed)) for name, seed in comparison.runs()]
     waiting = [(given, folder) for given, folder in runs if not _done(given, folder)]
-    running: Dict[subprocess.Popen, Path] = {}
+    free = shares(sorted(os.sched_getaffinity(0)), parallel)
+    running: Dict[subprocess.Popen, Tuple[Path, List[int]]] = {}
     try:
         while waiting or running:
-            while waiting and len(running) < parallel:
+            while waiting and free:
                 given, folder = waiting.pop(0)
-                running[_start(given, folder)] = folder
+                cores = free.pop()
+                running[_start(given, folder, cores)] = folder, cores
                 print("%s: %g minutes of training" % (folder, comparison.minutes), flush=True)
             time.sleep(0.2)
             for process in [p for p in running if p.poll() is not None]:
-                folder = running.pop(process)
+                folder, cores = running.pop(process)
+                free.append(cores)
                 if process.returncode != 0:
                     raise VariantsError("%s: train.py failed; see %s" % (folder, beside(folder, ".log")))
     finally:
@@ -125,6 +129,15 @@ def train(comparison: Comparison, out: Path, parallel: int) -> None:
             process.send_signal(signal.SIGINT)  # which saves the run
         for process in running:
             process.wait()
+
+
+def shares(cores: Sequence[int], parallel: int) -> List[List[int]]:
+    """The cores of each of so many runs at the same time: as many for one as for the other, so that they compare.
+
+    Where there are more runs than cores, all of them share all cores.
+    """
+    each = len(cores) // parallel
+    return [list(cores[i * each : (i + 1) * each]) or list(cores) for i in range(parallel)]
 
 
 def folder_of(out: Path, name: str, seed: int) -> Path:
@@ -137,7 +150,7 @@ def beside(folder: Path, end: str) -> Path:
     return folder.parent / (folder.name + end)
 
 
-def _start(given: Dict[str, Any], folder: Path) -> subprocess.Popen:
+def _start(given: Dict[str, Any], folder: Path, cores: Sequence[int]) -> subprocess.Popen:
     command = [sys.executable, "-m", "training.train", "--out", str(folder)]
     if (folder / "config.json").exists():
         command += ["--resume", "--minutes", str(given["minutes"])]
@@ -146,7 +159,9 @@ def _start(given: Dict[str, Any], folder: Path) -> subprocess.Popen:
         write_bytes(recipe, yaml.safe_dump(given).encode())
         command += ["--recipe", str(recipe)]
     with beside(folder, ".log").open("ab") as log:
-        return subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+        process = subprocess.Popen(command, stdout=log, stderr=log, stdin=subprocess.DEVNULL)
+    os.sched_setaffinity(process.pid, cores)  # its actors inherit this
+    return process
 
 
 def _done(given: Dict[str, Any], folder: Path) -> bool:
@@ -274,8 +289,8 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         "--parallel",
         type=whole(1, 1000),
         default=1,
-        help="Number of runs that train at the same time, and of trials that are driven at the same time afterwards. "
-        "Default: %(default)s.",
+        help="Number of runs that train at the same time, each on its equal share of the cores, and of trials that are "
+        "driven at the same time afterwards. Default: %(default)s.",
     )
     add_worlds(p, "generated:validation", "judge in")
     add_simulator(p, "kinematic")
