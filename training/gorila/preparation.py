@@ -101,7 +101,7 @@ def set_threads(config: TrainConfig) -> None:
     if config.threads:
         torch.set_num_threads(config.threads)
     elif config.actors and not config.ray_address:
-        torch.set_num_threads(max(1, (os.cpu_count() or 1) - config.actors))
+        torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
 
 
 def learner_config(config: TrainConfig, dataset: Optional[Dataset]) -> LearnerConfig:
