@@ -168,11 +168,11 @@ def _done(given: Dict[str, Any], folder: Path) -> bool:
     """Whether the run is at its end. Raises VariantsError where the folder holds a run with other options."""
     if not (folder / "config.json").exists():
         return False
-    stored = read_json(folder / "config.json")
+    stored = {**asdict(options.TrainConfig()), **read_json(folder / "config.json")}  # newer options: their defaults
     for key, value in given.items():
-        if key != "minutes" and stored.get(key) != value:
+        if key != "minutes" and stored[key] != value:
             raise VariantsError(
-                "%s: holds a run with %s %r, not %r; give another --out" % (folder, key, stored.get(key), value)
+                "%s: holds a run with %s %r, not %r; give another --out" % (folder, key, stored[key], value)
             )
     saved = Learner.saved(folder)
     if saved is None:
