@@ -122,10 +122,12 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
     assert (td3.actor.layers[0][0] - start).abs().max() > 1e-3  # it did move
 
 
-@pytest.mark.parametrize(("alpha", "saturation"), [(0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)])
-def test_gradients_equal_autograd(alpha, saturation):
+@pytest.mark.parametrize(
+    ("alpha", "saturation", "critics"), [(0.0, 0.0, 2), (2.5, 0.0, 2), (0.0, 0.3, 2), (2.5, 0.3, 2), (2.5, 0.3, 3)]
+)
+def test_gradients_equal_autograd(alpha, saturation, critics):
     """The written-out gradient of the policy's loss, TD3+BC's and the saturation's terms included."""
-    td3 = TD3(12, 3, TD3Config(hidden=(16, 16), bc_alpha=alpha, saturation=saturation), seed=1)
+    td3 = TD3(12, 3, TD3Config(hidden=(16, 16), bc_alpha=alpha, saturation=saturation, critics=critics), seed=1)
     batch = _batch(np.random.default_rng(0), 32, 12, 3)
     parameters = [p.clone().requires_grad_() for p in td3.actor.parameters]
 
@@ -137,7 +139,8 @@ def test_gradients_equal_autograd(alpha, saturation):
 
     z = mlp(batch.observation, parameters)
     action = torch.tanh(z)
-    q = mlp(torch.cat((batch.observation, action), 1), td3.critics[0].parameters)
+    climbed = td3.critics if critics > 2 else td3.critics[:1]
+    q = sum(mlp(torch.cat((batch.observation, action), 1), critic.parameters) for critic in climbed) / len(climbed)
     loss = -q.mean()
     if alpha:
         loss = -alpha * q.mean() / q.abs().mean().detach() + torch.nn.functional.mse_loss(action, batch.action)
@@ -147,6 +150,24 @@ def test_gradients_equal_autograd(alpha, saturation):
         td3._update_actor(batch)
     for p, q in zip(td3.actor.parameters, parameters):
         torch.testing.assert_close(p.grad, q.grad, atol=1e-7, rtol=1e-5)
+
+
+def test_of_more_than_two_critics_each_transition_draws_two():
+    td3 = TD3(12, 4, TD3Config(hidden=(16,), critics=4), seed=1)
+    batch = _batch(np.random.default_rng(0), 200, 12, 4)
+    there = torch.cat((batch.next_observation, batch.action), 1)
+    target = td3._target(there, batch.noise)[:, 0]
+    values = torch.cat([critic.forward(there) for critic in td3.critic_targets], 1).sort(1).values
+    ranks = (values == target[:, None]).int().argmax(1)
+    shares = torch.bincount(ranks, minlength=4) / 200.0  # of six pairs three hold the lowest, two the second, one...
+    torch.testing.assert_close(shares, torch.tensor([1 / 2, 1 / 3, 1 / 6, 0.0]), atol=0.1, rtol=0)
+    before = [critic.layers[0][0].clone() for critic in td3.critics]
+    td3.update(batch)
+    assert all((critic.layers[0][0] != old).any() for critic, old in zip(td3.critics, before))
+    arrays, header = td3.state()
+    TD3(12, 4, td3.config, seed=2).load(arrays, header)
+    with pytest.raises(LearnerError, match="critics is 5: give 2, or up to as many as actions"):
+        TD3(12, 4, TD3Config(critics=5))
 
 
 @pytest.mark.parametrize(("bins", "bf16"), [(0, False), (51, False), (51, True)])
@@ -321,6 +342,22 @@ def test_pooled_scan_becomes_an_actor_that_takes_every_beam():
     np.testing.assert_array_equal(other.action(observation), td3.action(observation))
     with pytest.raises(LearnerError, match="divisor"):
         TD3(729, 8, TD3Config(scan_pool=7), scan=720)
+
+
+@pytest.mark.parametrize("hidden", [(32, 16), ()])
+def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image(hidden):
+    from applr_ros1.policy.actor import Actor
+
+    td3 = TD3(729, 8, TD3Config(hidden=hidden, scan_pool=5, symmetric=True), seed=3, scan=720)
+    observation = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
+    mirrored = np.concatenate((observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1)
+    before = [np.arctanh(td3.action(seen).astype(float)) for seen in (observation, mirrored)]
+    assert np.abs(before[0] - before[1]).max() > 0.01
+    actor = Actor(td3.actor_weights())
+    np.testing.assert_allclose(actor.action(observation), np.tanh((before[0] + before[1]) / 2), atol=1e-5)
+    np.testing.assert_allclose(actor.action(mirrored), actor.action(observation), atol=1e-6)
+    with pytest.raises(LearnerError, match="no scan and angle to mirror"):
+        TD3(12, 3, TD3Config(symmetric=True))
 
 
 def test_a_policy_can_begin_at_a_set_and_learns_from_there():

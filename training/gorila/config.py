@@ -188,6 +188,7 @@ _BOUNDS = (
     ("saturation", 0.0, 100.0),
     ("period", 0.05, 10.0),
     ("scan_pool", 1, 1000),
+    ("critics", 2, 1000),
     ("bins", 0, 10_000),
     ("value_low", -1e6, 1e6),
     ("value_high", -1e6, 1e6),
@@ -210,7 +211,7 @@ _BOUNDS = (
 # what --resume cannot replace
 FIXED = {
     *("hidden", "capacity", "seed", "env", "robot", "scan_pool", "layer_norm"),
-    *("bins", "value_low", "value_high", "start"),
+    *("critics", "bins", "value_low", "value_high", "start"),
 }
 
 

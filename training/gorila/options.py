@@ -142,6 +142,9 @@ class Options:
     average: float = option(TD3Config.average,
         "Decay per policy step of a running average of the policy, such as 0.999; actors and actor files then hold the "
         "average. 0 uses the policy itself.")
+    symmetric: bool = option(TD3Config.symmetric,
+        "Hand the mean of the policy and of its mirror image out to actors and actor files, which is as symmetric as "
+        "robot and planner are. The policy alone is so only as far as it has learnt it.")
     scan_pool: int = option(TD3Config.scan_pool,
         "Number of neighbouring beams whose mean is one input of the networks. 5 turns 720 beams into 144 inputs and "
         "makes a gradient step four times faster; the actor file still takes every beam.")
@@ -157,6 +160,9 @@ class Options:
     bf16: bool = option(TD3Config.bf16,
         "Compute the products of the networks' hidden layers in bfloat16 instead of float32. On processors that know "
         "bfloat16 (AVX512-BF16, AMX) and on GPUs a gradient step is then faster, on others slower.")
+    critics: int = option(TD3Config.critics,
+        "Number of critics. The paper's two, or up to as many as the policy has outputs: each target value is then the "
+        "lower of two that are drawn anew, and the policy climbs the mean of all, which is less noisy.")
     policy_delay: int = option(TD3Config.policy_delay, "Number of critic updates per policy update.")
     updates_per_transition: float = option(LearnerConfig.updates_per_transition,
         "Number of gradient steps per collected transition.")

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 
 from applr_ros1.common.errors import ApplrError
+from training.td3.averaging import Weights, mean, mirrored
 from training.td3.batch import Batch
 from training.td3.graphs import Graphs
 from training.td3.networks import MLP, Kept
@@ -49,7 +50,9 @@ class TD3Config:
     target_noise: float = 0.2  # standard deviation of the smoothing noise on target actions, of [-1, 1]
     noise_clip: float = 0.5
     policy_delay: int = 2
+    critics: int = 2  # more than two: an ensemble (_target, _climbed)
     average: float = 0.0  # decay, per policy step, of the running average that is handed out; 0: none
+    symmetric: bool = False  # hand out the mean of the policy and of its mirror image
     saturation: float = 0.0  # cost of the mean square of the policy's outputs before tanh: keeps it off the
     #                                 ends of the ranges, where tanh lets no gradient through
     scan_pool: int = 1  # neighbouring beams whose mean enters the networks as one input; 1: each beam by itself
@@ -91,11 +94,16 @@ class TD3:
             scan: how many of the observation's first numbers are a scan; config.scan_pool neighbours are averaged.
 
         Raises:
-            LearnerError: for an unknown device, or a scan that config.scan_pool does not divide.
+            LearnerError: for an unknown device, a scan that config.scan_pool does not divide, too many critics, or a
+                symmetric policy of observations without a scan.
         """
         self.config, self.actions, self.observations, self.scan = config, actions, observations, scan
         if config.scan_pool < 1 or (config.scan_pool > 1 and (scan < config.scan_pool or scan % config.scan_pool)):
             raise LearnerError("scan_pool is %r: give a divisor of the scan's %d beams" % (config.scan_pool, scan))
+        if config.critics != 2 and not 2 < config.critics <= actions:
+            raise LearnerError("critics is %r: give 2, or up to as many as actions (%d)" % (config.critics, actions))
+        if config.symmetric and not 0 < scan < observations:
+            raise LearnerError("symmetric: the observation has no scan and angle to mirror; leave --symmetric out")
         self.features = observations - scan + scan // config.scan_pool
         self.device = _device(device)
         rng = np.random.default_rng(seed)
@@ -110,7 +118,7 @@ class TD3:
                 config.layer_norm,
                 config.bf16,
             )
-            for _ in range(2)
+            for _ in range(config.critics)
         ]
         self.actor_target = self.actor.copy()
         self.critic_targets = [critic.copy() for critic in self.critics]
@@ -176,10 +184,9 @@ class TD3:
         # Target policy smoothing: noise in action units, clipped, and the action clipped to its range.
         noise = (batch.noise * c.target_noise).clamp_(-c.noise_clip, c.noise_clip)
         action = torch.tanh(self.actor_target.forward(batch.next_observation)).add_(noise).clamp_(-1.0, 1.0)
-        # Clipped double Q: y = r + gamma^k min_i Q'_i(s', a'), bootstrapping through time limits.
+        # y = r + gamma^k Q'(s', a'), bootstrapping through time limits.
         there = torch.cat((batch.next_observation, action), 1)
-        q1, q2 = (self.values.value(target.forward(there)) for target in self.critic_targets)
-        y = torch.minimum(q1, q2).mul_(batch.discount[:, None]).add_(batch.reward[:, None])
+        y = self._target(there, batch.noise).mul_(batch.discount[:, None]).add_(batch.reward[:, None])
         here = torch.cat((batch.observation, batch.action), 1)
         loss: Any = 0.0
         gradients: List[torch.Tensor] = []
@@ -191,19 +198,40 @@ class TD3:
         _apply(self.critic_optimizer, self._critic_parameters, gradients)
         self.losses["critic_loss"], self.losses["target_q"] = loss, y.mean()
 
+    def _target(self, there: torch.Tensor, noise: torch.Tensor) -> torch.Tensor:
+        """(B, 1): the lower value of the two target critics (clipped double Q).
+
+        Of more than two, each transition draws the two anew (Chen et al. 2021, REDQ): by the order of its noise.
+        """
+        values = torch.cat([self.values.value(target.forward(there)) for target in self.critic_targets], 1)
+        if values.shape[1] > 2:
+            values = values.gather(1, noise[:, : values.shape[1]].argsort(1)[:, :2])
+        return values.amin(1, keepdim=True)
+
+    @property
+    def _climbed(self) -> List[MLP]:
+        """The critics whose mean value the policy climbs: the first of two (TD3), all of more (REDQ)."""
+        return self.critics if len(self.critics) > 2 else self.critics[:1]
+
     def _update_actor(self, batch: Batch) -> None:
         kept: Kept = []
-        kept_q: Kept = []
         z = self.actor.forward(batch.observation, kept)
         action = torch.tanh(z)
-        out = self.critics[0].forward(torch.cat((batch.observation, action), 1), kept_q)
-        q = self.values.value(out)
-        # Deterministic policy gradient (the paper's eq. 2): climb Q_1, leaving its own weights alone.
+        # Deterministic policy gradient (the paper's eq. 2): climb Q, leaving its own weights alone.
+        critics = self._climbed
+        here = torch.cat((batch.observation, action), 1)
+        outs: List[Tuple[Kept, torch.Tensor]] = []
+        for critic in critics:
+            kept_q: Kept = []
+            outs.append((kept_q, critic.forward(here, kept_q)))
+        q = sum(self.values.value(out) for _, out in outs) / len(critics)
         weight: Any = 1.0
         if self.config.bc_alpha > 0.0:
             weight = self.config.bc_alpha / q.abs().mean().clamp_(min=1e-6)
-        dq = self.values.gradient(out, torch.full_like(q, -1.0 / len(q)) * weight)
-        da = self.critics[0].input_gradient(kept_q, dq, slice(self.features, None))
+        dq = torch.full_like(q, -1.0 / len(q)) * weight / len(critics)
+        da: Any = 0.0
+        for critic, (kept_q, out) in zip(critics, outs):
+            da = da + critic.input_gradient(kept_q, self.values.gradient(out, dq), slice(self.features, None))
         if self.config.bc_alpha > 0.0:
             da += (action - batch.action) * (2.0 / action.numel())
         dz = da * (1.0 - action * action)
@@ -233,18 +261,21 @@ class TD3:
 
     @torch.no_grad()
     def action(self, observation: np.ndarray) -> np.ndarray:
-        """(n, observations) → (n, actions), without noise."""
+        """(n, observations) → (n, actions), without noise: the learnt policy, not its mean with its mirror image."""
         x = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
         return torch.tanh(self.policy.forward(self._pooled(x))).cpu().numpy()
 
-    def actor_weights(self) -> Dict[str, np.ndarray]:
-        """The policy as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies."""
+    def actor_weights(self) -> Weights:
+        """The policy that is handed out, as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies.
+
+        With config.symmetric its hidden layers are twice as wide as the learnt ones.
+        """
         weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state().items()}
         if self.config.scan_pool > 1:  # a mean is linear: the first layer takes it over, and the file knows every beam
             first, sectors = weights["0.weight"], self.scan // self.config.scan_pool
             beams = np.repeat(first[:, :sectors] / np.float32(self.config.scan_pool), self.config.scan_pool, axis=1)
             weights["0.weight"] = np.concatenate((beams, first[:, sectors:]), axis=1)
-        return weights
+        return mean([weights, mirrored(weights, self.scan)]) if self.config.symmetric else weights
 
     # -- checkpoints -------------------------------------------------------------------------------
     def tensors(self) -> Dict[str, torch.Tensor]:
@@ -317,11 +348,9 @@ class TD3:
     def _networks(self):
         networks = {
             "actor": self.actor,
-            "critic1": self.critics[0],
-            "critic2": self.critics[1],
+            **{"critic%d" % i: critic for i, critic in enumerate(self.critics, 1)},
             "actor_target": self.actor_target,
-            "critic1_target": self.critic_targets[0],
-            "critic2_target": self.critic_targets[1],
+            **{"critic%d_target" % i: critic for i, critic in enumerate(self.critic_targets, 1)},
         }
         return networks if self.actor_average is None else dict(networks, actor_average=self.actor_average)
 
