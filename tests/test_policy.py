@@ -6,10 +6,12 @@ import struct
 
 import numpy as np
 import pytest
+import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import worlds
+from applr_ros1.common.tensors import PICKLES, unpack
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor, ActorError, save
@@ -260,6 +262,17 @@ def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
     assert "\n" not in str(e.value)
     assert str(path) in str(e.value)
     assert not hasattr(builtins, "applr_bomb")
+
+
+def test_a_header_whose_length_looks_like_a_pickle_is_read(tmp_path):
+    data = safetensors.numpy.save({"a": np.zeros(2, np.float32)}, {"note": "x" * 20})
+    length = 0x0480
+    header = data[8 : 8 + int.from_bytes(data[:8], "little")].ljust(length)
+    padded = length.to_bytes(8, "little") + header + data[-8:]
+    assert padded[:2] in PICKLES
+    arrays, said = unpack(padded, "it", ActorError)
+    assert list(arrays) == ["a"]
+    assert said["note"] == "x" * 20
 
 
 def test_missing_actor_files(tmp_path):

@@ -28,7 +28,7 @@ from applr_ros1.common.files import read_bytes, read_json, write_bytes
 from applr_ros1.robots import load
 from training.command_line import Parser, add_simulator, add_worlds, end_at_sigterm, whole
 from training.evaluation.run import EvaluationOptions, evaluate
-from training.evaluation.score import trial_seconds
+from training.evaluation.score import summary_of_rows
 from training.evaluation.store import MEASURES_FILE, TRIALS, flag, read_rows
 from training.evaluation.trials import COLUMNS, MEASURES
 from training.gorila import config as options
@@ -38,7 +38,6 @@ from training.storage import make_folder
 
 NAME = re.compile(r"^[A-Za-z0-9][\w.]*$", re.ASCII)  # of a variant
 VARIANTS = Path(__file__).resolve().parent / "variants"  # comparisons that come with the package
-CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score
 
 
 class VariantsError(ApplrError):
@@ -227,20 +226,18 @@ def _mean(values: Sequence[float]) -> float:
 def _figures(folder: Path) -> Dict[str, float]:
     trials = read_rows(folder / "validation" / TRIALS, COLUMNS)
     measures = read_rows(folder / "validation" / MEASURES_FILE, MEASURES)
-    success, contact = (np.array([flag(row[key]) for row in trials]) for key in ("success", "collided"))
-    time_s = np.array([float(row["time_s"]) for row in trials])
-    saved = Learner.saved(folder) or {}
-    nothing = not success.any()
+    success = np.array([flag(row["success"]) for row in trials])
+    saved, found = Learner.saved(folder) or {}, summary_of_rows(trials)
 
     def measured(name: str, of=np.mean) -> float:  # of the successes, as the report's table of smoothness
         values = np.array([float(row[name]) for row in measures])
-        return float("nan") if nothing else float(of(values[success]))
+        return float(of(values[success])) if success.any() else float("nan")
 
     return {
-        "score": float(np.mean([trial_seconds(s, t, c, CONTACT_SECONDS) for s, t, c in zip(success, time_s, contact)])),
-        "time_s": float("nan") if nothing else float(time_s[success].mean()),
-        "success": float(success.mean()),
-        "contact": float(contact.mean()),
+        "score": found["score"],
+        "time_s": float("nan") if found["time_s"] is None else found["time_s"],
+        "success": found["success"],
+        "contact": found["collided"],
         "jerk": measured("mean_jerk"),
         "turn": measured("mean_turn"),
         "switching": measured("switching"),

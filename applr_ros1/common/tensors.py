@@ -21,7 +21,7 @@ def unpack(data: bytes, name: str, error: Type[ApplrError]) -> Tuple[Dict[str, n
 
     Raises `error`, one line that begins with `name`.
     """
-    if data[:2] in PICKLES:
+    if data[:2] in PICKLES and data[8:9] != b"{":  # a header can be of 1152 bytes, whose length begins as a pickle does
         raise error("%s: a pickle, not a safetensors file; nothing of it was executed" % name)
     if len(data) < 10:
         raise error("%s: truncated (%d bytes); copy it again" % (name, len(data)))

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Sequence
+from typing import Any, Dict, Mapping, Sequence
 
 import numpy as np
 
+from training.evaluation.store import flag
 from training.mdp.episode import TIME_LIMIT
 from training.workers.tasks import TrialResult
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
+CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
 
 
 def trial_seconds(success: bool, time_s: float, collided: bool = False, contact_seconds: float = 0.0) -> float:
@@ -44,6 +46,19 @@ def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str,
         time_s=_mean(times) if times else None,
         score=_mean([trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in results]),
     )
+
+
+def summary_of_rows(rows: Sequence[Mapping[str, str]]) -> Dict[str, Any]:
+    """The same for rows of trials.csv, at least one, with CONTACT_SECONDS: without "return" and "length"."""
+    trials = [(flag(row["success"]), float(row["time_s"]), flag(row["collided"])) for row in rows]
+    times = [time_s for success, time_s, _ in trials if success]
+    return {
+        "trials": len(trials),
+        "success": _mean([success for success, _, _ in trials]),
+        "collided": _mean([collided for _, _, collided in trials]),
+        "time_s": _mean(times) if times else None,
+        "score": _mean([trial_seconds(*trial, CONTACT_SECONDS) for trial in trials]),
+    }
 
 
 def _mean(values: Sequence[float]) -> float:

@@ -1,0 +1,80 @@
+"""The choice between several policies and their mean."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+
+from applr_ros1.policy.actor import Actor, save
+from training import choose_policy
+
+PARAMETERS = 8
+METADATA = {"period_s": 1.0, "weights": "per_cell", "default": None}
+
+
+def policy(path, action, **changes):
+    """A policy file that answers every observation with one action."""
+    before = np.arctanh(np.full(PARAMETERS, action))
+    weights = {
+        "0.weight": np.zeros((4, 729)),
+        "0.bias": np.ones(4),
+        "1.weight": np.zeros((PARAMETERS, 4)),
+        "1.bias": before,
+    }
+    training = {"transitions": 10, "updates": 5, "steps": 10, "options": {"seed": int(action * 10)}}
+    save(path, weights, {**METADATA, "training": training, **changes})
+    return str(path)
+
+
+def test_the_best_is_written_with_its_result(tmp_path, capsys):
+    slow, fast = policy(tmp_path / "slow.safetensors", -0.9), policy(tmp_path / "fast.safetensors", 0.1)
+    command = [slow, fast, "--out", str(tmp_path / "best.safetensors"), "--results", str(tmp_path / "choice")]
+    command += ["--worlds", "generated:14,generated:34", "--simulator", "kinematic", "--trials", "1", "--workers", "0"]
+    assert choose_policy.main(command) == 0, capsys.readouterr().err
+    printed = capsys.readouterr().out
+    assert printed.count("| 2 |") == 3
+    assert "| mean of them | 2 |" in printed
+    best = Actor.load(tmp_path / "best.safetensors")
+    assert (best.period, best.weights) == (1.0, "per_cell")
+    assert best.metadata["result"]["trials"] == 2
+    assert best.metadata["result"]["success"] == 1.0
+    scores = {}
+    for row in csv.DictReader((tmp_path / "choice" / "trials.csv").open()):
+        assert row["success"] == "True"
+        scores[row["method"]] = scores.get(row["method"], 0.0) + float(row["time_s"])
+    assert len(set(scores.values())) == 3
+    answers = {"policy1": -0.9, "policy2": 0.1, "mean": np.tanh((np.arctanh(-0.9) + np.arctanh(0.1)) / 2)}
+    np.testing.assert_allclose(best.action(np.zeros(729)), answers[min(scores, key=scores.get)], atol=1e-6)
+    assert best.metadata["result"]["time_s"] == pytest.approx(min(scores.values()) / 2)
+    average = Actor.load(tmp_path / "choice" / "mean.safetensors")
+    np.testing.assert_allclose(average.action(np.zeros(729)), answers["mean"], atol=1e-6)
+    assert average.metadata["training"]["transitions"] == 20
+    assert [run["seed"] for run in average.metadata["training"]["mean_of"]] == [-9, 1]
+    before = (tmp_path / "choice" / "trials.csv").read_bytes()
+    assert choose_policy.main(command) == 0  # nothing is left to do
+    assert (tmp_path / "choice" / "trials.csv").read_bytes() == before
+
+
+def test_one_policy_alone_gets_its_result(tmp_path, capsys):
+    alone = policy(tmp_path / "alone.safetensors", 0.1)
+    command = [alone, "--out", str(tmp_path / "best.safetensors"), "--results", str(tmp_path / "choice")]
+    command += ["--worlds", "generated:14", "--simulator", "kinematic", "--trials", "1", "--workers", "0"]
+    assert choose_policy.main(command) == 0, capsys.readouterr().err
+    assert json.dumps(Actor.load(tmp_path / "best.safetensors").metadata["result"])
+    assert not (tmp_path / "choice" / "mean.safetensors").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [({"period_s": 2.0}, "decision period is 2.0, not 1.0"), ({"weights": "per_metre"}, "is per_metre, not per_cell")],
+)
+def test_policies_that_are_not_alike_are_refused(changes, words, tmp_path, capsys):
+    paths = [policy(tmp_path / "a.safetensors", 0.1), policy(tmp_path / "b.safetensors", 0.2, **changes)]
+    assert choose_policy.main([*paths, "--out", str(tmp_path / "o"), "--results", str(tmp_path / "choice")]) == 1
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o").exists()
