@@ -10,6 +10,7 @@ pytest.importorskip("torch")
 
 from applr_ros1.policy.actor import Actor, save
 from training import choose_policy
+from training.td3.averaging import mirrored, side_by_side
 
 PARAMETERS = 8
 METADATA = {"period_s": 1.0, "weights": "per_cell", "default": None}
@@ -69,10 +70,18 @@ def test_one_policy_alone_gets_its_result(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("changes", "words"),
-    [({"period_s": 2.0}, "decision period is 2.0, not 1.0"), ({"weights": "per_metre"}, "is per_metre, not per_cell")],
+    [
+        ({"period_s": 2.0}, "decision period is 2.0, not 1.0"),
+        ({"weights": "per_metre"}, "is per_metre, not per_cell"),
+        (None, "its network is [(2, 4, 729), (2, 8, 4)], not [(4, 729), (8, 4)]"),
+    ],
 )
 def test_policies_that_are_not_alike_are_refused(changes, words, tmp_path, capsys):
-    paths = [policy(tmp_path / "a.safetensors", 0.1), policy(tmp_path / "b.safetensors", 0.2, **changes)]
+    paths = [policy(tmp_path / "a.safetensors", 0.1), policy(tmp_path / "b.safetensors", 0.2, **(changes or {}))]
+    if changes is None:
+        actor = Actor.load(paths[1])
+        twice = side_by_side([choose_policy.weights_of(actor), mirrored(choose_policy.weights_of(actor), 720)])
+        save(paths[1], twice, METADATA)
     assert choose_policy.main([*paths, "--out", str(tmp_path / "o"), "--results", str(tmp_path / "choice")]) == 1
     error = capsys.readouterr().err
     assert words in error

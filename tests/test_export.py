@@ -10,13 +10,13 @@ from applr_ros1.policy.parameter_space import SPACE
 from training import export
 
 
-@pytest.fixture
-def actor_file(tmp_path):
-    from training.td3.td3 import TD3
+@pytest.fixture(params=["one network", "two side by side", "two linear ones"])
+def actor_file(tmp_path, request):
+    from training.td3.td3 import TD3, TD3Config
 
-    actors.save(
-        tmp_path / "some.safetensors", TD3(729, 8, seed=4).actor_weights(), {"training": {"steps": 3}, "result": None}
-    )
+    hidden = () if "linear" in request.param else (32, 16)
+    td3 = TD3(729, 8, TD3Config(hidden=hidden, symmetric="two" in request.param), seed=4, scan=720)
+    actors.save(tmp_path / "some.safetensors", td3.actor_weights(), {"training": {"steps": 3}, "result": None})
     return tmp_path / "some.safetensors"
 
 

@@ -356,6 +356,7 @@ def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image(h
     actor = Actor(td3.actor_weights())
     np.testing.assert_allclose(actor.action(observation), np.tanh((before[0] + before[1]) / 2), atol=1e-5)
     np.testing.assert_allclose(actor.action(mirrored), actor.action(observation), atol=1e-6)
+    np.testing.assert_allclose(actor.action(observation[0]), actor.action(observation)[0], atol=1e-6)
     with pytest.raises(LearnerError, match="no scan and angle to mirror"):
         TD3(12, 3, TD3Config(symmetric=True))
 

@@ -1,15 +1,16 @@
 """Drives several policies and their mean in validation worlds, and writes the best as one policy file.
 
 Started as `python -m training.choose_policy A.safetensors B.safetensors ... --out FILE.safetensors`, for instance with
-the policies of a recipe's runs with several seeds. The mean of the policies is one network, whose outputs are averaged
-before tanh: what is chance in each of them is less in it. A choice that was stopped continues with the same command.
+the policies of a recipe's runs with several seeds. In the mean the policies stand side by side, and their outputs
+before tanh are averaged: what is chance in each of them is less in it. A choice that was stopped continues with the
+same command.
 """
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, sha256
@@ -21,7 +22,7 @@ from training.evaluation.score import summary_of_rows
 from training.evaluation.store import TRIALS, read_rows
 from training.evaluation.trials import COLUMNS
 from training.storage import make_folder
-from training.td3.averaging import Weights, mean
+from training.td3.averaging import Weights, side_by_side
 
 MEAN = "mean"
 
@@ -100,7 +101,7 @@ def write_mean(path: str, policies: Sequence[str], robot: Robot) -> None:
     """Writes the mean of policy files, unless it is there; its "training" adds their transitions up and names them.
 
     Raises:
-        ChoiceError: for policies whose robots, observations, periods, distance weights or depths differ.
+        ChoiceError: for policies whose robots, observations, periods, distance weights or sizes differ.
     """
     actors = [Actor.load(policy, space=None) for policy in policies]
     first = actors[0]
@@ -111,7 +112,7 @@ def write_mean(path: str, policies: Sequence[str], robot: Robot) -> None:
             ("observation", actor.layout, first.layout),
             ("decision period", actor.period, first.period),
             ("kind of distance weights", actor.weights, first.weights),
-            ("number of layers", len(actor.layers), len(first.layers)),
+            ("network", sizes(actor), sizes(first)),
         ):
             if its != ours:
                 raise ChoiceError(
@@ -136,13 +137,18 @@ def write_mean(path: str, policies: Sequence[str], robot: Robot) -> None:
         "mean_of": parts,
     }
     metadata = dict(stated(first), training=together)
-    save(path, mean([weights_of(actor) for actor in actors]), metadata, first.space, first.layout)
+    save(path, side_by_side([weights_of(actor) for actor in actors]), metadata, first.space, first.layout)
 
 
 def weights_of(actor: Actor) -> Weights:
     """The tensors of an actor by their names in a file."""
     layers = enumerate(actor.layers)
     return {"%d.%s" % (i, k): tensor for i, layer in layers for k, tensor in zip(("weight", "bias"), layer)}
+
+
+def sizes(actor: Actor) -> List[Tuple[int, ...]]:
+    """Shapes of an actor's layers, with the number of networks that stand side by side in it."""
+    return [weight.shape for weight, _ in actor.layers]
 
 
 def stated(actor: Actor) -> Dict[str, Any]:

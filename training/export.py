@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import Dict, List, Optional
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.network import Layers
 from training.storage import make_folder
 
 LARGEST_DIFFERENCE = 1e-5
@@ -34,8 +36,9 @@ def to_onnx(actor: Actor) -> bytes:
     from onnx import TensorProto, helper, numpy_helper
 
     nodes, tensors, name = [], [], "observation"
-    last = len(actor.layers) - 1
-    for i, (weight, bias) in enumerate(actor.layers):
+    layers = as_one(actor.layers)
+    last = len(layers) - 1
+    for i, (weight, bias) in enumerate(layers):
         tensors += [
             numpy_helper.from_array(np.ascontiguousarray(weight), "%d.weight" % i),
             numpy_helper.from_array(np.ascontiguousarray(bias), "%d.bias" % i),
@@ -43,7 +46,7 @@ def to_onnx(actor: Actor) -> bytes:
         nodes.append(helper.make_node("Gemm", [name, "%d.weight" % i, "%d.bias" % i], ["linear%d" % i], transB=1))
         name = "action" if i == last else "hidden%d" % i
         nodes.append(helper.make_node("Tanh" if i == last else "Relu", ["linear%d" % i], [name]))
-    inputs, outputs = actor.layers[0][0].shape[1], actor.layers[-1][0].shape[0]
+    inputs, outputs = layers[0][0].shape[1], layers[-1][0].shape[0]
     graph = helper.make_graph(
         nodes,
         "applr_actor",
@@ -59,12 +62,27 @@ def to_onnx(actor: Actor) -> bytes:
     return model.SerializeToString()
 
 
+def as_one(layers: Layers) -> Layers:
+    """Networks side by side as one network, whose hidden layers are as wide as theirs together; one as it is."""
+    if layers[0][0].ndim == 2:
+        return layers
+    result, last = [], len(layers) - 1
+    for i, (weights, biases) in enumerate(layers):
+        if i == last:
+            weight = np.concatenate(list(weights), axis=1) / np.float32(len(weights))
+            result.append((weight if i else weights.mean(axis=0), biases.mean(axis=0)))
+        else:
+            weight = block_diag(*weights).astype(np.float32) if i else np.concatenate(list(weights))
+            result.append((weight, np.concatenate(list(biases))))
+    return result
+
+
 def to_torchscript(actor: Actor) -> bytes:
     """A TorchScript module; its metadata is the extra file "metadata.json"."""
     import torch
 
     layers: List[torch.nn.Module] = []
-    for weight, bias in actor.layers:
+    for weight, bias in as_one(actor.layers):
         layer = torch.nn.Linear(weight.shape[1], weight.shape[0])
         with torch.no_grad():
             layer.weight.copy_(torch.tensor(weight))
@@ -79,7 +97,7 @@ def to_torchscript(actor: Actor) -> bytes:
 
 def difference(actor: Actor, onnx_bytes: Optional[bytes] = None, torchscript_bytes: Optional[bytes] = None) -> float:
     """Largest difference to the actor's own actions, over random observations, alone and in a batch."""
-    observations = np.random.default_rng(0).uniform(-1, 1, (64, actor.layers[0][0].shape[1])).astype(np.float32)
+    observations = np.random.default_rng(0).uniform(-1, 1, (64, actor.layers[0][0].shape[-1])).astype(np.float32)
     runs = []
     if onnx_bytes is not None:
         import onnxruntime

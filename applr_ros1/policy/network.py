@@ -1,4 +1,8 @@
-"""A multilayer perceptron in numpy: tensors by name are checked once, then applied. Actor, APPLD and workers use it."""
+"""A multilayer perceptron in numpy: tensors by name are checked once, then applied. Actor, APPLD and workers use it.
+
+Several networks of the same sizes can stand side by side in one file, along the first axis of each tensor; then the
+answer is the mean of their outputs.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,8 @@ def layers_of(
     """[(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
 
     Args:
-        weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}.
+        weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}. Of k networks side
+            by side each has a first axis more, of k.
         inputs: Width of the input.
         outputs: Width of the output.
         name: What the error's line begins with, a file's path for instance.
@@ -30,13 +35,14 @@ def layers_of(
     if not 1 <= count <= MAX_LAYERS or set(weights) != names:
         there = ", ".join(sorted(weights)[:6])
         raise error("%s: tensors are %s...: 0.weight, 0.bias, 1.weight... needed" % (name, there))
+    side_by_side = weights["0.weight"].shape[:-2][:1]
     for i in range(count):
         weight, bias = weights["%d.weight" % i], weights["%d.bias" % i]
-        rows = outputs if i == count - 1 else len(bias) if bias.ndim else 0
-        if weight.shape != (rows, width) or bias.shape != (rows,):
+        rows = outputs if i == count - 1 else bias.shape[-1] if bias.ndim else 0
+        needed = (*side_by_side, rows, width), (*side_by_side, rows)
+        if (weight.shape, bias.shape) != needed or 0 in side_by_side:
             raise error(
-                "%s: layer %d has shapes %s and %s, (%d, %d) and (%d,) needed"
-                % (name, i, weight.shape, bias.shape, rows, width, rows)
+                "%s: layer %d has shapes %s and %s, %s and %s needed" % (name, i, weight.shape, bias.shape, *needed)
             )
         if weight.dtype != np.float32 or bias.dtype != np.float32:
             raise error("%s: layer %d is %s, float32 needed" % (name, i, weight.dtype))
@@ -50,7 +56,18 @@ def layers_of(
 def forward(layers: Layers, x: Any) -> np.ndarray:
     """The network's output before any last activation: ReLU between layers. x (n, inputs) or (inputs,). NaN passes."""
     x = np.asarray(x, dtype=np.float32)
+    if layers[0][0].ndim == 3:
+        y = _forward_side_by_side(layers, np.atleast_2d(x))
+        return y if x.ndim == 2 else y[0]
     for weight, bias in layers[:-1]:
         x = np.maximum(x @ weight.T + bias, np.float32(0.0))
     weight, bias = layers[-1]
     return x @ weight.T + bias
+
+
+def _forward_side_by_side(layers: Layers, x: np.ndarray) -> np.ndarray:
+    """The mean of k networks' outputs (n, out) for x (n, inputs)."""
+    for i, (weight, bias) in enumerate(layers):
+        x = np.maximum(x, np.float32(0.0)) if i else x
+        x = x @ weight.swapaxes(1, 2) + bias[:, None, :]
+    return x.mean(axis=0)

@@ -18,7 +18,7 @@ import numpy as np
 import torch
 
 from applr_ros1.common.errors import ApplrError
-from training.td3.averaging import Weights, mean, mirrored
+from training.td3.averaging import Weights, mirrored, side_by_side
 from training.td3.batch import Batch
 from training.td3.graphs import Graphs
 from training.td3.networks import MLP, Kept
@@ -268,14 +268,14 @@ class TD3:
     def actor_weights(self) -> Weights:
         """The policy that is handed out, as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies.
 
-        With config.symmetric its hidden layers are twice as wide as the learnt ones.
+        With config.symmetric it is two networks side by side, along the first axis of each tensor.
         """
         weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state().items()}
         if self.config.scan_pool > 1:  # a mean is linear: the first layer takes it over, and the file knows every beam
             first, sectors = weights["0.weight"], self.scan // self.config.scan_pool
             beams = np.repeat(first[:, :sectors] / np.float32(self.config.scan_pool), self.config.scan_pool, axis=1)
             weights["0.weight"] = np.concatenate((beams, first[:, sectors:]), axis=1)
-        return mean([weights, mirrored(weights, self.scan)]) if self.config.symmetric else weights
+        return side_by_side([weights, mirrored(weights, self.scan)]) if self.config.symmetric else weights
 
     # -- checkpoints -------------------------------------------------------------------------------
     def tensors(self) -> Dict[str, torch.Tensor]:

@@ -33,13 +33,14 @@ class PolicyWeights:
     """The learnt policy in numpy, of any size, without noise: observation → action.
 
     Args:
-        weights: safetensors of "0.weight" (out, in), "0.bias" (out,), "1.weight", ... in float32.
+        weights: safetensors of "0.weight" (out, in), "0.bias" (out,), "1.weight", ... in float32, or of several such
+            networks side by side (applr_ros1/policy/network.py).
     """
 
     def __init__(self, weights: bytes):
         arrays, _ = unpack(weights, "weights", MessageError)
         count = len(arrays) // 2
-        ends = arrays["0.weight"].shape[1], arrays["%d.weight" % (count - 1)].shape[0]
+        ends = arrays["0.weight"].shape[-1], arrays["%d.weight" % (count - 1)].shape[-2]
         self.layers = layers_of(arrays, *ends, "weights", MessageError)
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
