@@ -71,11 +71,13 @@ def _cell(value: Any) -> str:
     return "%.6g" % value if isinstance(value, float) else str(value).replace(",", " ")
 
 
-def draw_curves(path: Path, episodes: EpisodeLog, evaluation: PeriodicEvaluation, window: int = 100) -> None:
+def draw_curves(
+    path: Path, episodes: EpisodeLog, evaluation: PeriodicEvaluation, period: float, window: int = 100
+) -> None:
     """The paper's figure: episode length and return averaged over `window` episodes.
 
     Default DWA is a dashed red line, the evaluations on held-out worlds are dots. Does nothing where matplotlib is
-    missing.
+    missing. period: decision period [s], which the label of the length names.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -85,8 +87,9 @@ def draw_curves(path: Path, episodes: EpisodeLog, evaluation: PeriodicEvaluation
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     rows = np.array(episodes.rows, dtype=np.float64).reshape(-1, 5)
     dots = [r for r in evaluation.here if r["round"] != THETA0]
+    length = "episode length [decisions of %g s]" % period
     for axes, (name, column, label) in zip(
-        figure.subplots(1, 2), (("length", 2, "episode length [two-second decisions]"), ("return", 1, "episode return"))
+        figure.subplots(1, 2), (("length", 2, length), ("return", 1, "episode return"))
     ):
         if len(rows):
             n = min(window, 1 + len(rows) // 5)

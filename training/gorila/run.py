@@ -147,7 +147,7 @@ class TrainingRun:
             while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
                 self._collect(0.2)
             self.save()
-            draw_curves(self.folder / "curves.png", self.episodes, self.evaluation)
+            draw_curves(self.folder / "curves.png", self.episodes, self.evaluation, self.config.period)
         finally:
             self.pool.close()
             self.line.close()
@@ -246,7 +246,7 @@ class TrainingRun:
             self.export(self.folder / "best.safetensors", self._weights, summary)
         if self.board:
             self.board.round(summary)
-        draw_curves(self.folder / "curves.png", self.episodes, self.evaluation)
+        draw_curves(self.folder / "curves.png", self.episodes, self.evaluation, self.config.period)
 
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:
