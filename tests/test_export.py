@@ -14,7 +14,7 @@ from training import export
 def actor_file(tmp_path, request):
     from training.td3.td3 import TD3, TD3Config
 
-    hidden = () if "linear" in request.param else (32, 16)
+    hidden = () if "linear" in request.param else TD3Config.hidden
     td3 = TD3(729, 8, TD3Config(hidden=hidden, symmetric="two" in request.param), seed=4, scan=720)
     actors.save(tmp_path / "some.safetensors", td3.actor_weights(), {"training": {"steps": 3}, "result": None})
     return tmp_path / "some.safetensors"

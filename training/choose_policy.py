@@ -16,7 +16,16 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.robots import Robot
-from training.command_line import Parser, add_robot, add_simulator, add_worlds, end_at_sigterm, whole
+from training.command_line import (
+    Parser,
+    add_robot,
+    add_simulator,
+    add_trials,
+    add_worlds,
+    continuable,
+    end_at_sigterm,
+    whole,
+)
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
 from training.evaluation.store import TRIALS, read_rows
@@ -45,12 +54,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     add_worlds(p, "generated:validation", "compare the policies in")
     add_robot(p)
     add_simulator(p, "pybullet")
-    p.add_argument(
-        "--trials",
-        type=whole(1, 10_000),
-        default=3,
-        help="Number of trials of each policy in each world. Default: %(default)s.",
-    )
+    add_trials(p, 3, "of each policy in each world", most=10_000)
     p.add_argument(
         "--workers",
         type=whole(0, 4096),
@@ -78,10 +82,8 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         traces=0,
         robot=given.robot,
     )
-    try:
+    with continuable():
         evaluate(options)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command continues") from None
     rows = read_rows(folder / TRIALS, COLUMNS)
     results = {
         name: dict(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import signal
-from typing import Any, Callable, NoReturn
+from contextlib import contextmanager
+from typing import Any, Callable, Iterator, NoReturn
 
 import sim_bridge
 from applr_ros1.common.errors import ApplrError, UsageError
@@ -37,6 +38,15 @@ def end_at_sigterm() -> None:
         raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, interrupt)
+
+
+@contextmanager
+def continuable() -> Iterator[None]:
+    """Around work which the same command continues: says so where Ctrl-C or SIGTERM stops it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; the same command continues") from None
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
@@ -82,6 +92,13 @@ def add_worlds(parser: argparse.ArgumentParser, default: str, purpose: str = "dr
         "--worlds",
         default=default,
         help="Worlds to %s: %s; several are separated by commas. Default: %%(default)s." % (purpose, FORMS),
+    )
+
+
+def add_trials(parser: argparse.ArgumentParser, default: int, each: str, most: int = 100_000) -> None:
+    """Declares --trials; each: of what and where, behind "Number of trials", and most: its upper bound."""
+    parser.add_argument(
+        "--trials", type=whole(1, most), default=default, help="Number of trials %s. Default: %%(default)s." % each
     )
 
 

@@ -24,7 +24,7 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.methods import Method
 from applr_ros1.robots import JACKAL, Robot
-from training.command_line import Parser, add_robot, add_seed, add_weights, add_worlds, simulator, whole
+from training.command_line import Parser, add_robot, add_seed, add_trials, add_weights, add_worlds, simulator, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import FAILURE_SECONDS, trial_seconds
 from training.evaluation.store import TRIALS, flag, read_rows
@@ -239,12 +239,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
             "Default: %(default)s."
         ),
     )
-    p.add_argument(
-        "--trials",
-        type=whole(1, 100_000),
-        default=1,
-        help="Number of trials of each set in each world and simulator. Default: %(default)s.",
-    )
+    add_trials(p, 1, "of each set in each world and simulator")
     p.add_argument(
         "--workers",
         type=whole(1, 4096),

@@ -26,7 +26,7 @@ import yaml
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, read_json, write_bytes
 from applr_ros1.robots import load
-from training.command_line import Parser, add_simulator, add_worlds, end_at_sigterm, whole
+from training.command_line import Parser, add_simulator, add_trials, add_worlds, continuable, end_at_sigterm, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
 from training.evaluation.store import MEASURES_FILE, TRIALS, flag, read_rows
@@ -291,19 +291,12 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     )
     add_worlds(p, "generated:validation", "judge in")
     add_simulator(p, "kinematic")
-    p.add_argument(
-        "--trials",
-        type=whole(1, 10_000),
-        default=4,
-        help="Number of trials in each world. Default: %(default)s.",
-    )
+    add_trials(p, 4, "in each world", most=10_000)
     given = p.parse_args(arguments)
     comparison, out = read(given.file), make_folder(given.out)
-    try:
+    with continuable():
         train(comparison, out, given.parallel)
         judge(comparison, out, given.worlds, given.simulator, given.trials, given.parallel)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command continues") from None
     rows = table(comparison, out)
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]))

@@ -20,7 +20,9 @@ from training.command_line import (
     add_robot,
     add_seed,
     add_simulator,
+    add_trials,
     add_worlds,
+    continuable,
     end_at_sigterm,
     whole,
 )
@@ -37,12 +39,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(options: EvaluationOptions, report: bool = True) -> None:
     """Evaluates and writes the report; says how to go on where it is stopped."""
-    try:
+    with continuable():
         evaluate(options)
         if report:
             print("report: %s" % write(options.out))
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command continues") from None
 
 
 def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions, bool]:
@@ -65,12 +65,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         default=defaults.methods,
         help="Methods to compare, separated by commas: %s. Default: dwa,applr." % methods.FORMS,
     )
-    p.add_argument(
-        "--trials",
-        type=whole(1, 100_000),
-        default=defaults.trials,
-        help="Number of trials of each method in each world. Default: %(default)s.",
-    )
+    add_trials(p, defaults.trials, "of each method in each world")
     add_simulator(p, defaults.simulator)
     p.add_argument(
         "--protocol",

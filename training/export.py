@@ -66,15 +66,14 @@ def as_one(layers: Layers) -> Layers:
     """Networks side by side as one network, whose hidden layers are as wide as theirs together; one as it is."""
     if layers[0][0].ndim == 2:
         return layers
-    result, last = [], len(layers) - 1
-    for i, (weights, biases) in enumerate(layers):
-        if i == last:
-            weight = np.concatenate(list(weights), axis=1) / np.float32(len(weights))
-            result.append((weight if i else weights.mean(axis=0), biases.mean(axis=0)))
-        else:
-            weight = block_diag(*weights).astype(np.float32) if i else np.concatenate(list(weights))
-            result.append((weight, np.concatenate(list(biases))))
-    return result
+    whole = [
+        (block_diag(*weights) if i else np.concatenate(list(weights)), np.concatenate(list(biases)))
+        for i, (weights, biases) in enumerate(layers)
+    ]
+    count, outputs = layers[-1][1].shape
+    mean = np.tile(np.eye(outputs, dtype=np.float32), count) / np.float32(count)
+    weight, bias = whole[-1]
+    return [*whole[:-1], (mean @ weight, mean @ bias)]
 
 
 def to_torchscript(actor: Actor) -> bytes:

@@ -34,6 +34,7 @@ from training.command_line import (
     add_simulator,
     add_weights,
     add_worlds,
+    continuable,
     number,
     simulator,
     whole,
@@ -173,15 +174,11 @@ def run(arguments: List[str]) -> None:
             robot=options.robot,
         )
 
-    try:
+    with closing(file), continuable():
         with closing(driver(worlds, options.simulator, options.planner_frequency)) as trials:
             log = explore(trials, starts, chosen, show)
         with closing(driver(final_worlds, options.final_simulator, None)) as last:
             table = choose(last, finalists(space, starts, log), chosen, show)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt("stopped; the same command continues") from None
-    finally:
-        file.close()
     found = {
         "theta": table[0]["parameters"],
         "result": table[0],

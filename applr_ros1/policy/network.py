@@ -56,18 +56,12 @@ def layers_of(
 def forward(layers: Layers, x: Any) -> np.ndarray:
     """The network's output before any last activation: ReLU between layers. x (n, inputs) or (inputs,). NaN passes."""
     x = np.asarray(x, dtype=np.float32)
-    if layers[0][0].ndim == 3:
-        y = _forward_side_by_side(layers, np.atleast_2d(x))
-        return y if x.ndim == 2 else y[0]
-    for weight, bias in layers[:-1]:
-        x = np.maximum(x @ weight.T + bias, np.float32(0.0))
-    weight, bias = layers[-1]
-    return x @ weight.T + bias
-
-
-def _forward_side_by_side(layers: Layers, x: np.ndarray) -> np.ndarray:
-    """The mean of k networks' outputs (n, out) for x (n, inputs)."""
+    side_by_side = layers[0][0].ndim == 3
+    y = np.atleast_2d(x) if side_by_side else x
     for i, (weight, bias) in enumerate(layers):
-        x = np.maximum(x, np.float32(0.0)) if i else x
-        x = x @ weight.swapaxes(1, 2) + bias[:, None, :]
-    return x.mean(axis=0)
+        if i:
+            y = np.maximum(y, np.float32(0.0))
+        y = y @ weight.swapaxes(-1, -2) + (bias[:, None, :] if side_by_side else bias)
+    if not side_by_side:
+        return y
+    return y.mean(axis=0).reshape(*x.shape[:-1], -1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, Sequence
+from typing import Any, Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
@@ -38,26 +38,23 @@ def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str,
     }
     if math.isnan(results[0].time_s):
         return dict(found, score=-found["return"])
-    times = [r.time_s for r in results if r.success]
-    return dict(
-        found,
-        success=_mean([r.success for r in results]),
-        collided=_mean([r.collided for r in results]),
-        time_s=_mean(times) if times else None,
-        score=_mean([trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in results]),
-    )
+    return dict(found, **_of_courses([(r.success, r.time_s, r.collided) for r in results], contact_seconds))
 
 
 def summary_of_rows(rows: Sequence[Mapping[str, str]]) -> Dict[str, Any]:
     """The same for rows of trials.csv, at least one, with CONTACT_SECONDS: without "return" and "length"."""
     trials = [(flag(row["success"]), float(row["time_s"]), flag(row["collided"])) for row in rows]
+    return dict(_of_courses(trials, CONTACT_SECONDS), trials=len(trials))
+
+
+def _of_courses(trials: Sequence[Tuple[bool, float, bool]], contact_seconds: float) -> Dict[str, Any]:
+    """Means over (success, time [s], whether anything was touched)."""
     times = [time_s for success, time_s, _ in trials if success]
     return {
-        "trials": len(trials),
         "success": _mean([success for success, _, _ in trials]),
         "collided": _mean([collided for _, _, collided in trials]),
         "time_s": _mean(times) if times else None,
-        "score": _mean([trial_seconds(*trial, CONTACT_SECONDS) for trial in trials]),
+        "score": _mean([trial_seconds(*trial, contact_seconds) for trial in trials]),
     }
 
 
