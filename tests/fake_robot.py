@@ -42,7 +42,7 @@ class Robot:
     def reset(self):
         rng = np.random.default_rng(0)
         self.ranges = rng.uniform(0.3, 4.0, 720).astype(np.float32)
-        self.pose = (0.5, -0.25, 0.4)
+        self.pose, self.twist = (0.5, -0.25, 0.4), (0.3, -0.1)
         self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
         self.goal = None
         self.now = 100.0
@@ -105,6 +105,7 @@ class Robot:
         odom.pose.pose.position.x, odom.pose.pose.position.y = self.pose[:2]
         odom.pose.pose.orientation.z = np.sin(self.pose[2] / 2)
         odom.pose.pose.orientation.w = np.cos(self.pose[2] / 2)
+        odom.twist.twist.linear.x, odom.twist.twist.angular.z = self.twist
         for x, y in self.path:
             pose = PoseStamped()
             pose.pose.position.x, pose.pose.position.y = x, y

@@ -1,5 +1,6 @@
 """The applr node beside a stand-in move_base: what it sends, and the faults of docs/faults.md that are its own."""
 
+import json
 import time
 
 import numpy as np
@@ -212,6 +213,21 @@ def test_dwa_leaves_the_planner_alone(robot, stack):
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 3, 5.0, "decisions")
     assert client.theta()[0] == 0.9
+
+
+def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
+    (tmp_path / "teller.py").write_text(
+        "import json\n\n\nclass Teller:\n    def theta(self, context):\n"
+        "        print(json.dumps([*context.pose, *context.twist, *context.goal, *context.plan[-1]]), flush=True)\n"
+        "        return context.theta\n"
+    )
+    node, _, _ = stack("%s:Teller" % (tmp_path / "teller.py"))
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    told = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
+    end = robot.path[-1]  # move_base stated its goal before the node heard it: the plan's end stands for it
+    assert told[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end])
+    assert node.text.count("decision refused") == 0
 
 
 @pytest.mark.parametrize(

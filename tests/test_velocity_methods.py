@@ -156,7 +156,8 @@ def test_the_node_commands_while_there_is_a_goal(tmp_path):
     ros, robot, heard = session(), Robot(), []
     (tmp_path / "teller.py").write_text(
         "import json\n\n\nclass Teller:\n    period = 0.1\n\n    def command(self, context):\n"
-        "        print(json.dumps([*context.pose, *context.goal, len(context.plan), context.phi]), flush=True)\n"
+        "        told = *context.pose, *context.twist, *context.goal, len(context.plan), context.phi\n"
+        "        print(json.dumps(told), flush=True)\n"
         "        return 0.3, context.phi\n"
     )
     goal = rospy.Publisher("/move_base/current_goal", PoseStamped, queue_size=1, latch=True)
@@ -173,8 +174,8 @@ def test_the_node_commands_while_there_is_a_goal(tmp_path):
         robot.goal = "one"
         wait_for(lambda: len(heard) >= 6, 5.0, "commands")
         told = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
-        assert told[-1][:7] == pytest.approx([*robot.pose, 5.0, 0.0, 0.0, len(robot.path)])
-        assert heard[-1] == pytest.approx((0.3, told[-1][7]))
+        assert told[-1][:9] == pytest.approx([*robot.pose, *robot.twist, 5.0, 0.0, 0.0, len(robot.path)])
+        assert heard[-1] == pytest.approx((0.3, told[-1][9]))
         robot.ranges = None  # the laser falls silent: it stands
         wait_for(lambda: heard[-1] == (0.0, 0.0), 5.0, "stop")
         assert "standing: scan on /front/scan" in node.text

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
@@ -28,7 +29,9 @@ class Snapshot:
     """The inputs of one decision.
 
     ranges (beams,) m as the layout has them; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps
-    (rospy.Time) say which messages these were, so that a bag's reader can find them.
+    (rospy.Time) say which messages these were, so that a bag's reader can find them. twist (v, w) m/s and rad/s of the
+    odometry; goal (x, y, yaw) as move_base has stated it in the plan's frame, or the plan's end where the node was
+    started later.
     """
 
     ranges: np.ndarray
@@ -38,6 +41,13 @@ class Snapshot:
     scan_stamp: rospy.Time
     odom_stamp: rospy.Time
     plan_stamp: rospy.Time
+    twist: tuple = (0.0, 0.0)
+    goal: tuple = (0.0, 0.0, 0.0)
+
+    @property
+    def place(self):
+        """(pose, twist, goal, plan), as a Context has them."""
+        return self.pose, self.twist, self.goal, self.plan
 
 
 class Inputs:
@@ -70,13 +80,14 @@ class Inputs:
         rospy.Subscriber(plan, rospy.AnyMsg, self._on_plan, **big)
         rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
+        rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
 
     def clear(self):
         """Forgets everything: the clock jumped back."""
         with self._lock:
             self._scan = self._plan = None
             self._odometry = deque(maxlen=100)
-            self._goal, self._goal_heard, self._goal_since = None, None, None
+            self._goal, self._goal_heard, self._goal_since, self._current_goal = None, None, None, None
 
     def goal(self, now):
         """The id of the goal that move_base pursues; None when there is none or move_base is gone."""
@@ -96,7 +107,7 @@ class Inputs:
         Raises ObservationError with one line about what is missing or odd.
         """
         with self._lock:
-            packed_scan, packed_plan, since = self._scan, self._plan, self._goal_since
+            packed_scan, packed_plan, since, goal = self._scan, self._plan, self._goal_since, self._current_goal
             odometry = list(self._odometry)
         if packed_scan is None:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
@@ -113,6 +124,7 @@ class Inputs:
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
         pose = self._pose(nearest, frame, scan.header.stamp)
+        moving = nearest.twist.twist
         return Snapshot(
             ranges,
             pose,
@@ -121,13 +133,14 @@ class Inputs:
             scan.header.stamp,
             nearest.header.stamp,
             plan.header.stamp,
+            (moving.linear.x, moving.angular.z),
+            _place(plan.poses[-1].pose if goal is None else goal),
         )
 
     def _pose(self, odometry, frame, stamp):
         """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
         if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
-            p, q = odometry.pose.pose.position, odometry.pose.pose.orientation
-            return p.x, p.y, yaw_of(q)
+            return _place(odometry.pose.pose)
         import tf2_ros
 
         if self._tf is None:
@@ -158,6 +171,10 @@ class Inputs:
             with self._lock:
                 self._plan = msg, rospy.Time.now()
 
+    def _on_current_goal(self, msg):
+        with self._lock:
+            self._current_goal = msg.pose
+
     def _on_status(self, msg):
         running = [s.goal_id.id for s in msg.status_list if s.status in _RUNNING]
         with self._lock:
@@ -165,6 +182,11 @@ class Inputs:
             if not running or running[-1] != self._goal:
                 self._goal = running[-1] if running else None
                 self._goal_since = self._goal_heard
+
+
+def _place(pose):
+    """(x, y, yaw) of a geometry_msgs/Pose."""
+    return pose.position.x, pose.position.y, yaw_of(pose.orientation)
 
 
 def _is_type(msg, message_class):

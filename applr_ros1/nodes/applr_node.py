@@ -216,8 +216,8 @@ class ApplrNode:
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
-        time = (now - self._began).to_sec()
-        theta, refused = self._ask(Context(obs, seen.ranges, phi, theta_prev, time, space=self.space))
+        asked = obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec(), *seen.place, self.space
+        theta, refused = self._ask(Context(*asked))
         self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")

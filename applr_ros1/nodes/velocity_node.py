@@ -4,13 +4,9 @@ Run by scripts/velocity.py beside a move_base whose own commands go nowhere; lau
 It commands while move_base pursues a goal, and stands otherwise. docs/extending.md describes such methods.
 """
 
-import threading
-
 import rospy
-from geometry_msgs.msg import PoseStamped, Twist
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import Twist
 
-from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.progress import Throttled
@@ -26,20 +22,14 @@ class VelocityNode:
     Args:
         method: A Method that commands.
         inputs: Scan, odometry, plan and goal (nodes/applr_inputs.py).
-        move_base: Namespace of move_base.
-        odom: Topic of the odometry.
         seed: Of what the method draws; the courses have seed, seed + 1 ...
     """
 
-    def __init__(self, method, inputs, move_base="move_base", odom="odometry/filtered", seed=0):
+    def __init__(self, method, inputs, seed=0):
         self.method, self.inputs, self.seed = method, inputs, seed
         self._goal, self._began = None, None  # the goal's id, and when it was first seen
-        self._lock = threading.Lock()
-        self._target, self._twist = (0.0, 0.0, 0.0), (0.0, 0.0)
         self._warn = Throttled(rospy.logwarn)
         self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_goal, queue_size=1)
-        rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=1, tcp_nodelay=True)
 
     def spin(self):
         """A command every period of ROS time until shutdown, which ends with a stop."""
@@ -81,21 +71,8 @@ class VelocityNode:
         phi = goal_angle(local_goal(seen.plan, seen.pose, layout.lookahead))
         space = self.method.space
         observation = observe(seen.ranges, phi, space.theta0, space, layout)
-        with self._lock:
-            target, twist = self._target, self._twist
         time = (now - self._began).to_sec()
-        return methods.Context(
-            observation, seen.ranges, phi, space.theta0, time, seen.pose, twist, target, seen.plan, space
-        )
-
-    def _on_goal(self, message):
-        p, q = message.pose.position, message.pose.orientation
-        with self._lock:
-            self._target = p.x, p.y, yaw_of(q)
-
-    def _on_odometry(self, message):
-        with self._lock:
-            self._twist = message.twist.twist.linear.x, message.twist.twist.angular.z
+        return methods.Context(observation, seen.ranges, phi, space.theta0, time, *seen.place, space)
 
     def _stop(self):
         self._publish(0.0, 0.0)
@@ -120,10 +97,9 @@ def _run():
     method = methods.make(spec)
     if not method.commands:
         raise methods.MethodError("method %s chooses parameters; start it as mode of jackal_applr.launch" % spec)
-    odom, move_base = "odometry/filtered", rospy.resolve_name("move_base")
-    node = VelocityNode(
-        method, Inputs(odom=odom, plan=move_base + "/NavfnROS/plan", move_base=move_base), move_base, odom, int(seed)
-    )
+    move_base = rospy.resolve_name("move_base")
+    inputs = Inputs(plan=move_base + "/NavfnROS/plan", move_base=move_base)
+    node = VelocityNode(method, inputs, int(seed))
     rospy.loginfo("velocity: ready, method %s, a command every %g s", spec, method.period)
     node.spin()
     return 0
