@@ -252,6 +252,20 @@ def test_bad_options_are_one_line(arguments, pattern, tmp_path, capsys):
         assert not (tmp_path / "run" / name).exists()
 
 
+@pytest.mark.parametrize(
+    "arguments, pattern",
+    [
+        (["--critics", "9"], "critics is 9: give 2, or up to as many as actions"),
+        (["--symmetric"], "no scan and angle to mirror"),
+        (["--scan-pool", "7"], "scan_pool is 7: give a divisor"),
+    ],
+)
+def test_networks_that_cannot_be_built_leave_no_folder(arguments, pattern, tmp_path, capsys):
+    given = ["--env", "tests.toy_env:Line", "--out", tmp_path / "run", "--device", "cpu"]
+    one_line(capsys, [*given, *arguments], 1, pattern)
+    assert not (tmp_path / "run").exists()
+
+
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     before = state_of(whole)
     one_line(capsys, toy(whole), 2, "holds a run already: --resume")

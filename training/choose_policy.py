@@ -21,10 +21,10 @@ from training.command_line import (
     add_robot,
     add_simulator,
     add_trials,
+    add_workers,
     add_worlds,
     continuable,
     end_at_sigterm,
-    whole,
 )
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
@@ -55,12 +55,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     add_robot(p)
     add_simulator(p, "pybullet")
     add_trials(p, 3, "of each policy in each world", most=10_000)
-    p.add_argument(
-        "--workers",
-        type=whole(0, 4096),
-        default=2,
-        help="Number of trials that are driven at the same time; 0 drives them in this process. Default: %(default)s.",
-    )
+    add_workers(p)
     p.add_argument(
         "--results",
         default="results/choice",

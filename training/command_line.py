@@ -102,6 +102,17 @@ def add_trials(parser: argparse.ArgumentParser, default: int, each: str, most: i
     )
 
 
+def add_workers(parser: argparse.ArgumentParser, how: str = "") -> None:
+    """Declares --workers; how: by what the trials are driven at the same time, behind a comma."""
+    parser.add_argument(
+        "--workers",
+        type=whole(0, 4096),
+        default=2,
+        help="Number of trials that are driven at the same time%s; 0 drives them in this process. "
+        "Default: %%(default)s." % how,
+    )
+
+
 def robot(text: str) -> Robot:
     """A type for add_argument: the robot of a name or folder."""
     try:

@@ -24,7 +24,17 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.methods import Method
 from applr_ros1.robots import JACKAL, Robot
-from training.command_line import Parser, add_robot, add_seed, add_trials, add_weights, add_worlds, simulator, whole
+from training.command_line import (
+    Parser,
+    add_robot,
+    add_seed,
+    add_trials,
+    add_weights,
+    add_workers,
+    add_worlds,
+    simulator,
+    whole,
+)
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import FAILURE_SECONDS, trial_seconds
 from training.evaluation.store import TRIALS, flag, read_rows
@@ -240,12 +250,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
         ),
     )
     add_trials(p, 1, "of each set in each world and simulator")
-    p.add_argument(
-        "--workers",
-        type=whole(1, 4096),
-        default=2,
-        help="Number of trials that are driven at the same time. Default: %(default)s.",
-    )
+    add_workers(p)
     add_seed(p)
     p.add_argument("--out", default="results/simulators", help="Folder for the comparison. Default: %(default)s.")
     p.add_argument(

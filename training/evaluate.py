@@ -21,6 +21,7 @@ from training.command_line import (
     add_seed,
     add_simulator,
     add_trials,
+    add_workers,
     add_worlds,
     continuable,
     end_at_sigterm,
@@ -95,13 +96,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         "the set was learned. Without it a set is sent so that it means the same to the planner, as the applr node "
         "does (docs/cpp_move_base.md).",
     )
-    p.add_argument(
-        "--workers",
-        type=whole(0, 4096),
-        default=defaults.workers,
-        help="Number of trials that are driven at the same time, in processes or Ray actors; 0 drives "
-        "them in this process. Default: %(default)s.",
-    )
+    add_workers(p, ", in processes or Ray actors")
     p.add_argument(
         "--ray-address",
         default=defaults.ray_address,

@@ -48,6 +48,7 @@ class TrainingRun:
         self.began = time.monotonic()
         self.config = config = config.resolved()
         made = prepare(config)
+        config.learner().td3.check(made.layout.size, made.layout.action, made.layout.scan)
         self.dataset = Dataset(config.dataset, made.layout).check() if config.dataset else None
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)

@@ -70,6 +70,15 @@ class TD3Config:
                 % (self.bins, self.value_low, self.value_high)
             )
 
+    def check(self, observations: int, actions: int, scan: int) -> None:
+        """Raises LearnerError if networks of these inputs and outputs cannot be built (arguments as for TD3)."""
+        if self.scan_pool < 1 or (self.scan_pool > 1 and (scan < self.scan_pool or scan % self.scan_pool)):
+            raise LearnerError("scan_pool is %r: give a divisor of the scan's %d beams" % (self.scan_pool, scan))
+        if self.critics != 2 and not 2 < self.critics <= actions:
+            raise LearnerError("critics is %r: give 2, or up to as many as actions (%d)" % (self.critics, actions))
+        if self.symmetric and not 0 < scan < observations:
+            raise LearnerError("symmetric: the observation has no scan and angle to mirror; leave --symmetric out")
+
 
 class TD3:
     """The networks, their targets and optimisers, and one method: update."""
@@ -98,12 +107,7 @@ class TD3:
                 symmetric policy of observations without a scan.
         """
         self.config, self.actions, self.observations, self.scan = config, actions, observations, scan
-        if config.scan_pool < 1 or (config.scan_pool > 1 and (scan < config.scan_pool or scan % config.scan_pool)):
-            raise LearnerError("scan_pool is %r: give a divisor of the scan's %d beams" % (config.scan_pool, scan))
-        if config.critics != 2 and not 2 < config.critics <= actions:
-            raise LearnerError("critics is %r: give 2, or up to as many as actions (%d)" % (config.critics, actions))
-        if config.symmetric and not 0 < scan < observations:
-            raise LearnerError("symmetric: the observation has no scan and angle to mirror; leave --symmetric out")
+        config.check(observations, actions, scan)
         self.features = observations - scan + scan // config.scan_pool
         self.device = _device(device)
         rng = np.random.default_rng(seed)
