@@ -71,7 +71,7 @@ def times(results: Results, folder: Path) -> Optional[str]:
         )
         ax.grid(alpha=0.25)
         ax.xaxis.get_major_locator().set_params(integer=True)
-        ax.legend()
+    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)  # beside the last axes
     return _save(figure, folder, "times.png")
 
 
