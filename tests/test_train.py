@@ -253,7 +253,7 @@ def test_bad_options_are_one_line(arguments, pattern, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments, pattern",
+    ("arguments", "pattern"),
     [
         (["--critics", "9"], "critics is 9: give 2, or up to as many as actions"),
         (["--symmetric"], "no scan and angle to mirror"),
