@@ -55,7 +55,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     add_robot(p)
     add_simulator(p, "pybullet")
     add_trials(p, 3, "of each policy in each world", most=10_000)
-    add_workers(p)
+    add_workers(p, EvaluationOptions.workers)
     p.add_argument(
         "--results",
         default="results/choice",

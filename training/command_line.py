@@ -102,12 +102,12 @@ def add_trials(parser: argparse.ArgumentParser, default: int, each: str, most: i
     )
 
 
-def add_workers(parser: argparse.ArgumentParser, how: str = "") -> None:
-    """Declares --workers; how: by what the trials are driven at the same time, behind a comma."""
+def add_workers(parser: argparse.ArgumentParser, default: int, how: str = "") -> None:
+    """Declares --workers; how: by what the trials are driven at the same time, with a comma before it."""
     parser.add_argument(
         "--workers",
         type=whole(0, 4096),
-        default=2,
+        default=default,
         help="Number of trials that are driven at the same time%s; 0 drives them in this process. "
         "Default: %%(default)s." % how,
     )

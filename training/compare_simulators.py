@@ -250,7 +250,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
         ),
     )
     add_trials(p, 1, "of each set in each world and simulator")
-    add_workers(p)
+    add_workers(p, EvaluationOptions.workers)
     add_seed(p)
     p.add_argument("--out", default="results/simulators", help="Folder for the comparison. Default: %(default)s.")
     p.add_argument(

@@ -96,7 +96,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         "the set was learned. Without it a set is sent so that it means the same to the planner, as the applr node "
         "does (docs/cpp_move_base.md).",
     )
-    add_workers(p, ", in processes or Ray actors")
+    add_workers(p, defaults.workers, ", in processes or Ray actors")
     p.add_argument(
         "--ray-address",
         default=defaults.ray_address,

@@ -48,8 +48,9 @@ class TrainingRun:
         self.began = time.monotonic()
         self.config = config = config.resolved()
         made = prepare(config)
-        config.learner().td3.check(made.layout.size, made.layout.action, made.layout.scan)
         self.dataset = Dataset(config.dataset, made.layout).check() if config.dataset else None
+        options = learner_config(config, self.dataset)
+        options.td3.check(made.layout.size, made.layout.action, made.layout.scan)
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
@@ -57,7 +58,7 @@ class TrainingRun:
                 "%s holds a run already: --resume goes on with it, another --out begins a new one" % self.folder
             )
         set_threads(config)
-        self.learner = Learner(made.layout, learner_config(config, self.dataset), self.folder)
+        self.learner = Learner(made.layout, options, self.folder)
         self.extra = self._resume()
         kinds = config.evaluation()
         self.evaluation = PeriodicEvaluation(

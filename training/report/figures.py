@@ -71,7 +71,8 @@ def times(results: Results, folder: Path) -> Optional[str]:
         )
         ax.grid(alpha=0.25)
         ax.xaxis.get_major_locator().set_params(integer=True)
-    ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)  # beside the last axes
+    names = {name: handle for ax in axes[0] for handle, name in zip(*ax.get_legend_handles_labels())}
+    figure.legend(list(names.values()), list(names), loc="outside right upper", frameon=False)
     return _save(figure, folder, "times.png")
 
 
