@@ -1,6 +1,6 @@
 """The simulated robot: one interface (simulator.py), a pybullet and a kinematic implementation, and their laser.
 
-Only ros_bridge.py and ros_topics.py know ROS. A simulator of your own derives from Simulator, passes
+Only ros_*.py and the folder gazebo know ROS. A simulator of your own derives from Simulator, passes
 `python -m sim_bridge.check module:Class`, and is then given by that name wherever a simulator is named.
 """
 

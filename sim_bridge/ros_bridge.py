@@ -40,6 +40,7 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.robots import load
 
 from . import make
+from .pace import Pace
 from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError, warm_up
@@ -137,7 +138,7 @@ class Bridge:
     # -- the simulating thread ---------------------------------------------------------------------
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
-        pace, ticks, robot = Pace(), 0, self.simulator.robot
+        pace, ticks, robot = Pace(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
         every, every_scan = (max(1, round(1.0 / TICK / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
             if not self.running.is_set():
@@ -311,35 +312,6 @@ class Bridge:
         if clear:
             time.sleep(0.05)  # scans from the old place pass before the maps are cleared
             _clear_costmaps()
-
-
-class Pace:
-    """Keeps simulated and wall time in step."""
-
-    def __init__(self):
-        self.late, self._reported = 0.0, 0.0
-        self.begin()
-
-    def begin(self) -> None:
-        """Count time from now on."""
-        self.next = time.monotonic()
-
-    def wait(self, simulated: float, factor: float, report: bool = True) -> None:
-        """Sleep until wall time has caught up; a delay of more than .2 s is given up and reported."""
-        now = time.monotonic()
-        self.next += simulated / factor
-        if self.next > now:
-            time.sleep(self.next - now)
-        elif now - self.next > 0.2:
-            self.late += now - self.next
-            self.next = now
-            if report and now - self._reported > 10.0:
-                self._reported = now
-                rospy.logwarn(
-                    "sim_bridge: %.1f s lost so far: real_time_factor %g is too much for this machine now",
-                    self.late,
-                    factor,
-                )
 
 
 def _clear_costmaps(patience=2.0):

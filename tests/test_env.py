@@ -13,7 +13,8 @@ import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.episode import Episode, Outcome, nearest
+from training.mdp.episode import Episode, nearest
+from training.mdp.outcome import Outcome
 from training.mdp.reward import MOST_STANDING, Reward, failed
 from worlds import Course, World
 

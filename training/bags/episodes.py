@@ -20,7 +20,8 @@ from applr_ros1.policy.observation import ObservationError, goal_angle, local_go
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
-from training.mdp.episode import NEAREST, TIME_LIMIT, Outcome
+from training.mdp.episode import NEAREST, TIME_LIMIT
+from training.mdp.outcome import Outcome
 from training.mdp.reward import Reward, failed
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision

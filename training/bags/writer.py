@@ -20,7 +20,8 @@ from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.reader import SECOND, TopicNames
-from training.mdp.episode import Episode, Outcome
+from training.mdp.episode import Episode
+from training.mdp.outcome import Outcome
 
 PAUSE = 5.0  # s of time between two courses of a bag
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4

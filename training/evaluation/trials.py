@@ -25,7 +25,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
-from training.mdp.episode import Episode, Trace
+from training.mdp.episode import Episode
+from training.mdp.outcome import Trace
 from training.mdp.reward import Reward
 from training.workers.tasks import POLICY, Answer, Trial, TrialResult
 from training.workers.worker import PolicyWeights

@@ -9,7 +9,8 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD
-from training.mdp.episode import DECISION_LIMIT, Outcome
+from training.mdp.episode import DECISION_LIMIT
+from training.mdp.outcome import Outcome
 
 MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
 
