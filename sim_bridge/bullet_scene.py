@@ -4,7 +4,8 @@ PybulletSimulator uses it.
 
 pybullet's traps, all met here: it prints a banner when imported; it never frees a mesh, so a mesh per world grows
 without end; a world of single bodies is several times slower than the same in compounds, and a compound keeps only its
-first 16 shapes.
+first 16 shapes; a body without a visual shape gets a mesh for each round part of it, which takes thirty times as long
+as the body.
 """
 
 from __future__ import annotations
@@ -55,7 +56,9 @@ def load_pybullet() -> Any:
     return pybullet
 
 
-def build_world(p: Any, client: int, world: World, step: float) -> Tuple[List[int], np.ndarray]:
+def build_world(
+    p: Any, client: int, world: World, step: float, window: bool = False
+) -> Tuple[List[int], np.ndarray]:
     """An empty scene with ground and the world's static obstacles.
 
     Args:
@@ -63,6 +66,7 @@ def build_world(p: Any, client: int, world: World, step: float) -> Tuple[List[in
         client: its connection.
         world: what stands there.
         step: of the physics [s].
+        window: whether there is a window in which the obstacles are to be seen.
 
     Returns:
         The ids of the bodies, each of several obstacles, and a circle around every obstacle, (n, 4): x, y, radius [m],
@@ -78,7 +82,8 @@ def build_world(p: Any, client: int, world: World, step: float) -> Tuple[List[in
     p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py pulls instead
     parts = _parts(world)
     circles = [(x, y, _radius(shape), k) for k, part in enumerate(parts) for x, y, _, shape in part]
-    return [_compound(p, on, part) for part in parts], np.array(circles, dtype=float).reshape(-1, 4)
+    look = -1 if window else p.createVisualShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1), **on)
+    return [_compound(p, on, part, look) for part in parts], np.array(circles, dtype=float).reshape(-1, 4)
 
 
 def add_mover(p: Any, client: int, mover: Mover) -> int:
@@ -210,8 +215,8 @@ def _radius(shape):
     return 0.5 * math.hypot(*shape) if isinstance(shape, tuple) else shape
 
 
-def _compound(p, on, obstacles):
-    """One standing body of upright cylinders and boxes; its id."""
+def _compound(p, on, obstacles, look):
+    """One standing body of upright cylinders and boxes; its id. look: visual shape, or -1 for that of its parts."""
     round_ones = [not isinstance(shape, tuple) for _, _, _, shape in obstacles]
     shape = p.createCollisionShapeArray(
         shapeTypes=[p.GEOM_CYLINDER if is_round else p.GEOM_BOX for is_round in round_ones],
@@ -225,6 +230,6 @@ def _compound(p, on, obstacles):
         collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, _ in obstacles],
         **on,
     )
-    body = p.createMultiBody(0, shape, **on)
+    body = p.createMultiBody(0, shape, look, **on)
     p.changeDynamics(body, -1, lateralFriction=1.0, **on)
     return body

@@ -35,6 +35,7 @@ class PybulletSimulator(Simulator):
         self._p = scene.load_pybullet()
         if gui and not os.environ.get("DISPLAY"):
             raise SimulatorError("gui is true but there is no display (DISPLAY is not set): leave gui away")
+        self._window = gui
         self._client = self._p.connect(self._p.GUI if gui else self._p.DIRECT)
         self._mechanics = m.mechanics(self.robot)
         self._table = wheels.rim_table(self.robot)
@@ -54,7 +55,7 @@ class PybulletSimulator(Simulator):
 
     def _place(self, pose, new_world, seed):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
-        self._obstacles, self._circles = scene.build_world(self._p, self._client, self.world, STEP)
+        self._obstacles, self._circles = scene.build_world(self._p, self._client, self.world, STEP, self._window)
         self._near = np.zeros(len(self._obstacles), np.bool_)
         self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)

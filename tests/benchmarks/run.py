@@ -23,6 +23,7 @@ FIGURES = {  # name -> module beside this file, in the order in which they are m
     "sim_speed_kinematic": "cycle",
     "sim_speed_kinematic_5hz": "cycle",
     "sim_speed_pybullet": "cycle",
+    "reset_pybullet": "cycle",
     "td3_updates": "learning",
     "sb3_td3_updates": "learning",
     "actor_inference": "learning",
