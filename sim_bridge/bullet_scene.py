@@ -56,9 +56,7 @@ def load_pybullet() -> Any:
     return pybullet
 
 
-def build_world(
-    p: Any, client: int, world: World, step: float, window: bool = False
-) -> Tuple[List[int], np.ndarray]:
+def build_world(p: Any, client: int, world: World, step: float, window: bool = False) -> Tuple[List[int], np.ndarray]:
     """An empty scene with ground and the world's static obstacles.
 
     Args:

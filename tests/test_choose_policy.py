@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("torch")
 
 from applr_ros1.policy.actor import Actor, save
+from applr_ros1.robots import JACKAL
 from training import choose_policy
 from training.td3.averaging import mirrored, side_by_side
 
@@ -73,17 +74,44 @@ def test_one_policy_alone_gets_its_result(tmp_path, capsys):
     [
         ({"period_s": 2.0}, "decision period is 2.0, not 1.0"),
         ({"weights": "per_metre"}, "is per_metre, not per_cell"),
-        (None, "its network is [(2, 4, 729), (2, 8, 4)], not [(4, 729), (8, 4)]"),
+        (None, "its number of layers is 3, not 2"),
     ],
 )
 def test_policies_that_are_not_alike_are_refused(changes, words, tmp_path, capsys):
     paths = [policy(tmp_path / "a.safetensors", 0.1), policy(tmp_path / "b.safetensors", 0.2, **(changes or {}))]
     if changes is None:
-        actor = Actor.load(paths[1])
-        twice = side_by_side([choose_policy.weights_of(actor), mirrored(choose_policy.weights_of(actor), 720)])
-        save(paths[1], twice, METADATA)
+        weights = choose_policy.weights_of(Actor.load(paths[1]))
+        weights.update({"2.weight": np.eye(PARAMETERS), "2.bias": np.zeros(PARAMETERS)})
+        save(paths[1], weights, METADATA)
     assert choose_policy.main([*paths, "--out", str(tmp_path / "o"), "--results", str(tmp_path / "choice")]) == 1
     error = capsys.readouterr().err
     assert words in error
     assert error.count("\n") == 1
     assert not (tmp_path / "o").exists()
+
+
+def test_the_mean_of_policies_of_other_widths_and_numbers(tmp_path):
+    """One network of 4 hidden units and, in one file, two of 6: the mean of all three before tanh."""
+    random, networks, actors = np.random.default_rng(0), [], []
+    for width in (4, 6):
+        networks.append(
+            {
+                "0.weight": random.normal(size=(width, 729)) / 27.0,
+                "0.bias": random.normal(size=width),
+                "1.weight": random.normal(size=(PARAMETERS, width)),
+                "1.bias": random.normal(size=PARAMETERS),
+            }
+        )
+    networks.append(mirrored(networks[1], 720))
+    for network in networks:
+        path = tmp_path / ("%d.safetensors" % len(actors))
+        save(path, network, {**METADATA, "training": {}})
+        actors.append(Actor.load(path))
+    save(tmp_path / "pair.safetensors", side_by_side(networks[1:]), {**METADATA, "training": {}})
+    both = [str(tmp_path / "0.safetensors"), str(tmp_path / "pair.safetensors")]
+    choose_policy.write_mean(str(tmp_path / "mean.safetensors"), both, JACKAL)
+    mean = Actor.load(tmp_path / "mean.safetensors")
+    assert [weight.shape for weight, _ in mean.layers] == [(3, 6, 729), (3, PARAMETERS, 6)]
+    for observation in random.uniform(-1.0, 1.0, (5, 729)):
+        before = np.mean([np.arctanh(actor.action(observation)) for actor in actors], axis=0)
+        np.testing.assert_allclose(mean.action(observation), np.tanh(before), atol=1e-5)

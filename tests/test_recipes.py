@@ -16,7 +16,7 @@ def test_recipes_are_options_that_the_command_line_replaces(tmp_path):
         "per_cell",
         "drawn",
     )
-    assert (shipped.symmetric, shipped.c_switch, shipped.eval_worlds) == (True, 3.0, "generated:validation")
+    assert (shipped.symmetric, shipped.c_switch, shipped.eval_worlds) == (True, 3.0, "fresh:20000-20199")
     assert all(options.parse(["--recipe", name]) for name in options.recipes())
     own = tmp_path / "own.yaml"
     own.write_text("batch_size: 64\nperiod: 1.0\n")

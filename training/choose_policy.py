@@ -2,7 +2,8 @@
 
 Started as `python -m training.choose_policy A.safetensors B.safetensors ... --out FILE.safetensors`, for instance with
 the policies of a recipe's runs with several seeds. In the mean the policies stand side by side, and their outputs
-before tanh are averaged: what is chance in each of them is less in it. A choice that was stopped continues with the
+before tanh are averaged: what is chance in each of them is less in it. A policy that is a mean itself counts as many
+times as it has networks. A choice that was stopped continues with the
 same command.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, sha256
@@ -98,7 +99,7 @@ def write_mean(path: str, policies: Sequence[str], robot: Robot) -> None:
     """Writes the mean of policy files, unless it is there; its "training" adds their transitions up and names them.
 
     Raises:
-        ChoiceError: for policies whose robots, observations, periods, distance weights or sizes differ.
+        ChoiceError: for policies whose robots, observations, periods, distance weights or numbers of layers differ.
     """
     actors = [Actor.load(policy, space=None) for policy in policies]
     first = actors[0]
@@ -109,7 +110,7 @@ def write_mean(path: str, policies: Sequence[str], robot: Robot) -> None:
             ("observation", actor.layout, first.layout),
             ("decision period", actor.period, first.period),
             ("kind of distance weights", actor.weights, first.weights),
-            ("network", sizes(actor), sizes(first)),
+            ("number of layers", len(actor.layers), len(first.layers)),
         ):
             if its != ours:
                 raise ChoiceError(
@@ -141,11 +142,6 @@ def weights_of(actor: Actor) -> Weights:
     """The tensors of an actor by their names in a file."""
     layers = enumerate(actor.layers)
     return {"%d.%s" % (i, k): tensor for i, layer in layers for k, tensor in zip(("weight", "bias"), layer)}
-
-
-def sizes(actor: Actor) -> List[Tuple[int, ...]]:
-    """Shapes of an actor's layers, with the number of networks that stand side by side in it."""
-    return [weight.shape for weight, _ in actor.layers]
 
 
 def stated(actor: Actor) -> Dict[str, Any]:

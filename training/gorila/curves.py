@@ -82,6 +82,7 @@ def draw_curves(
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator, StrMethodFormatter
     except ImportError:
         return
     figure = Figure(figsize=(10, 3.6), layout="constrained")
@@ -100,6 +101,8 @@ def draw_curves(
         if evaluation.default:
             axes.axhline(evaluation.default[name], color="tab:red", ls="--", label="default DWA, held-out worlds")
         axes.set(xlabel="transitions", ylabel=label)
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
         axes.grid(alpha=0.3)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8)

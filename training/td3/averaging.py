@@ -27,12 +27,19 @@ def mirrored(weights: Weights, beams: int) -> Weights:
 
 
 def side_by_side(networks: Sequence[Weights]) -> Weights:
-    """Networks of the same sizes along the first axis of each tensor, as applr_ros1/policy/network.py takes them.
+    """Networks of the same depth along the first axis of each tensor, as applr_ros1/policy/network.py takes them.
 
-    Each of the networks may be several such already.
+    Each of the networks may be several such already. Hidden layers are as wide as the widest: narrower networks get
+    units whose weights are zero, which leaves their answers as they are.
     """
     stacks = [{k: t if _several(network) else t[None] for k, t in network.items()} for network in networks]
-    return {name: np.concatenate([stack[name] for stack in stacks]) for name in networks[0]}
+    widest = {name: np.max([stack[name].shape for stack in stacks], axis=0) for name in networks[0]}
+    return {name: np.concatenate([_padded(stack[name], widest[name]) for stack in stacks]) for name in networks[0]}
+
+
+def _padded(stack: np.ndarray, widest: np.ndarray) -> np.ndarray:
+    """A stack of tensors with zeros behind each axis but the first, up to the lengths in `widest`."""
+    return np.pad(stack, [(0, 0)] + [(0, most - has) for most, has in zip(widest[1:], stack.shape[1:])])
 
 
 def _several(network: Weights) -> bool:
