@@ -3,8 +3,7 @@
 Started as `python -m training.choose_policy A.safetensors B.safetensors ... --out FILE.safetensors`, for instance with
 the policies of a recipe's runs with several seeds. In the mean the policies stand side by side, and their outputs
 before tanh are averaged: what is chance in each of them is less in it. A policy that is a mean itself counts as many
-times as it has networks. A choice that was stopped continues with the
-same command.
+times as it has networks. A choice that was stopped continues with the same command.
 """
 
 from __future__ import annotations
