@@ -101,7 +101,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert inflation == {client.theta()[7]} != {0.3}
     assert len(robot.beats) >= 4
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", 3.0, "diagnostics")
-    assert robot.parameters[-1] == client.theta().tolist()
+    wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), 3.0, "the parameters as they are set")
     assert robot.count("failed") == 0
     robot.goal = None  # the course is over: the next one starts on theta_0
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0 after the goal")

@@ -4,6 +4,7 @@ import json
 import os
 import random
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,10 +15,8 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.tensors import unpack
-from training import dataset
 from training.evaluation.periodic import PeriodicEvaluation
 from training.experience.dataset import Dataset, DatasetError, Writer, export_replay
-from training.experience.journal import Journal
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila import config as options
 from training.gorila.config import ConfigError, TrainConfig, parse
@@ -177,32 +176,21 @@ def test_offline_from_a_runs_own_journal(whole, tmp_path):
     assert Learner.saved(tmp_path / "c")["transitions"] == 1000
 
 
-def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
-    rng = np.random.default_rng(0)
-    journal, episodes = Journal(tmp_path / "run" / "journal"), []
-    for i in range(3):
-        t = 2 + i
-        episodes.append(
-            Trajectory.of(
-                Layout(),
-                rng.uniform(-1, 1, (t + 1, 729)),
-                rng.uniform(-1, 1, (t, 8)),
-                rng.uniform(-1, 0, t),
-                True,
-                {"actor": "a", "episode": i},
-            )
-        )
-        journal.append(episodes[-1].pack(), {})
-    journal.sync()
-    command = [sys.executable, "-m", "training.dataset", str(tmp_path / "run"), str(tmp_path / "dear")]
-    done = subprocess.run([*command, "--c-switch", "0.5"], cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert "9 transitions" in done.stdout, done.stderr
-    for mine, theirs in zip(Dataset(tmp_path / "dear"), episodes):
-        price = 0.5 * np.abs(theirs.action - theirs.rest[:-1, 1:]).mean(1)
-        np.testing.assert_allclose(mine.reward, theirs.reward - price, atol=1e-6)
-        np.testing.assert_array_equal(mine.action, theirs.action)
-    assert dataset.main([str(tmp_path), str(tmp_path / "none")]) == 1
-    assert capsys.readouterr().err.strip() == "dataset: %s: no training run (no journal in it)" % tmp_path
+def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
+    source, out = tmp_path / "source", tmp_path / "run"
+    shutil.copytree(whole, source)
+    first = toy(out, "--start", str(source), "--steps", "50", "--warmup", "40", "--gamma", "0.9")
+    assert main([*first, "--updates-per-transition", "0"]) == 0
+    assert state_of(out)[0] == state_of(whole)[0]
+    assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
+    policy = PolicyWeights((out / "actor.safetensors").read_bytes())
+    assert policy(np.array([0.9]))[0] < -0.3 < 0.3 < policy(np.array([-0.9]))[0]  # as the other run's
+    shutil.rmtree(source)  # from its first checkpoint on the run stands by itself
+    assert main(["--resume", "--out", str(out), "--steps", "100", "--updates-per-transition", "1"]) == 0
+    assert Learner.saved(out)["updates"] == 50
+    assert state_of(out)[0] != state_of(whole)[0]
+    one_line(capsys, toy(tmp_path / "b", "--start", str(whole), "--hidden", "8"), 1, "give the same --hidden")
+    one_line(capsys, toy(tmp_path / "c", "--start", str(tmp_path)), 1, "holds no checkpoint: give the folder of a")
 
 
 def one_line(capsys, arguments, status, pattern):
@@ -283,8 +271,6 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
 
 
 def test_damaged_checkpoints_are_refused(whole, tmp_path, capsys):
-    import shutil
-
     for name, damage, pattern in (
         ("checkpoint.json", lambda p: p.write_bytes(p.read_bytes()[:100]), "not JSON"),
         ("checkpoint.json", lambda p: p.write_bytes(b""), "not JSON"),
@@ -301,8 +287,6 @@ def test_damaged_checkpoints_are_refused(whole, tmp_path, capsys):
 
 
 def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, capsys):
-    import shutil
-
     copy = tmp_path / "copy"
     shutil.copytree(whole, copy)
     before, real = state_of(copy), os.fsync

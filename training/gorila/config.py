@@ -98,16 +98,24 @@ class TrainConfig(Options):
             seed=self.seed,
             device=self.device,
             start=self.start_action(),
+            start_run=self.start_run,
         )
+
+    @property
+    def start_run(self) -> str:
+        """Folder of the run that --start names; "" where it names none, but a parameter set or nothing."""
+        return "" if self.start in ("", "static") or self.start.endswith(".json") else self.start
 
     def start_action(self) -> Tuple[float, ...]:
         """The action of the set --start, () without one. Raises ConfigError, or ApplrError for a file of no use."""
-        if not self.start:
+        if not self.start or self.start_run:
             return ()
         robot = load(self.robot)
         method = methods.make(self.start, robot)
         if not isinstance(method, methods.FixedParameters):
-            raise ConfigError("--start is %r: give static, or a JSON file with a parameter set" % self.start)
+            raise ConfigError(
+                "--start is %r: give static, a JSON file with a parameter set, or a run's folder" % self.start
+            )
         return tuple(space_of(robot).to_action(method.values).tolist())
 
     def resolved(self) -> "TrainConfig":

@@ -41,6 +41,7 @@ class LearnerConfig:
     seed: int = 0
     device: str = "cpu"
     start: Tuple[float, ...] = ()  # the action at which the policy begins; (): that of its random first weights
+    start_run: str = ""  # folder of a run with whose networks and optimisers this one begins; "": with random weights
 
 
 class Learner:
@@ -52,6 +53,9 @@ class Learner:
         self.td3 = TD3(layout.size, layout.action, config.td3, config.seed, config.device, layout.scan)
         if config.start:
             self.td3.begin_at(config.start)
+        if config.start_run and (folder is None or self.saved(folder) is None):
+            self._take_networks(Path(config.start_run))
+            self.td3.updates = 0
         self.replay = Replay(layout, config.capacity)
         self.rng = np.random.default_rng([config.seed, 1])
         self.journal = Journal(make_folder(self.folder) / "journal") if self.folder is not None else None
@@ -195,11 +199,10 @@ class Learner:
         """
         if self.folder is None or self.journal is None:
             return {}
-        checkpoint = self.saved(self.folder)
         place, extra = None, {}
-        if checkpoint is not None:
+        if self.saved(self.folder) is not None:
+            checkpoint = self._restore(self.folder)
             place, extra = checkpoint["journal"], checkpoint["extra"]
-            self._restore(checkpoint)
             self.train()
         for blob in self.journal.read(since=place):
             trajectory = self._take_from_journal(blob)
@@ -209,20 +212,29 @@ class Learner:
                 self.train()
         return extra
 
-    def _restore(self, checkpoint: Dict[str, Any]) -> None:
-        assert self.folder is not None
-        assert self.journal is not None
-        path = self.folder / checkpoint["learner"]["file"]
+    def _take_networks(self, folder: Path) -> Dict[str, Any]:
+        """Takes over networks and optimisers from the checkpoint in a run's folder; returns that checkpoint.
+
+        Raises LearnerError where there is none, or where it is of other networks; StorageError where it is damaged.
+        """
+        checkpoint = self.saved(folder)
+        if checkpoint is None:
+            raise LearnerError("%s holds no checkpoint: give the folder of a training run" % folder)
         if checkpoint["layout"] != asdict(self.layout):
             raise LearnerError(
-                "%s was made with the layout %s, this run has %s"
-                % (self.folder, checkpoint["layout"], asdict(self.layout))
+                "%s was made with the layout %s, this run has %s" % (folder, checkpoint["layout"], asdict(self.layout))
             )
+        path = folder / checkpoint["learner"]["file"]
         data = read_bytes(path)
         if sha256(data) != checkpoint["learner"]["sha256"]:
             raise StorageError("%s: its checksum is wrong; the file is damaged" % path)
         arrays, header = unpack(data, str(path), LearnerError)
-        self.td3.load(arrays, header, what=str(self.folder))
+        self.td3.load(arrays, header, what=str(folder))
+        return checkpoint
+
+    def _restore(self, folder: Path) -> Dict[str, Any]:
+        assert self.journal is not None
+        checkpoint = self._take_networks(folder)
         first = self.journal.header()
         if first is not None:
             self.replay.begin_at(first["rows"], first["transitions"])
@@ -233,11 +245,12 @@ class Learner:
         if (self.replay.written, self.replay.transitions) != (checkpoint["rows"], checkpoint["transitions"]):
             raise StorageError(
                 "%s: the journal holds %d transitions, the checkpoint counts %d; files are missing"
-                % (self.folder, self.replay.transitions, checkpoint["transitions"])
+                % (folder, self.replay.transitions, checkpoint["transitions"])
             )
         self.rng.bit_generator.state = checkpoint["rng"]
         self.episodes, self.checkpoints = checkpoint["episodes"], checkpoint["number"]
         self._resume_pace(checkpoint)
+        return checkpoint
 
     def _resume_pace(self, checkpoint: Dict[str, Any]) -> None:
         """Goes on counting updates as before; another updates_per_transition or warmup counts from here on.
