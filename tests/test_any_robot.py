@@ -152,7 +152,7 @@ def test_check_names_the_traps_of_shipped_parameters(name, trap):
 
 def test_searched_trained_and_driven(crate, tmp_path, capsys):
     found, run, out = crate / "static.json", tmp_path / "run", tmp_path / "out"
-    search = ["--generations", "1", "--population", "4", "--worlds-per-set", "1", "--actors", "0"]
+    search = ["--generations", "1", "--population", "4", "--worlds-per-set", "1", "--workers", "0"]
     search += ["--final-worlds", "generated:3", "--final-simulator", "kinematic", "--final-trials", "1"]
     assert static_search.main(["--robot", str(crate), *SMALL, *search, "--out", str(found)]) == 0
     tuned = json.loads(found.read_text())["parameters"]

@@ -49,7 +49,7 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     out, log_path = tmp_path / "static.json", tmp_path / "static_log.json"
     start = tmp_path / "start.json"
     start.write_text(json.dumps({"max_vel_x": 2.0, "inflation_radius": 0.1}))
-    arguments = ["--worlds=generated:140", "--generations=1", "--population=4", "--worlds-per-set=1", "--actors=0"]
+    arguments = ["--worlds=generated:140", "--generations=1", "--population=4", "--worlds-per-set=1", "--workers=0"]
     arguments += ["--final-worlds=generated:140", "--final-simulator=kinematic", "--final-trials=1", "--sigma=.1"]
     arguments += ["--start", str(start), "--out", str(out)]
     assert static_search.main(arguments) == 0
@@ -66,5 +66,5 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     assert [line["theta"] for line in json.loads(log_path.read_text())["finalists"]] == sets
     assert (tmp_path / "static_trials.jsonl").read_bytes() == driven
     assert static_search.start(str(log_path)).tolist() == sets[0]
-    assert static_search.main(["--worlds", "generated:999", "--actors", "0", "--out", str(out)]) == 1
+    assert static_search.main(["--worlds", "generated:999", "--workers", "0", "--out", str(out)]) == 1
     assert capsys.readouterr().err.startswith("static_search.py: ")

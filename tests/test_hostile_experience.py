@@ -132,7 +132,7 @@ def test_a_table_of_episodes_with_a_broken_row_is_read_without_it(tmp_path):
 def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys):
     start = tmp_path / "start.json"
     start.write_text(json.dumps(content))
-    command = ["--worlds", "generated:0", "--actors", "0", "--start", str(start), "--out", str(tmp_path / "s.json")]
+    command = ["--worlds", "generated:0", "--workers", "0", "--start", str(start), "--out", str(tmp_path / "s.json")]
     assert static_search.main(command) == 1
     error = capsys.readouterr().err.strip()
     assert error.startswith("static_search.py: ")

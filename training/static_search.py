@@ -33,6 +33,7 @@ from training.command_line import (
     add_seed,
     add_simulator,
     add_weights,
+    add_workers,
     add_worlds,
     continuable,
     number,
@@ -78,12 +79,7 @@ def parser() -> Parser:
         default=5.0,
         help="Time [s] that a trial with a contact is charged in addition. Default: %(default)s.",
     )
-    p.add_argument(
-        "--actors",
-        type=whole(0, 4096),
-        default=2,
-        help="Number of trials that are driven at the same time; 0 drives them in this process. Default: %(default)s.",
-    )
+    add_workers(p, 2)
     p.add_argument(
         "--pool",
         default="processes",
@@ -164,7 +160,7 @@ def run(arguments: List[str]) -> None:
         return SetTrials(
             worlds,
             simulator,
-            options.actors,
+            options.workers,
             options.pool,
             options.ray_address,
             options.weights,
