@@ -190,7 +190,8 @@ def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
     assert Learner.saved(out)["updates"] == 50
     assert state_of(out)[0] != state_of(whole)[0]
     one_line(capsys, toy(tmp_path / "b", "--start", str(whole), "--hidden", "8"), 1, "give the same --hidden")
-    one_line(capsys, toy(tmp_path / "c", "--start", str(tmp_path)), 1, "holds no checkpoint: give the folder of a")
+    one_line(capsys, toy(tmp_path / "c", "--start", str(tmp_path)), 2, "--start is .*: give static, a JSON file")
+    assert not (tmp_path / "c").exists()
 
 
 def one_line(capsys, arguments, status, pattern):

@@ -108,14 +108,17 @@ class TrainConfig(Options):
 
     def start_action(self) -> Tuple[float, ...]:
         """The action of the set --start, () without one. Raises ConfigError, or ApplrError for a file of no use."""
-        if not self.start or self.start_run:
+        if not self.start:
+            return ()
+        known = "static, a JSON file with a parameter set, or the folder of a training run that has saved a checkpoint"
+        if self.start_run:
+            if not self.resume and not (Path(self.start_run) / "checkpoint.json").exists():
+                raise ConfigError("--start is %r: give %s" % (self.start, known))
             return ()
         robot = load(self.robot)
         method = methods.make(self.start, robot)
         if not isinstance(method, methods.FixedParameters):
-            raise ConfigError(
-                "--start is %r: give static, a JSON file with a parameter set, or a run's folder" % self.start
-            )
+            raise ConfigError("--start is %r: give %s" % (self.start, known))
         return tuple(space_of(robot).to_action(method.values).tolist())
 
     def resolved(self) -> "TrainConfig":

@@ -174,9 +174,9 @@ class Options:
         "--start they are driven by the policy with exploration noise.")
     start: str = option("",
         "What learning begins with: the folder of another run, whose policy, critics and optimisers are taken over "
-        "without its experience (period, reward, worlds and robot may be others); or a parameter set that the policy "
-        "first answers with, static for the robot's own best single set or a JSON file. Without it the policy begins "
-        "near the middle of the ranges.")
+        "without its experience (period, reward and worlds may be others); or a parameter set that the policy first "
+        "answers with, static for the robot's own best single set or a JSON file. Without it the policy begins near "
+        "the middle of the ranges.")
     capacity: int = option(0,
         "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
         "transitions of --steps and a tenth more.")
