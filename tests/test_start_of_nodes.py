@@ -87,8 +87,16 @@ def test_a_move_base_that_is_still_starting_is_no_trouble(monkeypatch, starting)
 
 @pytest.mark.parametrize("delay", [0.0, 0.2, 0.5])
 def test_ctrl_c_during_the_import(delay):
-    begin = "import sys; from applr_ros1.common.errors import run_script; print('begun', flush=True);"
-    process = start("-c", begin + "sys.argv[1:] = ['--help']; sys.exit(run_script('training.train'))")
+    begin = (
+        "import sys\n"
+        "from applr_ros1.common.errors import run_script\n"
+        "class Begun:  # says when the import begins\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'training': print('begun', flush=True)\n"
+        "sys.meta_path.insert(0, Begun())\n"
+        "sys.argv[1:] = ['--help']\n"
+    )
+    process = start("-c", begin + "sys.exit(run_script('training.train'))")
     assert process.stdout.readline() == "begun\n"
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
