@@ -189,6 +189,7 @@ def test_a_run_begins_with_the_networks_of_another(whole, tmp_path, capsys):
     assert main(["--resume", "--out", str(out), "--steps", "100", "--updates-per-transition", "1"]) == 0
     assert Learner.saved(out)["updates"] == 50
     assert state_of(out)[0] != state_of(whole)[0]
+    assert parse(["--start", "static_per_metre"]).start_run == ""  # a set by its name is no run
     one_line(capsys, toy(tmp_path / "b", "--start", str(whole), "--hidden", "8"), 1, "give the same --hidden")
     one_line(capsys, toy(tmp_path / "c", "--start", str(tmp_path)), 2, "--start is .*: give static, a JSON file")
     assert not (tmp_path / "c").exists()

@@ -103,8 +103,8 @@ class TrainConfig(Options):
 
     @property
     def start_run(self) -> str:
-        """Folder of the run that --start names; "" where it names none, but a parameter set or nothing."""
-        return "" if self.start in ("", "static") or self.start.endswith(".json") else self.start
+        """Folder of the run that --start names; "" where it names a method, a JSON file, or nothing."""
+        return "" if self.start in methods.METHODS or self.start.endswith(".json") else self.start
 
     def start_action(self) -> Tuple[float, ...]:
         """The action of the set --start, () without one. Raises ConfigError, or ApplrError for a file of no use."""

@@ -54,8 +54,7 @@ class Learner:
         if config.start:
             self.td3.begin_at(config.start)
         if config.start_run and (folder is None or self.saved(folder) is None):
-            self._take_networks(Path(config.start_run))
-            self.td3.updates = 0
+            self._begin_with(Path(config.start_run))
         self.replay = Replay(layout, config.capacity)
         self.rng = np.random.default_rng([config.seed, 1])
         self.journal = Journal(make_folder(self.folder) / "journal") if self.folder is not None else None
@@ -199,10 +198,11 @@ class Learner:
         """
         if self.folder is None or self.journal is None:
             return {}
+        checkpoint = self.saved(self.folder)
         place, extra = None, {}
-        if self.saved(self.folder) is not None:
-            checkpoint = self._restore(self.folder)
+        if checkpoint is not None:
             place, extra = checkpoint["journal"], checkpoint["extra"]
+            self._restore(checkpoint)
             self.train()
         for blob in self.journal.read(since=place):
             trajectory = self._take_from_journal(blob)
@@ -212,14 +212,19 @@ class Learner:
                 self.train()
         return extra
 
-    def _take_networks(self, folder: Path) -> Dict[str, Any]:
-        """Takes over networks and optimisers from the checkpoint in a run's folder; returns that checkpoint.
-
-        Raises LearnerError where there is none, or where it is of other networks; StorageError where it is damaged.
-        """
+    def _begin_with(self, folder: Path) -> None:
+        """Takes over networks and optimisers of another run, and counts updates from 0. Raises as _take_networks()."""
         checkpoint = self.saved(folder)
         if checkpoint is None:
             raise LearnerError("%s holds no checkpoint: give the folder of a training run" % folder)
+        self._take_networks(folder, checkpoint)
+        self.td3.updates = 0
+
+    def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
+        """Takes over networks and optimisers from a checkpoint that lies in `folder`.
+
+        Raises LearnerError where it is of other networks, StorageError where it is damaged.
+        """
         if checkpoint["layout"] != asdict(self.layout):
             raise LearnerError(
                 "%s was made with the layout %s, this run has %s" % (folder, checkpoint["layout"], asdict(self.layout))
@@ -230,11 +235,11 @@ class Learner:
             raise StorageError("%s: its checksum is wrong; the file is damaged" % path)
         arrays, header = unpack(data, str(path), LearnerError)
         self.td3.load(arrays, header, what=str(folder))
-        return checkpoint
 
-    def _restore(self, folder: Path) -> Dict[str, Any]:
+    def _restore(self, checkpoint: Dict[str, Any]) -> None:
+        assert self.folder is not None
         assert self.journal is not None
-        checkpoint = self._take_networks(folder)
+        self._take_networks(self.folder, checkpoint)
         first = self.journal.header()
         if first is not None:
             self.replay.begin_at(first["rows"], first["transitions"])
@@ -245,12 +250,11 @@ class Learner:
         if (self.replay.written, self.replay.transitions) != (checkpoint["rows"], checkpoint["transitions"]):
             raise StorageError(
                 "%s: the journal holds %d transitions, the checkpoint counts %d; files are missing"
-                % (folder, self.replay.transitions, checkpoint["transitions"])
+                % (self.folder, self.replay.transitions, checkpoint["transitions"])
             )
         self.rng.bit_generator.state = checkpoint["rng"]
         self.episodes, self.checkpoints = checkpoint["episodes"], checkpoint["number"]
         self._resume_pace(checkpoint)
-        return checkpoint
 
     def _resume_pace(self, checkpoint: Dict[str, Any]) -> None:
         """Goes on counting updates as before; another updates_per_transition or warmup counts from here on.

@@ -260,8 +260,7 @@ class TrainingRun:
     def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
         """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
         options = {k: v for k, v in asdict(self.config).items() if k not in ("out", "resume", "ray_address")}
-        if self.config.start_run:
-            options["start"] = Path(self.config.start_run).name
+        options["start"] = Path(self.config.start).name
         metadata = {
             "period_s": self.config.period,
             "training": {
