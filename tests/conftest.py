@@ -4,8 +4,9 @@ A run in which no test passed is a failure. A file that imports what is not inst
 3.8) is left out and named. Each file that starts ROS nodes has a process, and so a ROS master, of its own.
 
 rospy knows one master and one node name per process. Where several files with ROS tests are collected, each is
-therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. Alone, a file
-runs here. The files of tests/faults/ share one such process, since they share one running stack.
+therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. Two of them
+run at a time, because they mostly wait. Alone, a file runs here. The files of tests/faults/ share one such process,
+since they share one running stack.
 
 Tests marked `long` are left out unless `-m` names them. `--faults-table FILE` writes the figures that tests measure.
 """
@@ -18,6 +19,7 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,7 @@ USES_ROS = re.compile(
     re.MULTILINE,
 )
 LONGEST = 900  # seconds for one file
+AT_A_TIME = 2  # files that start ROS nodes
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
@@ -75,8 +78,17 @@ class FileInOwnProcess(pytest.Item):
     def __init__(self, tests, **options):
         super().__init__(**options)
         self.tests, self.output = tests, ""
+        self.run = None  # the Future of the run, from when the first such item is due
 
     def runtest(self):
+        if self.run is None:
+            for item in self.session.items:
+                if isinstance(item, FileInOwnProcess):
+                    item.run = self.config.stash[RUNS].submit(item.run_tests)
+        self.run.result()
+
+    def run_tests(self):
+        """Run the tests and keep their output. Raises FileFailed."""
         command = [sys.executable, "-m", "pytest", "--no-header", "-p", "no:cacheprovider", *self.tests]
         command += ["-m", self.config.option.markexpr] if self.config.option.markexpr else []
         command += ["--faults-table", self.config.option.faults_table] if self.config.option.faults_table else []
@@ -112,6 +124,7 @@ class FileFailed(Exception):
 
 
 SUMMARIES = pytest.StashKey()
+RUNS = pytest.StashKey()
 FIGURES = pytest.StashKey()
 
 
@@ -146,6 +159,7 @@ def write_figures(path, figures):
 def pytest_configure(config):
     config.stash[SUMMARIES] = []
     config.stash[FIGURES] = []
+    config.stash[RUNS] = ThreadPoolExecutor(AT_A_TIME)
 
 
 def pytest_collection_modifyitems(config, items):
@@ -161,7 +175,7 @@ def pytest_collection_modifyitems(config, items):
     if len(apart) < 2:
         return
     items[:] = [item for item in items if item.path not in ros]
-    for tests in apart.values():
+    for tests in sorted(apart.values(), key=len, reverse=True):  # the longest begin first
         items.append(
             FileInOwnProcess.from_parent(
                 tests[0].getparent(pytest.Module),
@@ -179,6 +193,7 @@ def pytest_terminal_summary(terminalreporter):
 
 
 def pytest_sessionfinish(session, exitstatus):
+    session.config.stash[RUNS].shutdown(cancel_futures=True)
     if session.config.option.faults_table and session.config.stash[FIGURES]:
         write_figures(session.config.option.faults_table, session.config.stash[FIGURES])
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
