@@ -170,6 +170,7 @@ def test_offline_from_a_runs_own_journal(whole, tmp_path):
     assert main(toy(tmp_path / "b", *offline, "--updates", "150")) == 0
     assert main(["--resume", "--out", str(tmp_path / "b"), "--updates", "400"]) == 0
     assert state_of(tmp_path / "a") == state_of(tmp_path / "b")
+    assert str(tmp_path).encode() not in (tmp_path / "a" / "actor.safetensors").read_bytes()  # names no folders
     rounds = [json.loads(line) for line in (tmp_path / "a" / "evaluations.jsonl").read_text().splitlines()]
     assert rounds[-1]["return"] > -1.0
     assert main(toy(tmp_path / "c", "--dataset", str(tmp_path / "data"), "--mix", "--steps", "1000")) == 0

@@ -259,8 +259,11 @@ class TrainingRun:
 
     def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
         """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
-        options = {k: v for k, v in asdict(self.config).items() if k not in ("out", "resume", "ray_address")}
-        options["start"] = Path(self.config.start).name
+        options = {
+            k: _without_folders(v) if isinstance(v, str) else v
+            for k, v in asdict(self.config).items()
+            if k not in ("out", "resume", "ray_address")
+        }
         metadata = {
             "period_s": self.config.period,
             "training": {
@@ -320,3 +323,8 @@ class TrainingRun:
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = signal.Signals(number).name
+
+
+def _without_folders(option: str) -> str:
+    """A text option, such as a list of worlds separated by commas, whose paths have only their last names."""
+    return ",".join(Path(part).name for part in option.split(","))
