@@ -175,7 +175,7 @@ def pytest_collection_modifyitems(config, items):
     if len(apart) < 2:
         return
     items[:] = [item for item in items if item.path not in ros]
-    for tests in sorted(apart.values(), key=len, reverse=True):  # the longest begin first
+    for tests in sorted(apart.values(), key=len, reverse=True):  # the fullest first
         items.append(
             FileInOwnProcess.from_parent(
                 tests[0].getparent(pytest.Module),
