@@ -11,6 +11,7 @@ pytest.importorskip("torch")
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.robots import JACKAL
 from training import choose_policy
+from training.policy_file import weights_of
 from training.td3.averaging import mirrored, side_by_side
 
 PARAMETERS = 8
@@ -80,7 +81,7 @@ def test_one_policy_alone_gets_its_result(tmp_path, capsys):
 def test_policies_that_are_not_alike_are_refused(changes, words, tmp_path, capsys):
     paths = [policy(tmp_path / "a.safetensors", 0.1), policy(tmp_path / "b.safetensors", 0.2, **(changes or {}))]
     if changes is None:
-        weights = choose_policy.weights_of(Actor.load(paths[1]))
+        weights = weights_of(Actor.load(paths[1]))
         weights.update({"2.weight": np.eye(PARAMETERS), "2.bias": np.zeros(PARAMETERS)})
         save(paths[1], weights, METADATA)
     assert choose_policy.main([*paths, "--out", str(tmp_path / "o"), "--results", str(tmp_path / "choice")]) == 1

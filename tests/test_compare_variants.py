@@ -82,7 +82,7 @@ def test_sigterm_saves_and_ends_the_runs_too(tmp_path):
     assert comparison.returncode == 130
     assert errors.splitlines()[-1] == "compare_variants: stopped; the same command continues"
     assert Learner.saved(run) is not None
-    Lock(run).release()  # nobody works in it any more
+    Lock(run).close()  # nobody works in it any more
 
 
 def test_a_run_ends_when_its_time_is_up(tmp_path):

@@ -5,7 +5,7 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from training.baselines.race import clearly_worse, race
-from training.baselines.set_trials import TrialFile
+from training.evaluation.remembered import TrialFile
 from training.workers.tasks import TrialResult
 
 

@@ -263,7 +263,7 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     one_line(capsys, ["--resume", "--out", whole, "--hidden", "64"], 2, "--hidden 64: .* cannot be changed")
     lock = TrainingRun(parse(toy(tmp_path / "busy", "--steps", "10"))).lock
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], 1, "another train.py works")
-    lock.release()
+    lock.close()
     stored = json.loads((whole / "config.json").read_text())
     for change, pattern in (({"colour": 1}, "unknown option 'colour'"), ({"steps": "x"}, 'steps is "x", int needed')):
         other = tmp_path / ("stored%d" % len(pattern))

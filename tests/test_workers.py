@@ -341,8 +341,8 @@ def test_a_search_has_idle_workers_and_no_errors():
         assert [len(results) for results in found] == [1, 1]
         assert trials.driven == 2
         time.sleep(0.3)
-        assert trials.pool.poll(0.0) == []
-        assert trials.pool.replaced == 0
+        assert trials.trials.pool.poll(0.0) == []
+        assert trials.trials.pool.replaced == 0
     finally:
         trials.close()
 

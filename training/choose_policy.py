@@ -30,8 +30,9 @@ from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
 from training.evaluation.store import TRIALS, read_rows
 from training.evaluation.trials import COLUMNS
+from training.policy_file import stated, weights_of
 from training.storage import make_folder
-from training.td3.averaging import Weights, side_by_side
+from training.td3.averaging import side_by_side
 
 MEAN = "mean"
 
@@ -135,18 +136,6 @@ def write_mean(path: str, policies: Sequence[str], robot: Robot) -> None:
     }
     metadata = dict(stated(first), training=together)
     save(path, side_by_side([weights_of(actor) for actor in actors]), metadata, first.space, first.layout)
-
-
-def weights_of(actor: Actor) -> Weights:
-    """The tensors of an actor by their names in a file."""
-    layers = enumerate(actor.layers)
-    return {"%d.%s" % (i, k): tensor for i, layer in layers for k, tensor in zip(("weight", "bias"), layer)}
-
-
-def stated(actor: Actor) -> Dict[str, Any]:
-    """What a policy file says about itself beyond what `save` adds."""
-    kept = {key: actor.metadata[key] for key in ("training", "default") if key in actor.metadata}
-    return dict(kept, period_s=actor.period, weights=actor.weights)
 
 
 def table(candidates: Dict[str, str], results: Dict[str, Dict[str, Any]]) -> str:

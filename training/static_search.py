@@ -25,7 +25,7 @@ from applr_ros1.common.files import read_json, write_json
 from applr_ros1.policy.parameter_space import SPACE, Space, SpaceError, space_of
 from training import tuned_files
 from training.baselines.set_search import SearchOptions, choose, explore, finalists
-from training.baselines.set_trials import SetTrials, TrialFile
+from training.baselines.set_trials import SetTrials
 from training.command_line import (
     Parser,
     add_planner,
@@ -40,6 +40,7 @@ from training.command_line import (
     simulator,
     whole,
 )
+from training.evaluation.remembered import TrialFile
 from training.evaluation.trials import world_list
 from training.storage import make_folder
 from training.workers.pool import KINDS

@@ -36,6 +36,6 @@ class Lock:
         except OSError as error:
             raise StorageError("%s: cannot be locked (%s)" % (folder, reason(error))) from None
 
-    def release(self) -> None:
+    def close(self) -> None:
         """Let another process use the folder."""
         self._file.close()

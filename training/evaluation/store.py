@@ -52,7 +52,7 @@ class Store:
                 _Table(self.folder / MEASURES_FILE, MEASURES + more, self.done),
             ]
         except BaseException:
-            self._lock.release()
+            self._lock.close()
             raise
 
     def _check(self, settings, plan) -> int:
@@ -114,7 +114,7 @@ class Store:
         """Closes the files and lets go of the folder."""
         for file in self._files:
             file.close()
-        self._lock.release()
+        self._lock.close()
 
 
 class _Table:

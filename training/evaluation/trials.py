@@ -25,7 +25,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
-from training.mdp.episode import Episode
+from training.mdp.episode import TIME_LIMIT, Episode
 from training.mdp.outcome import Trace
 from training.mdp.reward import Reward
 from training.workers.tasks import POLICY, Answer, Trial, TrialResult
@@ -145,6 +145,7 @@ class TrialRunner:
         as_they_are: whether sets are sent as they are even where the planner's distance weights count otherwise than
             where the set was learned; else they are sent so that they mean the same, as the applr node does.
         learnt_with: what the distance weights of the policy that is being learnt count.
+        time_limit: time after which a trial ends and counts as failed [s].
     """
 
     def __init__(
@@ -158,12 +159,14 @@ class TrialRunner:
         robot: str = JACKAL.name,
         as_they_are: bool = False,
         learnt_with: Optional[str] = None,
+        time_limit: float = TIME_LIMIT,
     ):
         self.robot, self.as_they_are, self.learnt_with = load(robot), as_they_are, learnt_with
         self.space = space_of(self.robot)
         self.monitor = CollisionMonitor(MonitorSettings.of(self.robot)) if monitor else None
         self.protocol, self.reward = protocol, Reward(**(reward or {}))
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
+        self.time_limit = time_limit
         self._params = self.robot.parameters()
         if planner_frequency is not None:
             self._params["planner_frequency"] = float(planner_frequency)
@@ -220,6 +223,7 @@ class TrialRunner:
                 record=True,
                 monitor=self.monitor,
             )
+            self._episodes[key].time_limit = self.time_limit
         return self._episodes[key]
 
     def _world(self, spec: str) -> World:

@@ -1,0 +1,20 @@
+"""What a policy file holds beside its robot: the network's tensors by name, and what the file says about itself."""
+
+from __future__ import annotations
+
+from typing import Any, Dict
+
+from applr_ros1.policy.actor import Actor
+from training.td3.averaging import Weights
+
+
+def weights_of(actor: Actor) -> Weights:
+    """The tensors of an actor by their names in a file."""
+    layers = enumerate(actor.layers)
+    return {"%d.%s" % (i, k): tensor for i, layer in layers for k, tensor in zip(("weight", "bias"), layer)}
+
+
+def stated(actor: Actor) -> Dict[str, Any]:
+    """What a policy file says about itself beyond what `save` adds."""
+    kept = {key: actor.metadata[key] for key in ("training", "default") if key in actor.metadata}
+    return dict(kept, period_s=actor.period, weights=actor.weights)

@@ -1,0 +1,211 @@
+"""Shifts the last layer of a learnt policy to where it drives best, by driving alone, and writes a policy file.
+
+Started as `python -m training.refine_policy POLICY.safetensors --out FILE.safetensors`. In each world the policy drives
+twice with the same seed: with random numbers added to the weights and biases of its last layer, and with the same
+numbers subtracted. After each step, a regression over all pairs of the search says which shift is expected to be best;
+the next step searches around it. A search that was stopped continues with the same command.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from contextlib import closing
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any, Dict, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.common.files import read_bytes, sha256
+from applr_ros1.common.tensors import checksum
+from applr_ros1.policy.actor import Actor, save
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL
+from training.command_line import (
+    Parser,
+    add_planner,
+    add_robot,
+    add_seed,
+    add_simulator,
+    add_weights,
+    add_workers,
+    add_worlds,
+    continuable,
+    end_at_sigterm,
+    number,
+    whole,
+)
+from training.evaluation.periodic import CHOOSING
+from training.evaluation.remembered import RememberedTrials, TrialFile
+from training.evaluation.run import EvaluationOptions
+from training.evaluation.score import CONTACT_SECONDS
+from training.evaluation.trials import seed_of
+from training.policy_file import stated, weights_of
+from training.refinement.directions import Directions
+from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, write_directions
+from training.refinement.search import SearchOptions, Step, search
+from training.storage import Lock, make_folder
+from training.workers.tasks import RunnerSpec, Trial
+from worlds import Worlds
+
+TRIALS = "trials.jsonl"  # in the folder of results
+SEARCHED = ("worlds", "simulator", "weights", "planner", "steps", "pairs", "components", "sigma", "limit", "seed")
+WATCHED = 60  # worlds that the policy drives first, for the directions
+
+
+def parser() -> Parser:
+    """The command line. A mistake raises UsageError."""
+    p = Parser("python -m training.refine_policy", description=__doc__ or "")
+    p.add_argument("policy", help="Policy file to begin with, as train.py or choose_policy writes it.")
+    p.add_argument("--out", required=True, help="File to write the shifted policy to; rewritten after each step.")
+    add_worlds(p, "fresh:100000-108059", "drive in, one after the other; each is used once")
+    add_robot(p)
+    add_simulator(p, "pybullet")
+    add_weights(p)
+    add_planner(p)
+    p.add_argument(
+        "--period",
+        type=number(0.05, 10.0),
+        default=None,
+        help="Decision period [s] that the policy is driven with, and that the file then states. Default: the one "
+        "that the policy's file states.",
+    )
+    p.add_argument("--steps", type=whole(1, 10_000), default=16, help="Number of steps. Default: %(default)s.")
+    p.add_argument(
+        "--pairs", type=whole(2, 10**6), default=500, help="Number of pairs of drives in a step. Default: %(default)s."
+    )
+    p.add_argument(
+        "--components",
+        type=whole(0, 64),
+        default=3,
+        help="Number of principal components of the last hidden layer whose weights are searched; 0 searches biases "
+        "only. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--sigma",
+        type=number(1e-3, 3.0),
+        default=0.25,
+        help="Standard deviation of the random numbers, in units of the outputs before tanh. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--limit",
+        type=number(1.0, 100.0),
+        default=25.0,
+        help="Time [s] after which a drive ends and counts as failed; a failure scores as many seconds. A short limit "
+        "makes the search faster, and failures, which are rare and mostly chance, drown less. Default: %(default)s.",
+    )
+    p.add_argument(
+        "--contact-seconds",
+        type=number(0.0, 1e6),
+        default=CONTACT_SECONDS,
+        help="Time [s] that a drive with a contact is charged in addition. Default: %(default)s.",
+    )
+    add_workers(p, EvaluationOptions.workers)
+    add_seed(p)
+    p.add_argument(
+        "--results",
+        default="results/refinement",
+        help="Folder for the directions and for every drive, from which a stopped search continues. "
+        "Default: %(default)s.",
+    )
+    return p
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Exit status 0; 1 or 2 with one line for a mistake; 130 after Ctrl-C."""
+    end_at_sigterm()
+    return run_main(lambda: run(arguments), "refine_policy")
+
+
+def run(arguments: Optional[Sequence[str]] = None) -> None:
+    """Searches as the arguments say; prints a line and writes the policy after each step."""
+    given = parser().parse_args(arguments)
+    actor = Actor.load(given.policy, space_of(given.robot))
+    worlds = Worlds(given.worlds).specs
+    needed = WATCHED + given.steps * given.pairs
+    if len(worlds) < needed:
+        raise UsageError(
+            "--worlds %s: these are %d, and %d steps of %d pairs need %d, %d of which for the directions; give more "
+            "worlds, or fewer --steps or --pairs"
+            % (given.worlds, len(worlds), given.steps, given.pairs, needed, WATCHED)
+        )
+    folder = make_folder(given.results)
+    with closing(Lock(folder, "refine_policy")), closing(TrialFile(folder / TRIALS)) as file, continuable():
+        refine(given, actor, worlds, folder, file)
+
+
+def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, file: TrialFile) -> None:
+    """Finds the directions, searches, and writes the policy after each step."""
+    options: Dict[str, Any] = {
+        "policy": given.policy,
+        "simulator": given.simulator,
+        "period": given.period or actor.period,
+        "time_limit": given.limit,
+        "robot": given.robot.name if given.robot is JACKAL else given.robot.folder,
+    }
+    weights, beams, size = weights_of(actor), actor.layout.beams, len(actor.space)
+    make = partial(_trial, given)
+    print("driving %d worlds for the directions" % WATCHED, flush=True)
+    directions = Directions.found(
+        weights, _watched(options, [make(world, "") for world in worlds[:WATCHED]]), beams, given.components
+    )
+    path = str(folder / "directions.safetensors")
+    write_directions(path, directions)
+    start = sha256(read_bytes(given.policy))
+    setting = [start, checksum({"mean": directions.mean, "basis": directions.basis})]
+    setting += [options[name] for name in ("simulator", "period", "time_limit", "robot")]
+    runner = RunnerSpec(SHIFTED_RUNNER, dict(options, directions=path))
+    chosen = SearchOptions(**{f.name: getattr(given, f.name) for f in fields(SearchOptions)})
+    with closing(RememberedTrials(runner, setting, given.workers, file=file)) as trials:
+        groups = np.tile(np.arange(1 + given.components), size)
+        for step in search(trials, make, worlds[WATCHED:], groups, chosen):
+            coefficients = step.centre.reshape(size, -1)
+            about = {name: getattr(given, name) for name in SEARCHED}
+            about.update(start=start, step=step.number, coefficients=coefficients.tolist())
+            metadata = dict(stated(actor), period_s=options["period"])
+            metadata["training"] = dict(metadata.get("training") or {}, refined=about)
+            save(given.out, directions.shifted(weights, coefficients), metadata, actor.space, actor.layout)
+            print(line(step, given.steps), flush=True)
+    print("%s: written" % given.out)
+
+
+def _trial(given: Namespace, world: str, coefficients: str) -> Trial:
+    seed = seed_of(CHOOSING + given.seed, world, 0)
+    return Trial(world, "shifted", 0, seed, world, coefficients, given.weights, given.planner)
+
+
+def _watched(options: Dict[str, Any], trials: Sequence[Trial]) -> np.ndarray:
+    """The observations (m, n) of the policy's decisions in trials, driven in this process."""
+    runner, seen = ShiftedRunner(**options), []
+    for trial in trials:
+        runner.run(trial)
+        seen += runner.observations
+    return np.array(seen)
+
+
+def line(step: Step, steps: int) -> str:
+    """How a step went, and what is expected of the policy that was written after it."""
+    return (
+        "step %d of %d: shifted policies score %.2f s (%d of %d there, %d with a contact); the new one is expected to "
+        "take %.2f s less than the given one (largest slope %.1f standard errors, curvature %.1f s, shift %.2f), %d s"
+        % (
+            step.number,
+            steps,
+            step.score,
+            sum(result.success for result in step.results),
+            len(step.results),
+            sum(result.collided for result in step.results),
+            step.fit.gain(step.centre),
+            float(np.max(np.abs(step.fit.slopes / step.fit.errors))),
+            step.fit.curvature,
+            float(np.linalg.norm(step.centre)),
+            step.seconds,
+        )
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

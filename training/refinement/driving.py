@@ -1,0 +1,71 @@
+"""Drives a policy with shifts of its last layer: the runner of refine_policy.py's trials, and how their worlds go."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, List, Optional
+
+import numpy as np
+import safetensors.numpy
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes, write_bytes
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import Actor
+from training.evaluation.trials import TrialRunner
+from training.policy_file import weights_of
+from training.refinement.directions import Directions
+from training.workers.tasks import Trial
+from training.workers.worker import PolicyWeights
+
+SHIFTED_RUNNER = "training.refinement.driving:ShiftedRunner"  # as workers are told
+
+
+class ShiftedRunner(TrialRunner):
+    """Runner of Trial tasks whose method_spec holds the coefficients of a shift, a JSON list; "" is the policy itself.
+
+    Args:
+        policy: file of the policy.
+        directions: file of the directions (`write_directions`); None: only the policy itself can be driven.
+        options: TrialRunner's.
+    """
+
+    def __init__(self, policy: str, directions: Optional[str] = None, **options: Any):
+        super().__init__(**options)
+        self.actor = Actor.load(policy, self.space)
+        self.weights = weights_of(self.actor)
+        self.directions = None if directions is None else read_directions(directions)
+        self.observations: List[np.ndarray] = []  # of the newest trial's decisions
+
+    def _method(self, task: Trial, policy: Optional[PolicyWeights]) -> methods.Method:
+        self.observations = []
+        weights = self.weights
+        if task.method_spec:
+            assert self.directions is not None
+            coefficients = np.array(json.loads(task.method_spec), float).reshape(len(self.space), -1)
+            weights = self.directions.shifted(weights, coefficients)
+        return methods.ObservationPolicy(_Watched(weights, self.actor, self.observations))
+
+
+class _Watched(Actor):
+    """An actor that keeps what it is asked."""
+
+    def __init__(self, weights: Any, like: Actor, observations: List[np.ndarray]):
+        super().__init__(weights, like.space, like.metadata, like.layout)
+        self.observations = observations
+
+    def theta(self, obs: np.ndarray) -> np.ndarray:
+        self.observations.append(np.array(obs, np.float32))
+        return super().theta(obs)
+
+
+def write_directions(path: str, directions: Directions) -> None:
+    """Writes directions as safetensors."""
+    write_bytes(path, safetensors.numpy.save({"mean": directions.mean, "basis": directions.basis}))
+
+
+def read_directions(path: str) -> Directions:
+    """The directions in a file. Raises ApplrError."""
+    tensors, _ = unpack(read_bytes(path), path, ApplrError)
+    return Directions(tensors["mean"], tensors["basis"])
