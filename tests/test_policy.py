@@ -3,6 +3,7 @@
 import json
 import pickle
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import worlds
+from applr_ros1.common.files import sha256
 from applr_ros1.common.tensors import PICKLES, unpack
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
@@ -367,7 +369,11 @@ def test_shipped_policy_says_what_made_it_and_drives():
     """models/applr.safetensors is what mode:=applr takes; three test worlds, every one faster than with theta_0."""
     path = methods.shipped()
     told = Actor.load(path).metadata
-    assert (methods.make("applr").period, methods.make("applr_2s").period) == (1.0, 2.0)
+    decides = methods.make("applr"), methods.make("applr_2s")
+    assert [method.period for method in decides] == [1.0, 2.0]
+    start = methods.shipped("applr_start.safetensors")
+    assert [method.path for method in decides] == [path, start]
+    assert sha256(Path(start).read_bytes()) == told["training"]["refined"]["start"]  # what refine_policy began with
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200

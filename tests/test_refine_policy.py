@@ -13,6 +13,7 @@ from training import refine_policy
 from training.policy_file import weights_of
 from training.refinement import search as search_module
 from training.refinement.directions import Directions, hidden
+from training.refinement.driving import ShiftedRunner
 from training.refinement.search import SearchOptions, search, towards
 from training.refinement.slopes import CURVATURE, fit
 from training.td3.averaging import mirrored, side_by_side
@@ -193,6 +194,14 @@ def test_the_command_writes_a_policy_and_continues_where_it_was(command, tmp_pat
     assert again.metadata == policy.metadata
     np.testing.assert_array_equal(weights_of(again)["2.weight"], weights_of(policy)["2.weight"])
     assert (tmp_path / "results" / "trials.jsonl").read_bytes() == driven
+
+
+def test_a_drive_ends_at_the_limit(command, tmp_path):
+    """And counts as a failure that took so long."""
+    runner = ShiftedRunner(policy=command[0], simulator="kinematic", time_limit=2.0)
+    result = runner.run(made("fresh:7", "")).result
+    assert (result.success, result.timeout, result.time_s) == (False, True, 2.0)
+    assert len(runner.observations) == 1  # one decision of two seconds
 
 
 def test_too_few_worlds_are_refused(command, capsys):

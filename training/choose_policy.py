@@ -30,7 +30,7 @@ from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
 from training.evaluation.store import TRIALS, read_rows
 from training.evaluation.trials import COLUMNS
-from training.policy_file import stated, weights_of
+from training.policy_file import stated, weights_of, without_folders
 from training.storage import make_folder
 from training.td3.averaging import side_by_side
 
@@ -81,11 +81,9 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     with continuable():
         evaluate(options)
     rows = read_rows(folder / TRIALS, COLUMNS)
+    setting = ", ".join((without_folders(given.worlds), given.simulator, options.weights[0], options.planner))
     results = {
-        name: dict(
-            summary_of_rows([row for row in rows if row["method"] == name]),
-            setting="%s, %s, %s, %s" % (given.worlds, given.simulator, options.weights[0], options.planner),
-        )
+        name: dict(summary_of_rows([row for row in rows if row["method"] == name]), setting=setting)
         for name in candidates
     }
     best = min(results, key=lambda name: results[name]["score"])

@@ -43,7 +43,7 @@ from training.evaluation.remembered import RememberedTrials, TrialFile
 from training.evaluation.run import EvaluationOptions
 from training.evaluation.score import CONTACT_SECONDS
 from training.evaluation.trials import seed_of
-from training.policy_file import stated, weights_of
+from training.policy_file import stated, weights_of, without_folders
 from training.refinement.directions import Directions
 from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, write_directions
 from training.refinement.search import SearchOptions, Step, search
@@ -164,7 +164,8 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
         for step in search(trials, make, worlds[WATCHED:], groups, chosen):
             coefficients = step.centre.reshape(size, -1)
             about = {name: getattr(given, name) for name in SEARCHED}
-            about.update(start=start, step=step.number, coefficients=coefficients.tolist())
+            about.update(worlds=without_folders(given.worlds), start=start)
+            about.update(step=step.number, coefficients=coefficients.tolist())
             metadata = dict(stated(actor), period_s=options["period"])
             metadata["training"] = dict(metadata.get("training") or {}, refined=about)
             save(given.out, directions.shifted(weights, coefficients), metadata, actor.space, actor.layout)

@@ -33,6 +33,7 @@ from training.gorila.learner import Learner
 from training.gorila.preparation import OURS, learner_config, prepare, set_threads
 from training.gorila.progress import ProgressLine, TensorBoardLog, clock, describe, status
 from training.gorila.scheduler import TaskScheduler, easiest_first
+from training.policy_file import without_folders
 from training.provenance import provenance
 from training.storage import Lock, make_folder
 from training.workers.pool import PoolError, make_pool
@@ -260,7 +261,7 @@ class TrainingRun:
     def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
         """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
         options = {
-            k: _without_folders(v) if isinstance(v, str) else v
+            k: without_folders(v) if isinstance(v, str) else v
             for k, v in asdict(self.config).items()
             if k not in ("out", "resume", "ray_address")
         }
@@ -323,8 +324,3 @@ class TrainingRun:
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = signal.Signals(number).name
-
-
-def _without_folders(option: str) -> str:
-    """A text option, such as a list of worlds separated by commas, whose paths have only their last names."""
-    return ",".join(Path(part).name for part in option.split(","))
