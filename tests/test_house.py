@@ -115,6 +115,11 @@ MAY_KNOW = (
         },
     ),
     (
+        "training/refinement/",
+        {"numpy", "safetensors", "applr_ros1.policy", "training.evaluation", "training.policy_file", "training.td3"}
+        | {"training.workers"},
+    ),
+    (
         "training/gorila/",
         {"numpy", "torch", "tensorboard", "safetensors", "gymnasium", "matplotlib", "yaml", "applr_ros1.planner"}
         | {"applr_ros1.policy", "applr_ros1.robots", "sim_bridge", "worlds", "training.evaluation"}

@@ -30,7 +30,8 @@ from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
 from training.evaluation.store import TRIALS, read_rows
 from training.evaluation.trials import COLUMNS
-from training.policy_file import stated, weights_of, without_folders
+from training.policy_file import stated, weights_of
+from training.provenance import without_folders
 from training.storage import make_folder
 from training.td3.averaging import side_by_side
 

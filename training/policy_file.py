@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, Dict
 
 from applr_ros1.policy.actor import Actor
@@ -19,8 +18,3 @@ def stated(actor: Actor) -> Dict[str, Any]:
     """What a policy file says about itself beyond what `save` adds."""
     kept = {key: actor.metadata[key] for key in ("training", "default") if key in actor.metadata}
     return dict(kept, period_s=actor.period, weights=actor.weights)
-
-
-def without_folders(option: str) -> str:
-    """A text option, such as a list of worlds separated by commas, whose paths have only their last names."""
-    return ",".join(Path(part).name for part in option.split(","))

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from datetime import datetime, timezone
 from importlib import metadata
+from pathlib import Path
 from typing import Any, Dict, List
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -86,3 +87,8 @@ def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
         )
         for session in sessions
     ]
+
+
+def without_folders(option: str) -> str:
+    """A text option, such as a list of worlds separated by commas, whose paths have only their last names."""
+    return ",".join(Path(part).name for part in option.split(","))

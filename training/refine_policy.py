@@ -43,7 +43,8 @@ from training.evaluation.remembered import RememberedTrials, TrialFile
 from training.evaluation.run import EvaluationOptions
 from training.evaluation.score import CONTACT_SECONDS
 from training.evaluation.trials import seed_of
-from training.policy_file import stated, weights_of, without_folders
+from training.policy_file import stated, weights_of
+from training.provenance import without_folders
 from training.refinement.directions import Directions
 from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, write_directions
 from training.refinement.search import SearchOptions, Step, search

@@ -33,8 +33,7 @@ from training.gorila.learner import Learner
 from training.gorila.preparation import OURS, learner_config, prepare, set_threads
 from training.gorila.progress import ProgressLine, TensorBoardLog, clock, describe, status
 from training.gorila.scheduler import TaskScheduler, easiest_first
-from training.policy_file import without_folders
-from training.provenance import provenance
+from training.provenance import provenance, without_folders
 from training.storage import Lock, make_folder
 from training.workers.pool import PoolError, make_pool
 from training.workers.tasks import Answer, Trial
