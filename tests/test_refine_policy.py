@@ -211,6 +211,14 @@ def test_too_few_worlds_are_refused(command, capsys):
     assert error.count("\n") == 1
 
 
+def test_a_folder_that_cannot_be_made_is_heard_of_before_the_first_drive(command, tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert refine_policy.main([*command, "--out", str(tmp_path / "file" / "out.safetensors")]) == 1
+    printed = capsys.readouterr()
+    assert "cannot be made" in printed.err
+    assert "driving" not in printed.out
+
+
 def test_another_robots_policy_is_refused(command, capsys):
     assert refine_policy.main([*command, "--robot", "husky"]) == 1
     assert "husky" in capsys.readouterr().err

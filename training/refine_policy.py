@@ -133,6 +133,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
             "worlds, or fewer --steps or --pairs"
             % (given.worlds, len(worlds), given.steps, given.pairs, needed, WATCHED)
         )
+    make_folder(Path(given.out).parent)
     folder = make_folder(given.results)
     with closing(Lock(folder, "refine_policy")), closing(TrialFile(folder / TRIALS)) as file, continuable():
         refine(given, actor, worlds, folder, file)
