@@ -102,6 +102,16 @@ def add_trials(parser: argparse.ArgumentParser, default: int, each: str, most: i
     )
 
 
+def add_contact_seconds(parser: argparse.ArgumentParser, default: float) -> None:
+    """Declares --contact-seconds."""
+    parser.add_argument(
+        "--contact-seconds",
+        type=number(0.0, 1e6),
+        default=default,
+        help="Time [s] that a trial with a contact is charged in addition. Default: %(default)s.",
+    )
+
+
 def add_workers(parser: argparse.ArgumentParser, default: int, how: str = "") -> None:
     """Declares --workers; how: by what the trials are driven at the same time, with a comma before it."""
     parser.add_argument(

@@ -26,6 +26,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 from training.command_line import (
     Parser,
+    add_contact_seconds,
     add_planner,
     add_robot,
     add_seed,
@@ -98,12 +99,7 @@ def parser() -> Parser:
         help="Time [s] after which a drive ends and counts as failed; a failure scores as many seconds. A short limit "
         "makes the search faster, and failures, which are rare and mostly chance, drown less. Default: %(default)s.",
     )
-    p.add_argument(
-        "--contact-seconds",
-        type=number(0.0, 1e6),
-        default=CONTACT_SECONDS,
-        help="Time [s] that a drive with a contact is charged in addition. Default: %(default)s.",
-    )
+    add_contact_seconds(p, CONTACT_SECONDS)
     add_workers(p, EvaluationOptions.workers)
     add_seed(p)
     p.add_argument(

@@ -28,6 +28,7 @@ from training.baselines.set_search import SearchOptions, choose, explore, finali
 from training.baselines.set_trials import SetTrials
 from training.command_line import (
     Parser,
+    add_contact_seconds,
     add_planner,
     add_robot,
     add_seed,
@@ -41,6 +42,7 @@ from training.command_line import (
     whole,
 )
 from training.evaluation.remembered import TrialFile
+from training.evaluation.score import CONTACT_SECONDS
 from training.evaluation.trials import world_list
 from training.storage import make_folder
 from training.workers.pool import KINDS
@@ -74,12 +76,7 @@ def parser() -> Parser:
         help="Number of worlds that a generation races in: all sets drive a quarter of them, the better half another "
         "quarter, and the better half of those the rest. Default: %(default)s.",
     )
-    p.add_argument(
-        "--contact-seconds",
-        type=number(0.0, 1e6),
-        default=5.0,
-        help="Time [s] that a trial with a contact is charged in addition. Default: %(default)s.",
-    )
+    add_contact_seconds(p, CONTACT_SECONDS)
     add_workers(p, 2)
     p.add_argument(
         "--pool",

@@ -56,12 +56,18 @@ def layers_of(
 def forward(layers: Layers, x: Any) -> np.ndarray:
     """The network's output before any last activation: ReLU between layers. x (n, inputs) or (inputs,). NaN passes."""
     x = np.asarray(x, dtype=np.float32)
-    side_by_side = layers[0][0].ndim == 3
-    y = np.atleast_2d(x) if side_by_side else x
-    for i, (weight, bias) in enumerate(layers):
-        if i:
-            y = np.maximum(y, np.float32(0.0))
-        y = y @ weight.swapaxes(-1, -2) + (bias[:, None, :] if side_by_side else bias)
-    if not side_by_side:
-        return y
-    return y.mean(axis=0).reshape(*x.shape[:-1], -1)
+    if layers[0][0].ndim < 3:
+        return _linear(layers[-1], hidden(layers, x))
+    return _linear(layers[-1], hidden(layers, np.atleast_2d(x))).mean(axis=0).reshape(*x.shape[:-1], -1)
+
+
+def hidden(layers: Layers, x: np.ndarray) -> np.ndarray:
+    """The units of the last hidden layer. Of k networks side by side x is (n, inputs), and they are (k, n, units)."""
+    for layer in layers[:-1]:
+        x = np.maximum(_linear(layer, x), np.float32(0.0))
+    return x
+
+
+def _linear(layer: Tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:
+    weight, bias = layer
+    return x @ weight.swapaxes(-1, -2) + (bias[:, None, :] if weight.ndim == 3 else bias)

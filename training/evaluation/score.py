@@ -15,9 +15,15 @@ FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
 CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
 
 
-def trial_seconds(success: bool, time_s: float, collided: bool = False, contact_seconds: float = 0.0) -> float:
-    """A trial's score [s]: its time, or FAILURE_SECONDS, and contact_seconds more where the robot touched something."""
-    return (time_s if success else FAILURE_SECONDS) + contact_seconds * collided
+def trial_seconds(
+    success: bool,
+    time_s: float,
+    collided: bool = False,
+    contact_seconds: float = 0.0,
+    failure_seconds: float = FAILURE_SECONDS,
+) -> float:
+    """A trial's score [s]: its time, or failure_seconds, and contact_seconds more where the robot touched something."""
+    return (time_s if success else failure_seconds) + contact_seconds * collided
 
 
 def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str, Any]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from applr_ros1.policy import network
 from training.td3.averaging import Weights, mirrored
 
 
@@ -67,9 +68,6 @@ def hidden(weights: Weights, observations: np.ndarray) -> np.ndarray:
     Networks side by side stand one after the other, each divided by their number, so that the mean of their outputs is
     a linear function of the units.
     """
-    stack = {name: tensor if weights["0.weight"].ndim == 3 else tensor[None] for name, tensor in weights.items()}
-    units = np.asarray(observations, np.float32)[None]
-    for i in range(len(weights) // 2 - 1):
-        weight, bias = stack["%d.weight" % i], stack["%d.bias" % i]
-        units = np.maximum(units @ weight.swapaxes(-1, -2) + bias[:, None, :], np.float32(0.0))
-    return np.concatenate(list(units / np.float32(len(units))), axis=1)
+    layers = [(weights["%d.weight" % i], weights["%d.bias" % i]) for i in range(len(weights) // 2)]
+    units = network.hidden(layers, np.asarray(observations, np.float32))
+    return np.concatenate(units / np.float32(len(units)), axis=1) if units.ndim == 3 else units

@@ -1,4 +1,4 @@
-"""Drives a policy with shifts of its last layer: the runner of refine_policy.py's trials, and how their worlds go."""
+"""Drives a policy with shifts of its last layer: the runner of refine_policy.py's trials, and the file it reads."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from typing import Callable, Iterator, List, NamedTuple, Sequence
 import numpy as np
 
 from training.evaluation.remembered import RememberedTrials
+from training.evaluation.score import trial_seconds
 from training.refinement.slopes import Fit, fit
 from training.workers.tasks import Trial, TrialResult
 
@@ -87,7 +88,7 @@ def towards(aim: np.ndarray, centre: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _score(result: TrialResult, options: SearchOptions) -> float:
-    return (result.time_s if result.success else options.limit) + options.contact_seconds * result.collided
+    return trial_seconds(result.success, result.time_s, result.collided, options.contact_seconds, options.limit)
 
 
 def _text(coefficients: np.ndarray) -> str:
