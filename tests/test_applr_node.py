@@ -209,9 +209,12 @@ def test_fault_11_odd_scans(robot, stack):
 
 def test_dwa_leaves_the_planner_alone(robot, stack):
     _, _, client = stack("dwa")
+    wait_for(lambda: "TrajectoryPlannerROS" in robot.values.get("servers", ""), 5.0, "servers")
     client.apply(SPACE.from_dict({"max_vel_x": 0.9}))  # a person tries something
     robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 3, 5.0, "decisions")
+    wait_for(lambda: "no cost_cloud" in robot.values["weights"], 5.0, "the search for the planner's weights to end")
+    count = len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")
     assert client.theta()[0] == 0.9
 
 

@@ -160,19 +160,23 @@ class ApplrNode:
             else:
                 self._begin_course(now)
             self._goal, self._last = goal, None
-        if self.client.connected and self.weights.look(now, goal is not None):
-            self._compensate()
+        if self.client.connected and self.weights.look(now, goal is not None) and self._compensate():
             self._resend()
         if goal is not None and now >= self._due:
             self._decide(now, goal)
 
     def _compensate(self):
-        """Have sent what means to this planner what the sets mean, and say so."""
+        """Have sent what means to this planner what the sets mean, and say so. Returns whether that is something else.
+
+        Where it is not, what the planner has stays as it is; a person may have set it meanwhile.
+        """
+        before = self.client.compensation
         self.client.compensation = self.weights.compensation(self.method.weights)
         line = self._weights_line(rospy.Time.now())
         if line:
             rospy.loginfo("applr: %s", line)
         self.topics.weights(multipliers(self.client.compensation))
+        return not np.array_equal(before.multipliers, self.client.compensation.multipliers)
 
     def _weights_line(self, now):
         changes = multipliers(self.client.compensation)
