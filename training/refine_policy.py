@@ -54,7 +54,10 @@ from training.workers.tasks import RunnerSpec, Trial
 from worlds import Worlds
 
 TRIALS = "trials.jsonl"  # in the folder of results
-SEARCHED = ("worlds", "simulator", "weights", "planner", "steps", "pairs", "components", "sigma", "limit", "seed")
+SEARCHED = (  # options of the search that the file states
+    *("worlds", "simulator", "weights", "planner", "monitor"),
+    *("steps", "pairs", "components", "sigma", "limit", "contact_seconds", "seed"),
+)
 WATCHED = 60  # worlds that the policy drives first, for the directions
 
 
@@ -68,6 +71,9 @@ def parser() -> Parser:
     add_simulator(p, "pybullet")
     add_weights(p)
     add_planner(p)
+    p.add_argument(
+        "--monitor", action="store_true", help="Drive with the collision monitor between the planner and the base."
+    )
     p.add_argument(
         "--period",
         type=number(0.05, 10.0),
@@ -142,6 +148,7 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
         "simulator": given.simulator,
         "period": given.period or actor.period,
         "time_limit": given.limit,
+        "monitor": given.monitor,
         "robot": given.robot.name if given.robot is JACKAL else given.robot.folder,
     }
     weights, beams, size = weights_of(actor), actor.layout.beams, len(actor.space)
@@ -152,9 +159,8 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
     )
     path = str(folder / "directions.safetensors")
     write_directions(path, directions)
-    start = sha256(read_bytes(given.policy))
-    setting = [start, checksum({"mean": directions.mean, "basis": directions.basis})]
-    setting += [options[name] for name in ("simulator", "period", "time_limit", "robot")]
+    setting = [checksum(weights), checksum({"mean": directions.mean, "basis": directions.basis})]
+    setting += [options[name] for name in ("simulator", "period", "time_limit", "monitor", "robot")]
     runner = RunnerSpec(SHIFTED_RUNNER, dict(options, directions=path))
     chosen = SearchOptions(**{f.name: getattr(given, f.name) for f in fields(SearchOptions)})
     with closing(RememberedTrials(runner, setting, given.workers, file=file)) as trials:
@@ -162,7 +168,7 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
         for step in search(trials, make, worlds[WATCHED:], groups, chosen):
             coefficients = step.centre.reshape(size, -1)
             about = {name: getattr(given, name) for name in SEARCHED}
-            about.update(worlds=without_folders(given.worlds), start=start)
+            about.update(worlds=without_folders(given.worlds), start=sha256(read_bytes(given.policy)))
             about.update(step=step.number, coefficients=coefficients.tolist())
             metadata = dict(stated(actor), period_s=options["period"])
             metadata["training"] = dict(metadata.get("training") or {}, refined=about)

@@ -69,6 +69,8 @@ class TrainConfig(Options):
             self._span(name)
         if self.mix and not self.dataset:
             raise ConfigError("--mix needs a --dataset")
+        if self.refine and self.env != Options.env:
+            raise ConfigError("--refine %d drives the navigation task: leave out --env, or --refine" % self.refine)
 
     # -- what the parts need
     def layers(self) -> List[int]:
@@ -218,6 +220,7 @@ _BOUNDS = (
     ("eval_trials", 1, 1000),
     ("eval_every", 1, 10**9),
     ("contact_seconds", 0.0, 1e6),
+    ("refine", 0, 16),
 )
 # what --resume cannot replace
 FIXED = {

@@ -223,4 +223,10 @@ class Options:
     contact_seconds: float = option(5.0,
         "Time [s] that a trial with a contact is charged in addition when the best actor is chosen.")
     tensorboard: bool = option(True, "Write TensorBoard event files into the run's folder.")
+
+    refine: int = option(0,
+        "Number of steps in which the last policy is refined after the training, as training.refine_policy does it: "
+        "each drives 500 fresh worlds twice, and the result is refined.safetensors in the folder of the run. The "
+        "simulator, weights and planner are those of the evaluations. 0 leaves the policy as the training made it.",
+        group="Refinement after the training")
     # fmt: on
