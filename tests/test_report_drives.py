@@ -79,12 +79,13 @@ def test_without_traces_there_is_no_page(folder):
     assert not (folder / "report" / drives.FILE).exists()
 
 
-def test_evaluations_of_other_worlds_are_joined(folder, tmp_path_factory, capsys):
+def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_factory, capsys):
     more = tmp_path_factory.mktemp("more")
 
-    def drive(out, world, **changed):
-        plan = trials.plan([(world, world)], [(m, m) for m in METHODS], 1, seed=0)
+    def drive(out, world, methods=METHODS, about="fixed", **changed):
+        plan = trials.plan([(world, world)], [(m, m) for m in methods], 1, seed=0)
         settings = {"worlds": [world], "world_specs": [world], "weights": ["per_cell"], **changed}
+        settings["methods"] = {name: {"kind": about} for name in methods}
         store = trial_store.Store(out, settings, plan)
         for task in plan:
             store.append(task, TrialResult(True, False, False, 5.0, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
@@ -97,9 +98,17 @@ def test_evaluations_of_other_worlds_are_joined(folder, tmp_path_factory, capsys
     page = (folder / "report" / drives.FILE).read_text()
     assert '"name":"generated:8"' in page
     assert '"name":"generated:7"' in page
+    other = drive(more / "other", "generated:8", methods=["static"])
+    assert report.main([str(folder), "--join", str(more / "a"), "--join", other]) == 0
+    rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
+    assert ["Test", "static"] in rows
+    assert '"name":"static"' in (folder / "report" / drives.FILE).read_text()
+    changed = drive(more / "changed", "generated:9", about="file")
     capsys.readouterr()
+    assert report.main([str(more / "a"), "--join", changed]) == 1
+    assert "driven with another dwa than" in capsys.readouterr().err
     for other, words in (
-        (drive(more / "b", "generated:7"), "both have generated:7"),
+        (drive(more / "b", "generated:7"), "both have generated:7 of dwa"),
         (drive(more / "c", "generated:9", simulator="kinematic"), "another simulator"),
     ):
         assert report.main([str(folder), "--join", other]) == 1

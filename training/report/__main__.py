@@ -34,7 +34,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         default=[],
         metavar="FOLDER",
         help="Folder of an evaluation of the same methods in other worlds, for instance the training worlds with fewer "
-        "trials, which all tables count in; may be given several times.",
+        "trials, or of other methods in the same worlds, which all tables count in; may be given several times.",
     )
     options = parser.parse_args(arguments)
     print(write(options.folder, options.training, options.beside, options.join))

@@ -24,8 +24,7 @@ SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
 # what joined evaluations must have in common
-SAME = ("methods", "simulator", "protocol", "weights", "planner", "monitor", "as_they_are", "robot", "seed")
-ADDED = ("worlds", "world_specs", "worlds_with_movers", "provenance")
+SAME = ("simulator", "protocol", "weights", "planner", "monitor", "as_they_are", "robot", "seed")
 
 
 class ReportError(ApplrError):
@@ -61,7 +60,8 @@ class Results:
     Args:
         folder: the folder of an evaluation.
         weights: the kind, where several were driven; the first one if left out.
-        joined: folders of evaluations of the same methods in other worlds, whose trials count as if they were here.
+        joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
+            whose trials count as if they were here.
 
     Raises:
         ReportError: there are no trials, or the joined evaluations do not fit together.
@@ -70,14 +70,15 @@ class Results:
 
     def __init__(self, folder: os.PathLike | str, weights: str = "", joined: Sequence[os.PathLike | str] = ()):
         self.folder, self.joined = Path(folder), [Path(other) for other in joined]
-        self._folder_of: Dict[str, Path] = {}  # of each world
+        self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
         rows, measures = [], []
         for place in (self.folder, *self.joined):
             found = read_rows(place / TRIALS, COLUMNS)
-            for world in dict.fromkeys(row["world"] for row in found):
-                if self._folder_of.setdefault(world, place) != place:
+            for driven in dict.fromkeys((row["world"], row["method"]) for row in found):
+                if self._folder_of.setdefault(driven, place) != place:
                     raise ReportError(
-                        "%s and %s both have %s; join other worlds" % (self._folder_of[world], place, world)
+                        "%s and %s both have %s of %s; join other worlds or other methods"
+                        % (self._folder_of[driven], place, *driven)
                     )
             rows += found
             measures += read_rows(place / MEASURES_FILE, MEASURES)
@@ -107,21 +108,31 @@ class Results:
             raise ReportError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
 
     def _join(self, place: Path) -> None:
-        """Takes over another evaluation's worlds. Raises ReportError where something else differs, too."""
-        other = _settings(place)
-        for name in SAME:
-            here, there = (each.get(name, OLDER.get(name)) for each in (self.settings, other))
-            if here != there:
-                raise ReportError(
-                    "%s: driven with another %s than %s; it cannot be joined" % (place, name, self.folder)
-                )
-        for name in ADDED:
-            self.settings[name] = [*self.settings.get(name, []), *other.get(name, [])]
-        self.settings["wall_s"] = self.settings.get("wall_s", 0.0) + other.get("wall_s", 0.0)
+        """Takes over another evaluation's worlds and methods. Raises ReportError where something else differs, too."""
+        here, there = self.settings, _settings(place)
+        other = [name for name in SAME if here.get(name, OLDER.get(name)) != there.get(name, OLDER.get(name))]
+        if here.get("worlds") == there.get("worlds") and here.get("worlds_sha256") != there.get("worlds_sha256"):
+            other.append("set of worlds of the same names")
+        methods, more = here.get("methods", {}), there.get("methods", {})
+        other += [name for name in methods if name in more and methods[name] != more[name]]
+        if other:
+            raise ReportError(
+                "%s: driven with another %s than %s; it cannot be joined" % (place, other[0], self.folder)
+            )
+        here["methods"] = {**methods, **more}
+        known = set(here.get("worlds", []))
+        for name, spec in zip(there.get("worlds", []), there.get("world_specs", [])):
+            if name not in known:
+                here.setdefault("worlds", []).append(name)
+                here.setdefault("world_specs", []).append(spec)
+        for name in ("worlds_with_movers", "provenance"):
+            here[name] = [*here.get(name, []), *there.get(name, [])]
+        here["wall_s"] = here.get("wall_s", 0.0) + there.get("wall_s", 0.0)
 
     def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
         """What was recorded of a trial (store.read_trace), None where nothing was."""
-        return read_trace(self._folder_of[world], world, method, trial, self.kind)
+        place = self._folder_of.get((world, method))
+        return read_trace(place, world, method, trial, self.kind) if place else None
 
     @staticmethod
     def _cells(rows: List[Dict[str, str]], measures: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:

@@ -51,7 +51,8 @@ def write(folder, training: str = "", beside: Sequence[str] = (), joined: Sequen
         folder: the folder of an evaluation.
         training: a training run whose learning curves are shown; empty for none.
         beside: folders of further evaluations, for instance with another planner, for one table over all of them.
-        joined: folders of evaluations of the same methods in other worlds, which all tables count in.
+        joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
+            which all tables count in.
 
     Raises:
         ReportError: trials or plotting library are missing, or joined evaluations do not fit together.
