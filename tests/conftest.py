@@ -33,6 +33,7 @@ USES_ROS = re.compile(
 )
 LONGEST = 900  # seconds for one file
 AT_A_TIME = 2  # files that start ROS nodes
+SLOW = 15  # a test marked `slow` takes as long as about so many others
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
@@ -70,6 +71,11 @@ collect_ignore = list(LEFT_OUT)
 def process_of(path):
     """What is run in one process: a file, or the folder of files that share a running stack."""
     return path if path.parent == HERE else path.parent
+
+
+def duration(tests):
+    """How long tests take, in units of a usual test."""
+    return sum(SLOW if item.get_closest_marker("slow") else 1 for item in tests)
 
 
 class FileInOwnProcess(pytest.Item):
@@ -175,7 +181,7 @@ def pytest_collection_modifyitems(config, items):
     if len(apart) < 2:
         return
     items[:] = [item for item in items if item.path not in ros]
-    for tests in sorted(apart.values(), key=len, reverse=True):  # the fullest first
+    for tests in sorted(apart.values(), key=duration, reverse=True):  # the longest first
         items.append(
             FileInOwnProcess.from_parent(
                 tests[0].getparent(pytest.Module),

@@ -66,6 +66,7 @@ def served(given):
     return publisher
 
 
+@pytest.mark.slow
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts(master):
     import actionlib
     import rospy

@@ -56,6 +56,7 @@ class Watched:
         return tuple(a - b for a, b in zip(self.places[name], self.starts[name]))
 
 
+@pytest.mark.slow
 def test_two_robots_on_one_master(tmp_path):
     import rosbag
     import rosgraph

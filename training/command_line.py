@@ -175,6 +175,16 @@ def add_planner(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_monitor(parser: argparse.ArgumentParser) -> None:
+    """Declares --monitor."""
+    parser.add_argument(
+        "--monitor",
+        action="store_true",
+        help="Put the collision monitor between the planner and the base, as the launch file does. Without it the base "
+        "gets every command of the planner as it is.",
+    )
+
+
 def add_seed(parser: argparse.ArgumentParser) -> None:
     """Declares --seed."""
     parser.add_argument(

@@ -16,6 +16,7 @@ from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 from training.command_line import (
     Parser,
+    add_monitor,
     add_planner,
     add_robot,
     add_seed,
@@ -83,12 +84,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         "weights. Default: %s." % (", ".join(WEIGHTS), DRAWN, DEFAULT_WEIGHTS),
     )
     add_planner(p)
-    p.add_argument(
-        "--monitor",
-        action="store_true",
-        help="Put the collision monitor between the planner and the base, as the launch file does. Without it the base "
-        "gets every command of the planner as it is.",
-    )
+    add_monitor(p)
     p.add_argument(
         "--as-they-are",
         action="store_true",

@@ -27,6 +27,7 @@ from applr_ros1.robots import JACKAL
 from training.command_line import (
     Parser,
     add_contact_seconds,
+    add_monitor,
     add_planner,
     add_robot,
     add_seed,
@@ -71,9 +72,7 @@ def parser() -> Parser:
     add_simulator(p, "pybullet")
     add_weights(p)
     add_planner(p)
-    p.add_argument(
-        "--monitor", action="store_true", help="Drive with the collision monitor between the planner and the base."
-    )
+    add_monitor(p)
     p.add_argument(
         "--period",
         type=number(0.05, 10.0),
