@@ -105,6 +105,7 @@ def test_a_run_ends_when_its_time_is_up(tmp_path):
         ("minutes: 1\nvariants: {a: {batchsize: 3}}", "batchsize"),
         ("minutes: 1\nvariants: {a: {batch_size: 0}}", "batch-size"),
         ("minutes: 1\nvariants: {../a: {}}", "'../a'"),
+        ("minutes: 1\nvariants: {a: {refine: 2}}", "variant a: refine"),
         ("minutes: soon\nvariants: {a: {}}", "minutes"),
         ("minutes: 1\nrecipe: nothing\nvariants: {a: {}}", "nothing"),
         ("{", "YAML"),
@@ -123,6 +124,8 @@ def test_the_included_comparison_can_be_read():
     assert len(found.runs()) == 3 * len(found.variants)
     assert found.of("applr", 0)["bins"] == 101
     assert found.of("regressing_critics", 0)["bins"] == 0
+    found = dataclasses.replace(found, recipe="applr", options={})
+    assert found.of("applr", 0)["refine"] == 0  # the recipe's refinement is no part of an equal wall time
     assert (
         compare_variants.read(str(compare_variants.VARIANTS / "smoothness.yaml")).of("switch_5", 0)["c_switch"] == 5.0
     )

@@ -67,9 +67,16 @@ class Comparison:
         return [(name, seed) for seed in self.seeds for name in self.variants]
 
     def of(self, name: str, seed: int) -> Dict[str, Any]:
-        """The options of a run, checked, those that follow from others included. Raises ConfigError."""
-        given = {**options.recipe(self.recipe), **self.options, **self.variants[name]}
-        given.update(seed=seed, minutes=float(self.minutes))
+        """The options of a run, checked, those that follow from others included. Raises ConfigError, VariantsError.
+
+        A recipe's refinement after the training is left out: it would take time beside `minutes`.
+        """
+        given = {**self.options, **self.variants[name]}
+        if "refine" in given:
+            raise VariantsError(
+                "variant %s: refine takes time beside minutes, which must be equal; leave it out" % name
+            )
+        given = {**options.recipe(self.recipe), **given, "seed": seed, "minutes": float(self.minutes), "refine": 0}
         config = options.TrainConfig(**options.from_dict(given, "variant %s" % name)).resolved()
         return {key: value for key, value in asdict(config).items() if key not in ("out", "resume")}
 
