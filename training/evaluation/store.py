@@ -66,9 +66,12 @@ class Store:
             for name in settings:
                 there = stored.get(name, OLDER.get(name)) if isinstance(stored, dict) else None
                 if json.loads(json.dumps(settings[name])) != there:
+                    remedy = "give another --out, or the same options"
+                    if name == "methods":
+                        remedy += "; training.report --join shows the methods of two folders together"
                     raise StorageError(
-                        "%s: was begun with another %s (%s, now %s); give another --out, or the same "
-                        "options" % (self.folder, name, _short(there), _short(settings[name]))
+                        "%s: was begun with another value of %s (%s, now %s); %s"
+                        % (self.folder, name, _short(there), _short(settings[name]), remedy)
                     )
         done = min(len(r) for r in rows)
         if done > len(plan):
