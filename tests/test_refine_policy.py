@@ -7,10 +7,9 @@ import pytest
 
 pytest.importorskip("torch")
 
-from applr_ros1.common.files import sha256
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.policy.network import forward, layers_of
-from training import refine_policy, train
+from training import refine_policy
 from training.policy_file import weights_of
 from training.refinement import search as search_module
 from training.refinement.directions import Directions, hidden
@@ -223,33 +222,3 @@ def test_a_folder_that_cannot_be_made_is_heard_of_before_the_first_drive(command
 def test_another_robots_policy_is_refused(command, capsys):
     assert refine_policy.main([*command, "--robot", "husky"]) == 1
     assert "husky" in capsys.readouterr().err
-
-
-def test_a_training_run_refines_its_last_policy(tmp_path, monkeypatch, capsys):
-    def short(arguments):
-        return command([*arguments, "--pairs", "2", "--components", "0", "--worlds", "fresh:7-12", "--workers", "0"])
-
-    command = refine_policy.run
-    monkeypatch.setattr(refine_policy, "WATCHED", 2)
-    monkeypatch.setattr(refine_policy, "run", short)
-    out = tmp_path / "run"
-    options = ["--steps", "12", "--hidden", "8", "--worlds", "generated:0", "--eval-worlds", "none", "--period", "1"]
-    options += ["--weights", "per_metre", "--refine", "1", "--no-tensorboard", "--out", str(out)]
-    assert train.main(options) == 0, capsys.readouterr().err
-    assert "refining: python -m training.refine_policy %s/actor.safetensors" % out in capsys.readouterr().out
-    refined = Actor.load(out / "refined.safetensors")
-    told = refined.metadata["training"]["refined"]
-    assert (told["step"], told["weights"], told["simulator"]) == (1, "per_metre", "kinematic")
-    assert (refined.period, refined.metadata["training"]["options"]["period"]) == (1.0, 1.0)
-    assert told["start"] == sha256((out / "actor.safetensors").read_bytes())
-
-    assert train.main(["--resume", "--out", str(out), "--refine", "2"]) == 0
-    assert Actor.load(out / "refined.safetensors").metadata["training"]["refined"]["step"] == 2
-    assert (out / "refinement" / "trials.jsonl").read_bytes().count(b"\n") == 8
-
-    def interrupted(arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(refine_policy, "run", interrupted)
-    assert train.main(["--resume", "--out", str(out)]) == 130
-    assert "--resume continues the refinement" in capsys.readouterr().err

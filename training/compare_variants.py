@@ -38,6 +38,7 @@ from training.storage import make_folder
 
 NAME = re.compile(r"^[A-Za-z0-9][\w.]*$", re.ASCII)  # of a variant
 VARIANTS = Path(__file__).resolve().parent / "variants"  # comparisons that come with the package
+AFTERWARDS = {"partner": "", "refine": 0}  # options with which nothing follows the training
 
 
 class VariantsError(ApplrError):
@@ -69,14 +70,15 @@ class Comparison:
     def of(self, name: str, seed: int) -> Dict[str, Any]:
         """The options of a run, checked, those that follow from others included. Raises ConfigError, VariantsError.
 
-        A recipe's refinement after the training is left out: it would take time beside `minutes`.
+        What a recipe does after the training is left out: it would take time beside `minutes`.
         """
         given = {**self.options, **self.variants[name]}
-        if "refine" in given:
-            raise VariantsError(
-                "variant %s: refine takes time beside minutes, which must be equal; leave it out" % name
-            )
-        given = {**options.recipe(self.recipe), **given, "seed": seed, "minutes": float(self.minutes), "refine": 0}
+        for option in AFTERWARDS:
+            if option in given:
+                raise VariantsError(
+                    "variant %s: %s takes time beside minutes, which must be equal; leave it out" % (name, option)
+                )
+        given = {**options.recipe(self.recipe), **given, **AFTERWARDS, "seed": seed, "minutes": float(self.minutes)}
         config = options.TrainConfig(**options.from_dict(given, "variant %s" % name)).resolved()
         return {key: value for key, value in asdict(config).items() if key not in ("out", "resume")}
 

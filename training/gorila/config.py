@@ -69,8 +69,8 @@ class TrainConfig(Options):
             self._span(name)
         if self.mix and not self.dataset:
             raise ConfigError("--mix needs a --dataset")
-        if self.refine and self.env != Options.env:
-            raise ConfigError("--refine %d drives the navigation task: leave out --env, or --refine" % self.refine)
+        if (self.refine or self.partner) and self.env != Options.env:
+            raise ConfigError("--refine and --partner are for the navigation task: leave them out, or --env")
 
     # -- what the parts need
     def layers(self) -> List[int]:

@@ -224,9 +224,14 @@ class Options:
         "Time [s] that a trial with a contact is charged in addition when the best actor is chosen.")
     tensorboard: bool = option(True, "Write TensorBoard event files into the run's folder.")
 
+    partner: str = option("",
+        "Recipe, or YAML file of options, with which a second policy is trained after the first one, in the folder "
+        "partner below --out. Robot, actors, device and --symmetric are those of this run, the seed is the next one. "
+        "The mean of the two policies is mean.safetensors. Two policies that were learnt in different ways have "
+        "different faults, and their mean has less of them. Without it there is one policy.",
+        group="After the training")
     refine: int = option(0,
-        "Number of steps in which the last policy is refined after the training, as training.refine_policy does it: "
-        "each drives 500 fresh worlds twice, and the result is refined.safetensors in the folder of the run. The "
-        "simulator, weights and planner are those of the evaluations. 0 leaves the policy as the training made it.",
-        group="Refinement after the training")
+        "Number of steps in which the last policy, or the mean with --partner, is refined after the training, as "
+        "training.refine_policy does it: each drives 500 fresh worlds twice, and the result is refined.safetensors in "
+        "the folder of the run. The simulator, weights and planner are those of the evaluations. 0 does not refine.")
     # fmt: on

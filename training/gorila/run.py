@@ -157,6 +157,7 @@ class TrainingRun:
                 self.board.close()
             for number, handler in handlers.items():
                 signal.signal(number, handler)
+            self.lock.close()
         self._print_the_end()
         return 130 if self.stopping else 0
 
