@@ -173,7 +173,7 @@ def test_several_kinds_of_weights_are_a_last_column(tmp_path, capsys):
     assert evaluate.main(both) == 0
     assert table.read_text().splitlines() == lines
     for wrong, words in (
-        ("per_cell", "was begun with another value of weights"),
+        ("per_cell", "was begun with another weights"),
         ("heavy", "'heavy' is no kind of weights: give per_metre, per_cell or drawn"),
         ("per_cell,per_cell", "names one twice"),
     ):

@@ -70,7 +70,7 @@ class Store:
                     if name == "methods":
                         remedy += "; training.report --join shows the methods of two folders together"
                     raise StorageError(
-                        "%s: was begun with another value of %s (%s, now %s); %s"
+                        "%s: was begun with another %s (%s, now %s); %s"
                         % (self.folder, name, _short(there), _short(settings[name]), remedy)
                     )
         done = min(len(r) for r in rows)
