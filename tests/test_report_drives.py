@@ -103,6 +103,9 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
     rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
     assert ["Test", "static"] in rows
     assert '"name":"static"' in (folder / "report" / drives.FILE).read_text()
+    moved = drive(more / "moved", "generated:8", methods=["static"], worlds_sha256="other")
+    assert report.main([str(folder), "--join", str(more / "a"), "--join", moved]) == 1
+    assert "another set of worlds of the same names" in capsys.readouterr().err
     changed = drive(more / "changed", "generated:9", about="file")
     capsys.readouterr()
     assert report.main([str(more / "a"), "--join", changed]) == 1

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Optional
+from typing import Any, Dict, Optional
 
 from applr_ros1.robots import load
 from training import refine_policy
@@ -17,6 +17,7 @@ from training.gorila.config import ConfigError, TrainConfig, parse, recipe
 from training.gorila.preparation import prepare
 
 SHARED = ("device", "threads", "actors", "pool", "ray_address", "robot", "symmetric", "tensorboard")
+NOTHING: Dict[str, Any] = {"partner": "", "refine": 0}  # options with which nothing follows a training
 ALIKE = {"env": "environment", "period": "decision period", "weights": "kind of distance weights"}
 
 
@@ -34,7 +35,7 @@ def partner_of(config: TrainConfig) -> Optional[TrainConfig]:
         partner = parse(["--resume", "--out", out])
     else:
         given = {**recipe(config.partner), **{name: getattr(config, name) for name in SHARED}}
-        partner = TrainConfig(**{**given, "out": out, "seed": config.seed + 1, "partner": "", "refine": 0})
+        partner = TrainConfig(**{**given, "out": out, "seed": config.seed + 1, **NOTHING})
     for name, what in ALIKE.items():
         if getattr(partner, name) != getattr(config, name):
             raise ConfigError(

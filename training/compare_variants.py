@@ -26,6 +26,7 @@ import yaml
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, read_json, write_bytes
 from applr_ros1.robots import load
+from training.afterwards import NOTHING
 from training.command_line import Parser, add_simulator, add_trials, add_worlds, continuable, end_at_sigterm, whole
 from training.evaluation.run import EvaluationOptions, evaluate
 from training.evaluation.score import summary_of_rows
@@ -38,7 +39,6 @@ from training.storage import make_folder
 
 NAME = re.compile(r"^[A-Za-z0-9][\w.]*$", re.ASCII)  # of a variant
 VARIANTS = Path(__file__).resolve().parent / "variants"  # comparisons that come with the package
-AFTERWARDS = {"partner": "", "refine": 0}  # options with which nothing follows the training
 
 
 class VariantsError(ApplrError):
@@ -73,12 +73,12 @@ class Comparison:
         What a recipe does after the training is left out: it would take time beside `minutes`.
         """
         given = {**self.options, **self.variants[name]}
-        for option in AFTERWARDS:
+        for option in NOTHING:
             if option in given:
                 raise VariantsError(
                     "variant %s: %s takes time beside minutes, which must be equal; leave it out" % (name, option)
                 )
-        given = {**options.recipe(self.recipe), **given, **AFTERWARDS, "seed": seed, "minutes": float(self.minutes)}
+        given = {**options.recipe(self.recipe), **given, **NOTHING, "seed": seed, "minutes": float(self.minutes)}
         config = options.TrainConfig(**options.from_dict(given, "variant %s" % name)).resolved()
         return {key: value for key, value in asdict(config).items() if key not in ("out", "resume")}
 

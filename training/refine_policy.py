@@ -158,6 +158,7 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
     )
     path = str(folder / "directions.safetensors")
     write_directions(path, directions)
+    start = sha256(read_bytes(given.policy))
     setting = [checksum(weights), checksum({"mean": directions.mean, "basis": directions.basis})]
     setting += [options[name] for name in ("simulator", "period", "time_limit", "monitor", "robot")]
     runner = RunnerSpec(SHIFTED_RUNNER, dict(options, directions=path))
@@ -167,7 +168,7 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
         for step in search(trials, make, worlds[WATCHED:], groups, chosen):
             coefficients = step.centre.reshape(size, -1)
             about = {name: getattr(given, name) for name in SEARCHED}
-            about.update(worlds=without_folders(given.worlds), start=sha256(read_bytes(given.policy)))
+            about.update(worlds=without_folders(given.worlds), start=start)
             about.update(step=step.number, coefficients=coefficients.tolist())
             metadata = dict(stated(actor), period_s=options["period"])
             metadata["training"] = dict(metadata.get("training") or {}, refined=about)

@@ -228,7 +228,7 @@ class Options:
         "Recipe, or YAML file of options, with which a second policy is trained after the first one, in the folder "
         "partner below --out. Robot, actors, device and --symmetric are those of this run, the seed is the next one. "
         "The mean of the two policies is mean.safetensors. Two policies that were learnt in different ways have "
-        "different faults, and their mean has less of them. Without it there is one policy.",
+        "different faults, and their mean often has less of them. Without it there is one policy.",
         group="After the training")
     refine: int = option(0,
         "Number of steps in which the last policy, or the mean with --partner, is refined after the training, as "

@@ -88,6 +88,7 @@ class Results:
         if not rows:
             raise ReportError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
         self.settings = _settings(self.folder)
+        self._digests = {tuple(self.settings.get("worlds", [])): self.settings.get("worlds_sha256")}
         for place in self.joined:
             self._join(place)
         self.weights: List[str] = several or self.settings.get("weights", OLDER["weights"])
@@ -111,7 +112,8 @@ class Results:
         """Takes over another evaluation's worlds and methods. Raises ReportError where something else differs, too."""
         here, there = self.settings, _settings(place)
         other = [name for name in SAME if here.get(name, OLDER.get(name)) != there.get(name, OLDER.get(name))]
-        if here.get("worlds") == there.get("worlds") and here.get("worlds_sha256") != there.get("worlds_sha256"):
+        names, digest = tuple(there.get("worlds", [])), there.get("worlds_sha256")
+        if self._digests.setdefault(names, digest) != digest:
             other.append("set of worlds of the same names")
         methods, more = here.get("methods", {}), there.get("methods", {})
         other += [name for name in methods if name in more and methods[name] != more[name]]
