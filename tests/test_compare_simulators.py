@@ -1,5 +1,5 @@
 """compare_simulators: its figures on trials made by hand, and the command from worlds to table, with a toy runner and a
-stop in the middle. The real simulators are compared in docs/training.md.
+stop in the middle. The real simulators are compared in docs/experiments.md.
 """
 
 import csv
