@@ -21,6 +21,7 @@ from training.experience.trajectory import Layout, Trajectory
 from training.gorila import config as options
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.learner import Learner
+from training.gorila.progress import status
 from training.gorila.run import TrainingRun
 from training.td3.td3 import LearnerError
 from training.train import main
@@ -403,3 +404,13 @@ def test_help_names_every_option_and_noise_is_the_papers():
     with pytest.raises(ConfigError):
         TrainConfig(actors=-1)
     assert parse(["--simulator", "my_module:Mine"]).evaluation()["simulator"] == "my_module:Mine"
+
+
+@pytest.mark.parametrize(("most", "left"), [(float("inf"), "0:01:40"), (12.3, "0:00:12"), (-1.0, "0:00:00")])
+def test_a_training_says_how_much_time_is_left_by_its_steps_and_by_its_minutes(most, left):
+    rates = {"transitions_per_second": 5.0, "updates_per_second": 1.0}
+    means = dict.fromkeys(("sigma", "return", "length", "success", "collided", "staleness_mean"), 0.0)
+    values = {**rates, **means, "staleness_max": 3, "actors": 2, "replaced": 0, "refused": 1}
+    line = status("transitions", 500, 1000, values, most)
+    assert line.startswith("500 of 1,000 transitions  5.0 transitions/s")
+    assert line.endswith("actors 2  refused 1  %s left" % left)

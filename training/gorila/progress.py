@@ -123,9 +123,18 @@ def clock(seconds: float) -> str:
     return "%d:%02d:%02d" % (seconds // 3600, seconds // 60 % 60, seconds % 60)
 
 
-def status(unit: str, done: int, goal: int, values: Dict[str, Any]) -> str:
-    """The progress line: `done` of `goal` units (transitions or updates), and the run's values (run.py)."""
+def status(unit: str, done: int, goal: int, values: Dict[str, Any], most: float = float("inf")) -> str:
+    """The progress line of a run.
+
+    Args:
+        unit: what its length is counted in, transitions or updates.
+        done: how many it has made.
+        goal: how many it is to make.
+        values: of the run, by the names that run.py gives them.
+        most: time after which it ends however many it has made [s].
+    """
     rate = values[unit + "_per_second"]
+    left = (goal - done) / rate if rate > 0 else float("inf")
     return (
         "{done:,} of {goal:,} {unit}  {transitions_per_second:.1f} transitions/s  {updates_per_second:.1f} updates/s  "
         "sigma {sigma:.2f}  return {return:.2f}  length {length:.1f}  success {success:.2f}  contact {collided:.2f}  "
@@ -136,6 +145,6 @@ def status(unit: str, done: int, goal: int, values: Dict[str, Any]) -> str:
         goal=goal,
         q=values.get("actor_q", float("nan")),
         more="".join("  %s %d" % (name, values[name]) for name in ("replaced", "refused") if values[name]),
-        left=clock((goal - done) / rate if rate > 0 else float("inf")),
+        left=clock(min(left, max(most, 0.0))),
         **values,
     )

@@ -129,9 +129,14 @@ class TrainingRun:
         return self.config.updates if self.offline else self.config.steps
 
     @property
+    def seconds_left(self) -> float:
+        """Seconds until --minutes are over; infinite where the run has no such limit."""
+        return 60.0 * self.config.minutes - self.elapsed if self.config.minutes else float("inf")
+
+    @property
     def finished(self) -> bool:
         """Whether all steps are done, or the time is up; the last evaluation may still be open."""
-        return self.steps >= self.goal or 0.0 < 60.0 * self.config.minutes <= self.elapsed
+        return self.steps >= self.goal or self.seconds_left <= 0.0
 
     def run(self) -> int:
         """Trains to the end, or until SIGINT or SIGTERM."""
@@ -300,7 +305,7 @@ class TrainingRun:
             "refused": sum(learner.refused.values()),
             **learner.td3.report(),
         }
-        self.line.show(status(done, counts[done], self.goal, values))
+        self.line.show(status(done, counts[done], self.goal, values, self.seconds_left))
         if self.board:
             self.board.scalars("training", values, self.steps)
 
