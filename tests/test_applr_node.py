@@ -294,11 +294,19 @@ def test_mode_and_file_change_while_driving(robot, stack, tmp_path):
     answer = service("set_mode", SetMode, "fixed", "", str(tmp_path / "set.json"))
     assert (answer.success, answer.message) == (True, "mode fixed")
     wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
-    for mode, words in (("applr", "none.safetensors"), ("fast", "method 'fast' is not known")):
+    (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
+    own = str(tmp_path / "own.py") + ":Class"
+    for mode, words in (
+        ("applr", "none.safetensors"),
+        ("fast", "method 'fast' is not known"),
+        (own, "start the node with it"),
+        ("frozen:max_vel_x:" + own, "start the node with it"),
+    ):
         answer = service("set_mode", SetMode, mode, str(tmp_path / "none.safetensors"), "")
         assert not answer.success
         assert words in answer.message
         assert "\n" not in answer.message
+    assert not (tmp_path / "it_ran").exists()  # a service that anybody can call imports no code
     time.sleep(2 * PERIOD)
     assert client.theta()[0] == 1.5  # nothing was changed
     count = len(robot.decisions)

@@ -47,6 +47,29 @@ def test_quotes_and_spaces_in_paths_reach_the_nodes_as_they_are(tmp_path):
     assert json.loads(done.stdout.splitlines()[-1])["words"]["replay"][0] == str(folder / "r.bag")
 
 
+def test_files_given_from_the_current_folder_reach_the_nodes_that_run_in_another(tmp_path):
+    models = os.path.join(ROOT, "applr_ros1", "models")
+    shutil.copy(os.path.join(models, "applr_start.safetensors"), tmp_path / "mine.safetensors")
+    shutil.copy(os.path.join(models, "static.json"), tmp_path / "set.json")
+    sdf_writer.write(worlds.load("generated:1"), str(tmp_path / "w.world"))
+    (tmp_path / "own.py").write_text("class Own:\n    def theta(self, context):\n        return context.theta\n")
+    launch = os.path.join(ROOT, "applr_ros1", "launch", "jackal_applr.launch")
+
+    def found(*words):
+        done = inside("python", "-c", LOAD, launch, *words, cwd=str(tmp_path))
+        assert done.returncode == 0, done.stderr[-2000:]
+        return json.loads(done.stdout.splitlines()[-1])["parameters"]
+
+    given = found("policy:=mine.safetensors", "parameters:=set.json", "world:=w.world", "mode:=own.py:Own")
+    assert given["/applr/policy"] == str(tmp_path / "mine.safetensors")
+    assert given["/applr/parameters"] == str(tmp_path / "set.json")
+    assert given["/applr/mode"] == str(tmp_path / "own.py") + ":Own"
+    assert given["/sim_bridge/world"] == given["/send_goal/world"] == str(tmp_path / "w.world")
+    names = found("mode:=appld", "policy:=published")
+    assert (names["/applr/policy"], names["/applr/parameters"]) == ("published", "")
+    assert (names["/applr/mode"], names["/sim_bridge/world"]) == ("appld", "generated:0")
+
+
 def test_a_line_break_in_an_argument_is_refused():
     """ROS leaves such an argument out without a word, and the stack would drive something else."""
     with pytest.raises(arguments.ArgumentError, match="no line break"):

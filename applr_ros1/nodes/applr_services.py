@@ -12,6 +12,7 @@ import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
 
 from applr_ros1.policy import methods
+from applr_ros1.policy.methods import MethodError
 from applr_ros1.srv import SetMode, SetModeResponse
 
 if TYPE_CHECKING:
@@ -21,12 +22,16 @@ if TYPE_CHECKING:
 class Services:
     """~enable (std_srvs/SetBool) and ~set_mode (applr_ros1/SetMode).
 
+    ~set_mode imports no code, since anybody who reaches the ROS master can call it: a class of one's own is a mode only
+    where the node was started with it.
+
     Args:
         node: The node that is controlled.
     """
 
     def __init__(self, node: ApplrNode):
         self._node = node
+        self._first = node.method.name
         self._services = (
             rospy.Service("~enable", SetBool, self._enable),
             rospy.Service("~set_mode", SetMode, self._set_mode),
@@ -39,6 +44,8 @@ class Services:
     def _set_mode(self, request):
         mode = request.mode or self._node.method.name
         try:
+            if mode != self._first and methods.imports(mode):
+                raise MethodError("mode %s is code of one's own: start the node with it, as its parameter ~mode" % mode)
             method = methods.make_mode(mode, request.policy, request.parameters, self._node.robot)
         except (ValueError, OSError) as problem:
             rospy.logerr("applr: mode stays %s: %s", self._node.method.name, problem)

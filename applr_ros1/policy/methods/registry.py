@@ -171,6 +171,14 @@ def _made(spec: str, robot: Robot) -> Method:
     raise MethodError("method %r is not known: give %s" % (spec, FORMS))
 
 
+def imports(spec: str) -> bool:
+    """Whether making this method imports a person's own module or file."""
+    kind, colon, rest = spec.partition(":")
+    if kind in ("frozen", "period"):
+        return imports(rest.partition(":")[2])
+    return spec not in METHODS and not (kind in FILES and colon) and bool(OWN.match(spec))
+
+
 def make_mode(mode: str, policy: str = "", parameters: str = "", robot: Robot = JACKAL) -> Method:
     """The method for the launch arguments `mode`, `policy` and `parameters`; "" means the package's own file.
 
