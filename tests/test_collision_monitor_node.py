@@ -4,6 +4,7 @@ import time
 
 import pytest
 import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fake_jackal import FakeJackal
 from geometry_msgs.msg import Twist
 from ros_harness import ROOT, session, wait_for
@@ -51,6 +52,20 @@ def test_drives_to_the_wall_and_stands_before_it(stack):
     x, _, _ = drive(stack, 1.0, 2.5)
     assert 1.5 - 0.075 - 0.229 - 0.15 < x < 1.5 - 0.075 - 0.229
     assert actions[-1].startswith("stop: an obstacle")
+
+
+def test_says_which_node_sends_commands_past_it(stack):
+    """Such as a C++ move_base that was started without the remapping."""
+    messages = []
+    subscriber = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: messages.append(m.status[0]))
+    wait_for(lambda: messages, 5.0, "diagnostics")
+    assert "unchecked" not in messages[-1].message
+    past = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+    wait_for(lambda: "unchecked commands come from " + rospy.get_name() in messages[-1].message, 8.0, "the warning")
+    assert messages[-1].level == DiagnosticStatus.WARN
+    past.unregister()
+    wait_for(lambda: "unchecked" not in messages[-1].message, 8.0, "its end")
+    subscriber.unregister()
 
 
 def test_unknown_and_impossible_parameters_are_one_line(stack):

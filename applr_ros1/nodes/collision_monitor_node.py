@@ -26,6 +26,7 @@ from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.robots import Robot, load
 from applr_ros1.robots.description import Topics
 
+from .other_publishers import OtherPublishers
 from .sensors import Sensors
 
 LOOK = 0.01  # s of wall time between looks for a new scan
@@ -65,6 +66,7 @@ class CollisionMonitorNode:
         self._held = rospy.Publisher("~held_back", Bool, queue_size=5, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
+        self._others = OtherPublishers(self._out.resolved_name, self._warn_of_others)
 
     def spin(self) -> None:
         """Takes scans until shutdown, also while no command comes, and publishes diagnostics once a second."""
@@ -76,6 +78,14 @@ class CollisionMonitorNode:
                 due = time.monotonic() + REPORT
                 self._report()
             time.sleep(LOOK)
+
+    def _warn_of_others(self, names: str) -> None:
+        rospy.logwarn(
+            "collision monitor: %s sends commands to %s directly, which nobody checks: let it publish on %s",
+            names,
+            self._out.resolved_name,
+            self._in.resolved_name,
+        )
 
     def _take_scans(self) -> None:
         now = rospy.get_rostime()
@@ -119,7 +129,9 @@ class CollisionMonitorNode:
     def _report(self) -> None:
         verdict = self._verdict
         idle = time.monotonic() - self._commanded > IDLE_AFTER
-        level = DiagnosticStatus.OK if idle or verdict.action == PASS else DiagnosticStatus.WARN
+        others = ", ".join(self._others.names)
+        fine = not others and (idle or verdict.action == PASS)
+        message = "idle: no commands" if idle else verdict.reason or "commands pass"
         values = {
             "action": verdict.action,
             "share": "%.2f" % verdict.share,
@@ -127,10 +139,10 @@ class CollisionMonitorNode:
         }
         values.update(self._counts)
         status = DiagnosticStatus(
-            level=level,
+            level=DiagnosticStatus.OK if fine else DiagnosticStatus.WARN,
             name="collision_monitor: commands",
             hardware_id="none",
-            message="idle: no commands" if idle else verdict.reason or "commands pass",
+            message="%s; unchecked commands come from %s" % (message, others) if others else message,
             values=[KeyValue(key, str(value)) for key, value in values.items()],
         )
         report = DiagnosticArray(status=[status])

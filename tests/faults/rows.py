@@ -80,7 +80,7 @@ SECTIONS = {
         Row(
             "8",
             "the applr node is killed",
-            "this package's `move_base` is back on θ₀ within three decision periods and drives on",
+            "this package's `move_base` is back on θ₀ within three times `applr/period` (default 2 s) and drives on",
             (PROCESSES + "test_the_applr_node_is_killed",),
         ),
         Row(
