@@ -12,7 +12,6 @@ import rospy
 from std_srvs.srv import SetBool, SetBoolResponse
 
 from applr_ros1.policy import methods
-from applr_ros1.policy.methods import MethodError
 from applr_ros1.srv import SetMode, SetModeResponse
 
 if TYPE_CHECKING:
@@ -44,9 +43,9 @@ class Services:
     def _set_mode(self, request):
         mode = request.mode or self._node.method.name
         try:
-            if mode != self._first and methods.imports(mode):
-                raise MethodError("mode %s is code of one's own: start the node with it, as its parameter ~mode" % mode)
-            method = methods.make_mode(mode, request.policy, request.parameters, self._node.robot)
+            method = methods.make_mode(
+                mode, request.policy, request.parameters, self._node.robot, own=mode == self._first
+            )
         except (ValueError, OSError) as problem:
             rospy.logerr("applr: mode stays %s: %s", self._node.method.name, problem)
             return SetModeResponse(False, str(problem))

@@ -115,13 +115,18 @@ FORMS = (
 )
 
 
-def make(spec: str, robot: Robot = JACKAL) -> Method:
+def make(spec: str, robot: Robot = JACKAL, own: bool = True) -> Method:
     """A method by its specification (FORMS) for a robot.
+
+    Args:
+        spec: The specification.
+        robot: Whose parameters the method sets.
+        own: Whether a person's own module or file may be imported for it.
 
     Raises:
         ApplrError: Of one line; MethodError, ActorError, AppldError or SpaceError.
     """
-    method = for_robot(_made(spec, robot), robot)
+    method = for_robot(_made(spec, robot, own), robot)
     if method.space.robot != robot.name:
         raise MethodError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
     return method
@@ -148,19 +153,21 @@ def for_robot(method: Method, robot: Robot) -> Method:
     return method
 
 
-def _made(spec: str, robot: Robot) -> Method:
+def _made(spec: str, robot: Robot, own: bool) -> Method:
     if spec in METHODS:
         return METHODS[spec][0](robot)
     kind, colon, rest = spec.partition(":")
     if kind == "frozen":
         name, _, inner = rest.partition(":")
-        return FrozenParameter(make(inner, robot), name)
+        return FrozenParameter(make(inner, robot, own), name)
     if kind == "period":
         seconds, _, inner = rest.partition(":")
-        return at_period(make(inner, robot), seconds)
+        return at_period(make(inner, robot, own), seconds)
     if kind in FILES and (colon or kind == "fixed"):
         return FILES[kind](rest, robot)
     match = OWN.match(spec)
+    if match and not own:
+        raise MethodError("method %s is code of one's own: start the node with it, as its parameter ~mode" % spec)
     if match:
         module, name, text = match.groups()
         return make_own(spec, module, name, text)
@@ -171,22 +178,21 @@ def _made(spec: str, robot: Robot) -> Method:
     raise MethodError("method %r is not known: give %s" % (spec, FORMS))
 
 
-def imports(spec: str) -> bool:
-    """Whether making this method imports a person's own module or file."""
-    kind, colon, rest = spec.partition(":")
-    if kind in ("frozen", "period"):
-        return imports(rest.partition(":")[2])
-    return spec not in METHODS and not (kind in FILES and colon) and bool(OWN.match(spec))
-
-
-def make_mode(mode: str, policy: str = "", parameters: str = "", robot: Robot = JACKAL) -> Method:
+def make_mode(mode: str, policy: str = "", parameters: str = "", robot: Robot = JACKAL, own: bool = True) -> Method:
     """The method for the launch arguments `mode`, `policy` and `parameters`; "" means the package's own file.
+
+    Args:
+        mode: One of MODES, or any other specification.
+        policy: File for the modes applr and appld.
+        parameters: File for the mode fixed.
+        robot: Whose parameters the method sets.
+        own: Whether a person's own module or file may be imported for it.
 
     Raises:
         ApplrError: As `make` does.
     """
     file = {"applr": policy, "appld": policy, "fixed": parameters}.get(mode, "")
-    method = make("%s:%s" % (mode, file) if file else mode, robot)
+    method = make("%s:%s" % (mode, file) if file else mode, robot, own)
     if method.commands:
         raise MethodError("mode %s commands velocities, not parameters; start it with velocity_method.launch" % mode)
     method.name = mode
