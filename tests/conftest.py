@@ -4,21 +4,23 @@ A run in which no test passed is a failure. A file that imports what is not inst
 3.8) is left out and named. Each file that starts ROS nodes has a process, and so a ROS master, of its own.
 
 rospy knows one master and one node name per process. Where several files with ROS tests are collected, each is
-therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. Two of them
-run at a time, because they mostly wait. Alone, a file runs here. The files of tests/faults/ share one such process,
-since they share one running stack.
+therefore run by a pytest below this one and reported as one test, with that pytest's output if it fails. They mostly
+wait: one of them runs beside the tests that need no ROS, and two at a time do after those. Alone, a file runs here. The
+files of tests/faults/ share one such process, since they share one running stack.
 
 Tests marked `long` are left out unless `-m` names them. `--faults-table FILE` writes the figures that tests measure.
 """
 
 import ast
 import importlib.util
+import itertools
 import json
 import os
 import re
 import signal
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -32,7 +34,7 @@ USES_ROS = re.compile(
     re.MULTILINE,
 )
 LONGEST = 900  # seconds for one file
-AT_A_TIME = 2  # files that start ROS nodes
+AT_A_TIME = 2  # files that start ROS nodes, once the other tests are done; one beside them
 SLOW = 15  # a test marked `slow` takes as long as about so many others
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
@@ -84,13 +86,10 @@ class FileInOwnProcess(pytest.Item):
     def __init__(self, tests, **options):
         super().__init__(**options)
         self.tests, self.output = tests, ""
-        self.run = None  # the Future of the run, from when the first such item is due
+        self.run = None  # the Future of the run
 
     def runtest(self):
-        if self.run is None:
-            for item in self.session.items:
-                if isinstance(item, FileInOwnProcess):
-                    item.run = self.config.stash[RUNS].submit(item.run_tests)
+        self.config.stash[OTHERS_DONE].set()
         self.run.result()
 
     def run_tests(self):
@@ -131,6 +130,7 @@ class FileFailed(Exception):
 
 SUMMARIES = pytest.StashKey()
 RUNS = pytest.StashKey()
+OTHERS_DONE = pytest.StashKey()
 FIGURES = pytest.StashKey()
 
 
@@ -165,7 +165,9 @@ def write_figures(path, figures):
 def pytest_configure(config):
     config.stash[SUMMARIES] = []
     config.stash[FIGURES] = []
-    config.stash[RUNS] = ThreadPoolExecutor(AT_A_TIME)
+    config.stash[OTHERS_DONE] = done = threading.Event()
+    number = itertools.count()
+    config.stash[RUNS] = ThreadPoolExecutor(AT_A_TIME, initializer=lambda: next(number) and done.wait())
 
 
 def pytest_collection_modifyitems(config, items):
@@ -191,6 +193,12 @@ def pytest_collection_modifyitems(config, items):
         )
 
 
+def pytest_collection_finish(session):
+    for item in session.items:
+        if isinstance(item, FileInOwnProcess):
+            item.run = session.config.stash[RUNS].submit(item.run_tests)
+
+
 def pytest_terminal_summary(terminalreporter):
     for name, missing in LEFT_OUT.items():
         terminalreporter.write_line("%s left out: no %s here" % (name, ", ".join(missing)))
@@ -199,6 +207,7 @@ def pytest_terminal_summary(terminalreporter):
 
 
 def pytest_sessionfinish(session, exitstatus):
+    session.config.stash[OTHERS_DONE].set()
     session.config.stash[RUNS].shutdown(cancel_futures=True)
     if session.config.option.faults_table and session.config.stash[FIGURES]:
         write_figures(session.config.option.faults_table, session.config.stash[FIGURES])
