@@ -1,6 +1,6 @@
 """A stand-in for move_base: its three parameter servers, and switches that make them misbehave. For tests only.
 
-    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--name NODE]
+    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--name NODE] [--robot NAME]
 The ROS parameters /fake/refuse and /fake/hold name servers (a list) that raise an error, or keep their old values.
 """
 
@@ -11,7 +11,8 @@ from types import SimpleNamespace
 import rospy
 from dynamic_reconfigure.server import Server
 
-from applr_ros1.planner.parameters.declarations import SERVERS
+from applr_ros1.planner.parameters.declarations import SERVERS, servers
+from applr_ros1.robots import load
 
 KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_scale"}
 
@@ -81,8 +82,15 @@ def main():
     parser.add_argument("--layer", default="inflater_layer")
     parser.add_argument("--without", default="")
     parser.add_argument("--name", default="move_base")
+    parser.add_argument("--robot", default="", help="has the servers of this robot's move_base instead")
     args = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node(args.name)
+    if args.robot:
+        for name, server in servers(load(args.robot).parameters()).items():
+            serve("/move_base" + ("/" + name if name else ""), [(p.name, p) for p in server.parameters])
+        print("up", flush=True)
+        rospy.spin()
+        return
     renamed = KINETIC if args.spelling == "kinetic" else {}
     planner = [(renamed.get(p.name, p.name), p) for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without]
     layer = [(p.name, p) for p in SERVERS["local_costmap/inflater_layer"]]

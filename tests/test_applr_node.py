@@ -1,12 +1,11 @@
 """The applr node beside a stand-in move_base: what it sends, and the faults of docs/faults.md that are its own."""
 
-import json
 import time
 
 import numpy as np
 import pytest
-from fake_robot import Robot
-from ros_harness import session, wait_for
+from applr_node_stack import PERIOD, says
+from ros_harness import wait_for
 from test_policy import make_weights
 
 from applr_ros1.policy.actor import save
@@ -14,66 +13,9 @@ from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 
 pytestmark = pytest.mark.ros
-PERIOD = 0.2
+pytest_plugins = ("applr_node_stack",)
 PLANNER = "/move_base/TrajectoryPlannerROS"
 LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
-
-
-@pytest.fixture(scope="module")
-def ros():
-    return session()
-
-
-@pytest.fixture(scope="module")
-def robot(ros):
-    return Robot()
-
-
-@pytest.fixture
-def stack(ros, robot, tmp_path):
-    """start(mode, fake=[...], **private parameters) → (applr Child, stand-in Child, client on the stand-in)."""
-    import rospy
-
-    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
-
-    robot.reset()
-    started = []
-
-    def start_fake(*args):
-        fake = ros.python("tests/fake_move_base.py", *args)
-        started.append(fake)
-        wait_for(lambda: "up" in fake.text or not fake.alive(), 10.0, "stand-in")
-        assert fake.alive(), fake.text
-        return fake
-
-    def start(mode="applr", fake=(), weights=None, ready=True, **parameters):
-        move_base = start_fake(*fake) if fake is not None else None
-        if mode == "applr" and "policy" not in parameters:
-            parameters["policy"] = str(tmp_path / "actor.safetensors")
-            save(parameters["policy"], make_weights(hidden=(16,)) if weights is None else weights)
-        parameters = dict({"mode": mode, "period": PERIOD}, **parameters)
-        node = ros.python("-m", "applr_ros1.scripts.applr", *[f"_{k}:={v}" for k, v in parameters.items()])
-        started.append(node)
-        if not ready:
-            return node, move_base, None
-        wait_for(lambda: robot.values or not node.alive(), 10.0, "applr node")
-        assert node.alive(), node.text
-        client = ReconfigureClient()
-        clients.append(client)
-        wait_for(lambda: not client.connect(), 5.0, "servers")
-        return node, move_base, client
-
-    clients = []
-    start.fake = start_fake
-    yield start
-    robot.goal = None
-    for client in clients:
-        client.close()
-    for child in reversed(started):
-        child.kill()
-    for name in ("/fake", "/applr", "/use_sim_time"):
-        if rospy.has_param(name):
-            rospy.delete_param(name)
 
 
 def as_set(robot, client):
@@ -218,21 +160,6 @@ def test_dwa_leaves_the_planner_alone(robot, stack):
     assert client.theta()[0] == 0.9
 
 
-def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
-    (tmp_path / "teller.py").write_text(
-        "import json\n\n\nclass Teller:\n    def theta(self, context):\n"
-        "        print(json.dumps([*context.pose, *context.twist, *context.goal, *context.plan[-1]]), flush=True)\n"
-        "        return context.theta\n"
-    )
-    node, _, _ = stack("%s:Teller" % (tmp_path / "teller.py"))
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
-    told = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
-    end = robot.path[-1]  # move_base stated its goal before the node heard it: the plan's end stands for it
-    assert told[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end])
-    assert node.text.count("decision refused") == 0
-
-
 @pytest.mark.parametrize(
     ("parameters", "line"),
     [
@@ -256,10 +183,6 @@ def service(name, kind, *arguments):
 
     rospy.wait_for_service("/applr/" + name, 5.0)
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
-
-
-def says(robot, message, seconds=4.0):
-    wait_for(lambda: robot.values.get("message") == message, seconds, "diagnostics: " + message)
 
 
 def test_the_policy_is_switched_off_and_on(robot, stack):

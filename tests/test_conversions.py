@@ -15,7 +15,9 @@ from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
 from applr_ros1.common import angles
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
+from applr_ros1.nodes.transforms import LaserMount
 from applr_ros1.planner.costmap.scan import project
+from applr_ros1.policy.observation import ObservationError
 
 STAMP = genpy.Time(12, 345)
 
@@ -164,3 +166,42 @@ def test_maps():
         conversions.static_map(message)
     with pytest.raises(MessageError, match="has 6 cells for 4 x 2"):
         conversions.static_map(OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2)))
+
+
+# -- how the policy's laser is mounted -------------------------------------------------------------------------------
+class Tf:
+    """Stands in for Transforms: one transform, or none as long as it is None."""
+
+    def __init__(self, transform=None):
+        self.transform, self.asked = transform, 0
+
+    def newest(self, target, source):
+        self.asked += 1
+        if self.transform is None:
+            raise ObservationError("no transform")
+        return self.transform
+
+    def rest(self):
+        pass
+
+
+def turned(roll, yaw):
+    """A geometry_msgs/Transform turned by roll, then by yaw [rad]."""
+    x, w, z, u = math.sin(roll / 2), math.cos(roll / 2), math.sin(yaw / 2), math.cos(yaw / 2)
+    return Transform(rotation=Quaternion(x * u, x * z, w * z, w * u))
+
+
+def test_beams_of_lasers_as_tf_says_they_are_mounted():
+    scan = LaserScan(angle_min=-1.0, angle_increment=0.5, ranges=[1.0, 2.0, 3.0, 4.0, 5.0])
+    tf = Tf()
+    mount = LaserMount(tf, 0.25)
+    assert mount.beams(scan, "base") == (scan.ranges, -0.75, 0.5)  # as described, until tf knows
+    tf.transform = turned(0.0, 0.5)
+    assert mount.beams(scan, "base") == (scan.ranges, pytest.approx(-0.5), 0.5)
+    assert mount.beams(scan, "base")
+    assert tf.asked == 2
+    ranges, first, step = LaserMount(Tf(turned(math.pi, 0.5)), 0.25).beams(scan, "base")
+    assert list(ranges) == [5.0, 4.0, 3.0, 2.0, 1.0]
+    assert (first, step) == (pytest.approx(0.5 - 1.0), 0.5)
+    with pytest.raises(ObservationError, match="aslant"):
+        LaserMount(Tf(turned(1.0, 0.0)), 0.0).beams(scan, "base")

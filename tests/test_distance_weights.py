@@ -67,7 +67,7 @@ def test_a_compensated_drive_equals_one_that_needed_none(meant, planner):
 
 def test_every_set_of_the_space_can_be_sent_within_the_planners_bounds():
     for meant, factor in (("per_metre", 1.0), ("per_cell", 0.05), ("per_cell", 0.02)):
-        made = Compensation(meant, factor, 0.05)
+        made = Compensation(SPACE, meant, factor, 0.05)
         for theta in (SPACE.low, SPACE.high, SPACE.theta0):
             sent = made.outgoing(theta)
             assert sent[4:7].min() > 0.0
@@ -75,7 +75,7 @@ def test_every_set_of_the_space_can_be_sent_within_the_planners_bounds():
             assert np.array_equal(np.delete(sent, (4, 5, 6)), np.delete(theta, (4, 5, 6)))
             assert made.incoming(sent) == pytest.approx(theta, rel=1e-12)
     for meant, factor in (("per_cell", 1.0), ("per_metre", 0.05), ("drawn", 0.05), (None, 1.0)):
-        assert not Compensation(meant, factor, 0.05).needed
+        assert not Compensation(SPACE, meant, factor, 0.05).needed
 
 
 def test_what_a_file_states_and_what_it_means_when_it_states_nothing(tmp_path):

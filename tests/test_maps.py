@@ -304,6 +304,22 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     made = MoveBase(tree)
     with pytest.raises(MapError, match="frame cellar: local_costmap rolls and can show one in odom"):
         made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
+    made.reset(1.0)  # what was refused is not kept
+    tree["local_costmap"]["global_frame"] = "/odom"
+    MoveBase(tree).set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "odom"))
+
+
+def test_what_is_seen_while_the_robot_is_lost_is_not_put_into_the_map():
+    made, robot = on_a_map("TrajectoryPlannerROS"), ToyRobot(HERE, [(1.0, 0.0, 0.15)])
+    made.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
+    made.step(0.0, None, (0.0, 0.0), robot.scan())
+    made.step(0.1, HERE, (0.0, 0.0), frame=(5.0, 0.0, 0.0))
+    assert (made.local_costmap.cells == 254).any()
+    assert not (made.global_costmap.cells == 254).any()
+    robot.time = 0.2
+    made.step(0.2, HERE, (0.0, 0.0), robot.scan(), frame=(5.0, 0.0, 0.0))
+    x = np.argwhere(made.global_costmap.cells == 254)[:, 1] * 0.05 - 3.0
+    assert 5.7 < x.min() <= x.max() < 6.3
 
 
 def test_a_source_that_should_speak_and_does_not_stops_the_robot():

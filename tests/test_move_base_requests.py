@@ -135,3 +135,23 @@ def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
 def test_parameters_that_cannot_be_run_are_named():
     with pytest.raises(ParameterError, match="controller_frequency"):
         MoveBase(quick(controller_frequency=0))
+
+
+def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 0.5)
+    machine = made._machine
+    machine.state, machine._trigger, machine._index = "clearing", "controlling", 1  # the rotation is due
+    cycles = []
+    run(made, robot, 0.3, cycles=cycles)
+    assert cycles[-1][1].command[1] > 0.3
+    made.set_goal((40.0, 0.0, 0.0), robot.time)  # off the map: no plan, and so no other command
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan()).command == (0.0, 0.0)
+
+
+def test_a_goal_far_beyond_the_map_has_no_plan():
+    tree = quick()
+    tree["NavfnROS"] = {"default_tolerance": 0.1}
+    made, robot = start((1e16, 0.0, 0.0), tree=tree)
+    run(made, robot, 0.3)
+    assert len(made.global_plan) == 0

@@ -81,6 +81,21 @@ def test_rotation_is_one_full_turn_anticlockwise():
     assert commands[0][1] == 1.57
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
+    draw, made = np.random.default_rng(seed), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
+    limits = dict(complete(JACKAL)["TrajectoryPlannerROS"], yaw_goal_tolerance=0.05)
+    turn = recovery.RotateRecovery("rotate_recovery", limits)
+    robot, turned, command = ToyRobot((0.0, 0.0, 0.7)), 0.0, (0.0, 0.0)
+    turn.start(0.0, robot.pose)
+    while command is not None:
+        robot.drive(command, 0.2)
+        turned += command[1] * 0.2
+        command = turn.step(robot.time, robot.pose, made, made)
+        command = command and (0.0, command[1] * draw.normal(1.0, 0.03))
+    assert turned == pytest.approx(2 * math.pi, abs=0.4)
+
+
 def test_rotation_is_refused_next_to_an_obstacle():
     made = costmap()
     made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32)))

@@ -29,6 +29,11 @@ def reason(error: BaseException) -> str:
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
+def one_line(error: BaseException) -> str:
+    """What went wrong, for people: the text of this package's own errors, the kind and the text of all others."""
+    return str(error) if isinstance(error, ApplrError) else "%s: %s" % (type(error).__name__, reason(error))
+
+
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     """Runs a command and returns its exit status.
 

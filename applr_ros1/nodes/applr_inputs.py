@@ -17,6 +17,7 @@ from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.common.angles import yaw_of
+from applr_ros1.nodes.transforms import LaserMount, Transforms
 from applr_ros1.policy.observation import LAYOUT, ObservationError
 
 MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
@@ -58,7 +59,7 @@ class Inputs:
         odom: Topic of the nav_msgs/Odometry.
         plan: Topic of the global plan, a nav_msgs/Path.
         move_base: Namespace of move_base, whose status says which goal is pursued.
-        turned: Yaw [rad] of the laser in the robot's frame.
+        turned: Yaw [rad] of the laser in the robot's frame, where tf does not say it.
     """
 
     def __init__(
@@ -69,11 +70,11 @@ class Inputs:
         move_base="move_base",
         turned=0.0,
     ):
-        self._turned = turned
+        self._transforms = Transforms()
+        self._mount = LaserMount(self._transforms, turned)
         self._names = {"scan": scan, "odometry": odom, "plan": plan}
         self._names = {what: rospy.resolve_name(name) for what, name in self._names.items()}
         self._lock = threading.Lock()
-        self._tf = None
         self.clear()
         big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
         rospy.Subscriber(scan, rospy.AnyMsg, self._on_scan, **big)
@@ -113,12 +114,12 @@ class Inputs:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
         scan = _unpack(packed_scan, LaserScan)
         _check_age("scan", self._names["scan"], now, scan.header.stamp)
-        ranges = layout.resample(scan.ranges, scan.angle_min + self._turned, scan.angle_increment)
         if not odometry:
             raise ObservationError(f"no odometry on {self._names['odometry']} yet")
         nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))
         _check_age("odometry", self._names["odometry"], now, nearest.header.stamp)
-        if packed_plan is None or (since is not None and packed_plan[1] < since - rospy.Duration(0.5)):
+        ranges = layout.resample(*self._mount.beams(scan, _base_of(nearest)))
+        if packed_plan is None or (since is not None and (since - packed_plan[1]).to_sec() > 0.5):
             raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
         plan = _unpack(packed_plan[0], Path)
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
@@ -141,21 +142,7 @@ class Inputs:
         """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
         if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
             return _place(odometry.pose.pose)
-        import tf2_ros
-
-        if self._tf is None:
-            buffer = tf2_ros.Buffer(rospy.Duration(10.0))
-            self._tf = buffer, tf2_ros.TransformListener(buffer)
-        base = odometry.child_frame_id or "base_link"
-        try:
-            found = self._tf[0].lookup_transform(frame.lstrip("/"), base.lstrip("/"), rospy.Time(0))
-        except tf2_ros.TransformException as e:
-            raise ObservationError(f"no transform {frame} <- {base} ({str(e).splitlines()[0]})") from None
-        ahead = (found.header.stamp - rospy.Time.now()).to_sec()
-        if ahead > MAX_AGE:
-            self._tf[0].clear()  # else tf would refuse every right transform for `ahead` seconds
-            raise ObservationError(f"transform {frame} <- {base} is stamped {ahead:.2f} s ahead of the clock")
-        t = found.transform
+        t = self._transforms.newest(frame, _base_of(odometry))
         return t.translation.x, t.translation.y, yaw_of(t.rotation)
 
     def _on_scan(self, msg):
@@ -182,6 +169,11 @@ class Inputs:
             if not running or running[-1] != self._goal:
                 self._goal = running[-1] if running else None
                 self._goal_since = self._goal_heard
+
+
+def _base_of(odometry):
+    """The robot's frame."""
+    return odometry.child_frame_id or "base_link"
 
 
 def _place(pose):

@@ -14,12 +14,13 @@ import numpy as np
 import rospy
 
 from applr_ros1.common.arguments import number_within
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_services import Services
 from applr_ros1.nodes.applr_topics import ApplrTopics
+from applr_ros1.nodes.clock import jumped_back
 from applr_ros1.nodes.planner_weights import PlannerWeights, multipliers
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
@@ -88,7 +89,10 @@ class ApplrNode:
         return self.method.period if self._own_period is None else self._own_period
 
     def _begin_course(self, now):
-        self.method.reset(self.seed + self.counts["courses"])
+        try:
+            self.method.reset(self.seed + self.counts["courses"])
+        except Exception as e:  # as in _ask
+            self._warn(one_line(e))
         self.counts["courses"] += 1
         self._due, self._failures, self._began = now, 0, now
 
@@ -96,10 +100,13 @@ class ApplrNode:
         """Until shutdown. A clock that jumps back starts afresh."""
         self.worker.start()
         rospy.on_shutdown(self.shutdown)
-        beat = report = rospy.Time(0)
+        beat = report = last = rospy.Time(0)
         while not rospy.is_shutdown():
             try:
                 now = rospy.Time.now()
+                if jumped_back(last, now):  # rospy notices it while it sleeps, and of a simulated clock only
+                    raise rospy.exceptions.ROSTimeMovedBackwardsException(now - last)
+                last = now
                 if now >= beat:
                     self.topics.heartbeat(now)
                     beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects one every 2 s
@@ -110,7 +117,7 @@ class ApplrNode:
                 rospy.sleep(self._nap(now))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
                 self._clock_jumped()
-                beat = report = rospy.Time(0)
+                beat = report = last = rospy.Time(0)
             except rospy.exceptions.ROSInterruptException:
                 return
 
@@ -175,11 +182,11 @@ class ApplrNode:
         line = self._weights_line(rospy.Time.now())
         if line:
             rospy.loginfo("applr: %s", line)
-        self.topics.weights(multipliers(self.client.compensation))
+        self.topics.weights(multipliers(self.client.compensation, self.space))
         return not np.array_equal(before.multipliers, self.client.compensation.multipliers)
 
     def _weights_line(self, now):
-        changes = multipliers(self.client.compensation)
+        changes = multipliers(self.client.compensation, self.space)
         sent = ", ".join("%s x %.6g" % change for change in changes.items())
         meant = (self.method.weights or "").replace("_", " ")
         parts = [
@@ -234,10 +241,8 @@ class ApplrNode:
         """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
         try:
             return self._capped(self.space.clip(self.method.theta(context))), ""
-        except ApplrError as e:
-            return None, str(e)
         except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
-            return None, f"{type(e).__name__}: {e}".splitlines()[0]
+            return None, one_line(e)
 
     def _fail(self, kind, line):
         """A period without a decision. After several the policy counts as lost: theta_0."""
@@ -250,8 +255,12 @@ class ApplrNode:
 
     def _base(self):
         """What the planner has between goals: theta_0, or the one set of a static method."""
-        static = self.enabled and self.method.static
-        theta = self._capped(self.space.clip(self.method.theta(None)) if static else self.space.theta0)
+        theta = None
+        if self.enabled and self.method.static:
+            theta, refused = self._ask(None)
+            self.degraded = refused or self.degraded
+        if theta is None:
+            theta = self._capped(self.space.theta0)
         has = self.client.theta()
         if has is None or not np.array_equal(has, theta) or self.worker.busy:
             self.worker.request(theta)
@@ -267,14 +276,14 @@ class ApplrNode:
         if self.worker.applied is None:
             return
         if self.client.compensation.needed or not np.array_equal(self.worker.applied, theta):
-            self.client.compensation = Compensation()  # as the planner was before this node came
+            self.client.compensation = Compensation(self.space)  # as the planner was before this node came
             self.client.apply(theta)
 
     def _on_restart(self, server):
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
         self.weights.forget()  # another process may count otherwise
-        self.client.compensation = Compensation()
+        self.client.compensation = Compensation(self.space)
         self.worker.reapply()
 
     def _on_report(self, report):
@@ -374,7 +383,7 @@ def main():
         )
         robot = load(_text("robot", JACKAL.name))
         space = space_of(robot)
-        slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", math.inf)  # none: nothing to cap
+        slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
         max_speed = _number("max_speed", math.inf, slowest, math.inf)
         topics = (
             _text("scan_topic", robot.topics.scan),

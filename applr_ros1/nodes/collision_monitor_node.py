@@ -23,6 +23,7 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
+from applr_ros1.nodes.clock import jumped_back
 from applr_ros1.robots import Robot, load
 from applr_ros1.robots.description import Topics
 
@@ -89,7 +90,7 @@ class CollisionMonitorNode:
 
     def _take_scans(self) -> None:
         now = rospy.get_rostime()
-        if now < self._last:
+        if jumped_back(self._last, now):
             self._report_jump("collision monitor: the clock jumped back; starting afresh")
             self.sensors.forget()
             self.monitor.reset()

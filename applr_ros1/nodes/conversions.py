@@ -121,13 +121,18 @@ def _rotation(transform) -> Tuple[float, float, float, float]:
     return q.x, q.y, q.z, q.w
 
 
+def uprightness(transform) -> float:
+    """The cosine between a sensor's z axis and the frame's, from its geometry_msgs/Transform there."""
+    x, y, _, _ = _rotation(transform)
+    return 1.0 - 2.0 * (x**2 + y**2)
+
+
 def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] = None) -> LaserScan:
     """The planner's scan of a message whose ranges have been checked.
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
     """
-    rotation = _rotation(transform)
-    upright = 1.0 - 2.0 * (rotation[0] ** 2 + rotation[1] ** 2)  # cosine between the laser's z axis and the frame's
+    upright = uprightness(transform)
     first, step = message.angle_min, message.angle_increment
     if upright < LEVEL - 1.0:  # it hangs upside down: its beams run the other way round
         first, ranges = -(first + (len(ranges) - 1) * step), ranges[::-1]
@@ -140,7 +145,7 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
         ranges,
         pose_of(transform),
         transform.translation.z,
-        None if abs(upright) > 1.0 - LEVEL else rotation,
+        None if abs(upright) > 1.0 - LEVEL else _rotation(transform),
         origin,
     )
 

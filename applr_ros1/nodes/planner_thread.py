@@ -15,9 +15,9 @@ import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.nodes.clock import jumped_back
 
 STALLED = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
-ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 LONGEST_DELAY = 0.2  # s for which a long request gives way to control cycles
 
 
@@ -107,7 +107,7 @@ class PlannerThread:
             now = rospy.get_rostime()
             if now < last:
                 due = None
-                if not is_wallclock() or (last - now).to_sec() > ADJUSTMENT:
+                if jumped_back(last, now):
                     self._went_back()
             if now != last:
                 last_change, reported = time.monotonic(), False

@@ -27,7 +27,7 @@ from applr_ros1.policy.distance_weights import (
     indices_of,
     kind_of,
 )
-from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.policy.parameter_space import Space
 
 PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
 CLOUDS = 20  # clouds that fit no kind of weights, after which the search is given up
@@ -98,12 +98,12 @@ class PlannerWeights:
 
     def compensation(self, meant: Optional[str]) -> Compensation:
         """What is to be sent for sets whose distance weights count `meant` (policy.methods.protocol.Method.weights)."""
-        nothing = Compensation(space=self._space)
+        nothing = Compensation(self._space)
         if self._factor is None or self._at is None:
             return nothing
         resolution = self._factor if self._factor != 1.0 else self._resolution()
         largest = self._client.upper_bound(self._at.path, self._at.goal)
-        found = Compensation(meant, self._factor, resolution, largest, self._space)
+        found = Compensation(self._space, meant, self._factor, resolution, largest)
         if all(self._client.holds(found.outgoing(bound)) for bound in (self._space.low, self._space.high)):
             return found
         rospy.logwarn("applr: the planner's bounds do not allow biases that make up for what its weights count")
@@ -143,6 +143,6 @@ def rows_of(message: PointCloud2) -> Optional[np.ndarray]:
     return np.frombuffer(message.data, ">f4" if message.is_bigendian else "<f4").reshape(-1, len(FIELDS))
 
 
-def multipliers(compensation: Compensation, space: Space = SPACE) -> Dict[str, float]:
+def multipliers(compensation: Compensation, space: Space) -> Dict[str, float]:
     """{parameter: factor} of those that are sent otherwise than they stand in a set."""
     return {name: float(factor) for name, factor in zip(space.names, compensation.multipliers) if factor != 1.0}

@@ -146,7 +146,7 @@ class ReconfigureClient:
         self._on_restart = on_restart
         self._servers = {}  # server as the space names it -> Server
         self._names = {}  # the same -> [(index in theta, sign, name)]
-        self.compensation = Compensation(space=space)  # what is sent instead of theta, and back
+        self.compensation = Compensation(space)  # what is sent instead of theta, and back
         self._sent = None  # (theta, values) of the last apply
         self._pool = ThreadPoolExecutor(max(3, len(space.servers)), thread_name_prefix="reconfigure")
         self._lock = threading.Lock()  # one apply at a time

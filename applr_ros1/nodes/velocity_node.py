@@ -8,12 +8,12 @@ import rospy
 from geometry_msgs.msg import Twist
 
 from applr_ros1.common.arguments import number_within
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import one_line, run_main
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.policy import methods
-from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
 
 
 class VelocityNode:
@@ -50,20 +50,24 @@ class VelocityNode:
     def _turn(self, now):
         """One decision, where there is a goal; a stop where the goal has ended or no decision can be made."""
         goal = self.inputs.goal(now)
-        if goal != self._goal:
-            if goal is None:
-                self._stop()
-            else:
-                self.method.reset(self.seed)
-                self.seed, self._began = self.seed + 1, now
-            self._goal = goal
-        if goal is None:
-            return
         try:
-            self._publish(*self.method.command(self._context(now)))
-        except (ApplrError, ObservationError) as problem:
-            self._warn("velocity: standing: %s" % problem)
+            if goal != self._goal:
+                self._begin(goal, now)
+            if goal is not None:
+                self._publish(*self.method.command(self._context(now)))
+        except (
+            Exception
+        ) as problem:  # a method is exchangeable: whatever it does, the robot stands and the node goes on
+            self._warn("velocity: standing: %s" % one_line(problem))
             self._stop()
+
+    def _begin(self, goal, now):
+        self._goal, self._began = goal, now
+        if goal is None:
+            self._stop()
+        else:
+            self.seed += 1
+            self.method.reset(self.seed - 1)
 
     def _context(self, now):
         layout = self.method.layout

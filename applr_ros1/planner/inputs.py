@@ -51,10 +51,15 @@ class Inputs:
                     if buffer.source.sensor_frame:
                         self.ray_origins.setdefault(topic, buffer.source.sensor_frame)
 
-    def take(self, sensed: Sensed, now: float, frame: Optional[Pose]) -> None:
+    def take(self, sensed: Sensed, now: float, frame: Optional[Pose], placed: bool = True) -> None:
         """Hand observations to the sources that listen to their topics; those older than the last one are left out.
 
-        sensed: {topic: observation}, or one observation of the first topic; frame: as in MoveBase.step.
+        Args:
+            sensed: {topic: observation}, or one observation of the first topic.
+            now: time [s].
+            frame: as in MoveBase.step.
+            placed: whether it is known where the local costmap's frame lies in the global one; else only the local
+                costmap's sources get the observations.
         """
         if not isinstance(sensed, Mapping):
             sensed = {topic: sensed for topic in list(self.data_types)[:1]}
@@ -62,11 +67,13 @@ class Inputs:
             if topic in self._stamps and observation.stamp < self._stamps[topic]:
                 continue
             self._stamps[topic] = observation.stamp
-            self._hand_on(topic, observation, now, frame)
+            self._hand_on(topic, observation, now, frame, placed)
 
-    def _hand_on(self, topic, observation, now, frame):
+    def _hand_on(self, topic, observation, now, frame, placed):
         clouds: dict = {}  # one projection serves all sources with the same frame and the same view of +inf
         for buffer, is_global in self._listeners.get(topic, ()):
+            if is_global and not placed:
+                continue
             valid = buffer.source.inf_is_valid and isinstance(observation, LaserScan)
             key = is_global and frame is not None, valid
             if key not in clouds:

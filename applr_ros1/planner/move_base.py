@@ -162,6 +162,7 @@ class MoveBase:
         """
         topic = topic or next(iter(self.map_topics), "")
         given = given.checked()
+        self._check_frame(topic, given)
         if topic not in self._maps or any(
             layer.parameters.map_topic == topic and layer.accepts()
             for costmap in self.costmaps.values()
@@ -171,6 +172,10 @@ class MoveBase:
         self._show_map(topic, given)
 
     def _show_map(self, topic, given) -> None:
+        for costmap in self.costmaps.values():
+            costmap.set_map(topic, given)
+
+    def _check_frame(self, topic, given) -> None:
         for name, costmap in self.costmaps.items():
             listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
             if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
@@ -178,13 +183,11 @@ class MoveBase:
                     "the map on %s is in frame %s: %s rolls and can show one in %s alone"
                     % (topic, given.frame, name, " or ".join(self._global_frames))
                 )
-        for costmap in self.costmaps.values():
-            costmap.set_map(topic, given)
 
     @property
     def _global_frames(self):
         """The frames of the global and of the local costmap."""
-        return tuple(self.parameters[name]["global_frame"] for name in COSTMAPS)
+        return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
         """Occupancies (h, w) int8 that changed in the map of a topic. MapError where they are not on it."""
@@ -206,7 +209,8 @@ class MoveBase:
 
         Args:
             now: time [s].
-            pose: (x, y, yaw) of the robot in the local costmap's frame, or None if it is not known.
+            pose: (x, y, yaw) of the robot in the local costmap's frame, or None if it is not known, or if `frame` is
+                not: then the global costmap of another frame takes no observation.
             twist: (v, w) as driven.
             scan: what is new from the first source's topic, or {topic: observation}; None if nothing is.
             frame: pose (x, y, yaw) of the local costmap's frame in the global one's, as localisation has it; None
@@ -215,7 +219,8 @@ class MoveBase:
         cycle = Cycle()
         self.frame = frame
         if scan is not None:
-            self._inputs.take(scan, now, frame)
+            world, local = self._global_frames
+            self._inputs.take(scan, now, frame, placed=pose is not None or world == local)
         self._update_maps(now, pose, cycle)
         cycle.silent = self._inputs.silent(now)
         self._machine.step(now, pose, twist, cycle.silent is not None, cycle)

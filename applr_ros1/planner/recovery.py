@@ -43,6 +43,8 @@ class ClearCostmapRecovery:
 class RotateRecovery:
     """One turn anticlockwise in place (rotate_recovery.cpp:93). Its limits are read once.
 
+    Half a turn and a whole one are noticed within `tolerance`, as in C++ at its 20 Hz, and also where a slower control
+    rate steps across.
     like_cpp: a turn that does not come round goes on for ever.
     """
 
@@ -52,31 +54,32 @@ class RotateRecovery:
         self.fastest, self.slowest = planner["max_vel_theta"], planner["min_in_place_vel_theta"]
         self.tolerance = planner["yaw_goal_tolerance"]
         self.granularity = sim_granularity
-        self._start = self._angle = self._until = 0.0
+        self._start = self._angle = self._turned = self._until = 0.0
         self._patience = math.inf if like_cpp else PATIENCE
         self._half = False
 
     def start(self, now: float, pose: Pose) -> None:
         """Remember where the turn begins."""
         self._start = self._angle = pose[2]
-        self._half = False
+        self._turned, self._half = 0.0, False
         self._until = now + self._patience * 2.0 * math.pi / max(self.fastest, 1e-3)
 
     def step(
         self, now: float, pose: Pose, local_costmap, global_costmap, global_pose: Optional[Pose] = None
     ) -> Optional[Tuple[float, float]]:
         """The next command (0, w); None when the turn is complete, blocked or takes too long."""
-        done = self._half and abs(angle_difference(self._angle, self._start)) <= self.tolerance
-        if done or now > self._until:
-            return None
         x, y, yaw = pose
+        done = self._half and abs(angle_difference(self._angle, self._start)) <= self.tolerance
+        self._turned += angle_difference(self._angle, yaw)
+        if done or now > self._until or self._turned >= 2.0 * math.pi:
+            return None
         self._angle = yaw
         if self._half:
             left = abs(angle_difference(yaw, self._start))
         else:
             to_half = abs(angle_difference(yaw, self._start + math.pi))
             left = math.pi + to_half
-            self._half = to_half < self.tolerance
+            self._half = to_half < self.tolerance or self._turned > math.pi
         ahead = 0.0
         while ahead < left:
             if local_costmap.footprint_cost(x, y, yaw + ahead) < 0.0:

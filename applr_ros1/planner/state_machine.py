@@ -96,6 +96,7 @@ class StateMachine:
         if self.goal is None:
             self._announce_stop = True
         else:
+            self._announce_stop = self._behaviour is not None  # a rotation under way ends here
             self._index, self.state, self._behaviour = 0, PLANNING, None
         self.goal = goal
         self.goal_number += 1
@@ -264,7 +265,7 @@ class StateMachine:
         behaviour = self._behaviour
         if behaviour is None:
             left = own["recovery_behavior_enabled"] and self._index < len(base.recoveries)
-            if not left or self._rounds_are_over(pose):
+            if not left or self._rounds_are_over(base.in_global_frame(pose)):
                 texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
                 self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
                 return
@@ -282,7 +283,7 @@ class StateMachine:
         self._last_oscillation = self._last_plan = now
         self._retries, self.state, self._index = 0, PLANNING, self._index + 1
 
-    def _rounds_are_over(self, pose) -> bool:
+    def _rounds_are_over(self, place) -> bool:
         """Whether the recoveries began as often as recovery_rounds allows without bringing the robot nearer.
 
         In C++ a valid command lets them begin anew for ever: around a goal that is sealed, each conservative reset
@@ -290,7 +291,7 @@ class StateMachine:
         """
         if self._index > 0:
             return False
-        distance = _distance(pose, self.goal)
+        distance = _distance(place, self.goal)
         if distance <= self._nearest - NEARER:
             self._nearest, self._rounds = distance, 0
         self._rounds += 1

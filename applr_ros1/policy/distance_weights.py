@@ -15,7 +15,7 @@ import numpy as np
 
 from applr_ros1.common import files
 from applr_ros1.planner.variant import DRAWN, PER_CELL, PER_METRE
-from applr_ros1.policy.parameter_space import MAX_SET_BYTES, SPACE, Space, SpaceError
+from applr_ros1.policy.parameter_space import MAX_SET_BYTES, Space, SpaceError
 
 PLANNER = "TrajectoryPlannerROS"  # DWAPlannerROS always counts per metre
 # what meter_scoring multiplies, and the third weight of a trajectory's cost, which it leaves alone
@@ -106,11 +106,11 @@ class Compensation:
     """What is sent instead of a parameter set, so that it means what it was learned with.
 
     Args:
+        space: the parameters; nothing is changed in one that does not set all three weights.
         meant: what the set's distance weights count: per_metre or per_cell; drawn or None where either is as good.
         factor: by what the planner multiplies its two biases, 1.0 or the resolution [m].
         resolution: of the local costmap [m].
         largest: the upper bound of the planner's biases.
-        space: the parameters; nothing is changed in one that does not set all three weights.
 
     A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
     their bound are therefore sent, together with occdist_scale, as a half, a quarter ... of what they should be.
@@ -121,11 +121,11 @@ class Compensation:
 
     def __init__(
         self,
+        space: Space,
         meant: Optional[str] = None,
         factor: float = 1.0,
         resolution: float = 0.05,
         largest: float = 5.0,
-        space: Space = SPACE,
     ):
         self.multipliers = np.ones(len(space))
         self._factor, self._at = factor, indices_of(space)

@@ -238,10 +238,10 @@ class Episode:
     def _compensate(self) -> Compensation:
         """What makes sets mean the same to the planner as it is after its reset."""
         if self.meant is None:
-            return Compensation(space=self.space)
+            return Compensation(self.space)
         resolution = self.move_base.local_costmap.resolution
         factor = resolution if self.move_base.variant.weights == PER_METRE else 1.0
-        return Compensation(self.meant, factor, resolution, space=self.space)
+        return Compensation(self.space, self.meant, factor, resolution)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
     def _cycle(self):

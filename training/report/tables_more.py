@@ -43,7 +43,7 @@ def rates(results: Results) -> Table:
                 scores = [statistics.barn_metric(c, lower) for c in cells]
                 value, low, high = statistics.over_worlds(
                     [np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])],
-                    lambda total, n: total / n,
+                    statistics.ratio,
                 )
                 row += [_number(value, 3), _span(low, high, 3)]
             table.rows.append(row)

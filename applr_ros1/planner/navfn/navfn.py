@@ -218,6 +218,9 @@ def _target(potential, ox, oy, res, nx, ny, gx, gy, tolerance):
     best = np.inf
     bx = gx
     by = gy
+    beside = gx + tolerance < ox or gx - tolerance > ox + nx * res
+    if beside or gy + tolerance < oy or gy - tolerance > oy + ny * res:
+        return cell, bx, by  # where numbers are so large that steps of a cell do not change them the search has no end
     y = gy - tolerance
     while y <= gy + tolerance:
         x = gx - tolerance

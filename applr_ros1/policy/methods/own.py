@@ -12,10 +12,13 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import reason
+from applr_ros1.common.arguments import number_within
+from applr_ros1.common.errors import one_line
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
+
+PERIODS = 0.01, 60.0  # [s] between two decisions
 
 
 class OwnMethod(Method):
@@ -39,22 +42,26 @@ class OwnMethod(Method):
                 "method %s has no theta(context) and no command(context); see docs/extending.md for examples" % spec
             )
         self.static = not self.commands and bool(getattr(made, "static", False))
-        self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))
+        period = getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD)
+        self.period = float(number_within("the period of method %s" % spec, period, *PERIODS, MethodError))
         self.weights = getattr(made, "weights", None)
         if hasattr(made, "layout"):
             self.layout = made.layout
 
     def reset(self, seed: int) -> None:
         """Begin a course, if the object wants to know."""
-        if hasattr(self.made, "reset"):
-            self.made.reset(seed)
+        try:
+            if hasattr(self.made, "reset"):
+                self.made.reset(seed)
+        except Exception as error:
+            raise self._failed("cannot begin a course", error) from error
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The object's parameters, clipped."""
         try:
             return self.space.clip(self.made.theta(context))
         except Exception as error:
-            raise self._gave_no("parameters", error) from error
+            raise self._failed("gave no parameters", error) from error
 
     def command(self, context: Context) -> Tuple[float, float]:
         """The object's velocity (v [m/s], w [rad/s]), as two finite numbers."""
@@ -64,7 +71,7 @@ class OwnMethod(Method):
                 raise ValueError("(%g, %g) is not finite" % (v, w))
             return v, w
         except Exception as error:
-            raise self._gave_no("velocity", error) from error
+            raise self._failed("gave no velocity", error) from error
 
     def describe(self) -> Dict[str, Any]:
         """What the object says of itself, else its specification; for a class in a file also the file's checksum."""
@@ -76,8 +83,8 @@ class OwnMethod(Method):
         file = path + ".py"
         return {"class": rest, "file": os.path.basename(file), "sha256": sha256(read_bytes(file))}
 
-    def _gave_no(self, what: str, error: Exception) -> MethodError:
-        return MethodError("method %s gave no %s: %s: %s" % (self.spec, what, type(error).__name__, reason(error)))
+    def _failed(self, what: str, error: Exception) -> MethodError:
+        return MethodError("method %s %s: %s" % (self.spec, what, one_line(error)))
 
 
 def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
@@ -89,7 +96,7 @@ def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
     except MethodError:
         raise
     except Exception as error:  # whatever a person's module does wrong is theirs to hear in one line
-        raise MethodError("method %s cannot be made: %s: %s" % (spec, type(error).__name__, reason(error))) from None
+        raise MethodError("method %s cannot be made: %s" % (spec, one_line(error))) from None
 
 
 def _load(module: str) -> ModuleType:

@@ -1,0 +1,83 @@
+"""tf for a node that seldom needs it: listened to from the first question on, until nobody asks any more."""
+
+from __future__ import annotations
+
+from typing import Any, Tuple
+
+import rospy
+
+from applr_ros1.common.angles import yaw_of
+from applr_ros1.nodes.conversions import uprightness
+from applr_ros1.policy.observation import ObservationError
+
+LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
+MAX_AHEAD = 1.0  # [s] that a transform's stamp may lie ahead of the clock
+
+
+class Transforms:
+    """What tf knows."""
+
+    def __init__(self) -> None:
+        self._buffer: Any = None
+        self._listener: Any = None
+
+    def newest(self, target: str, source: str) -> Any:
+        """The newest geometry_msgs/Transform of `source` in `target`. ObservationError, of one line, where none is."""
+        import tf2_ros
+
+        if self._buffer is None:
+            self._buffer = tf2_ros.Buffer(rospy.Duration(10.0))
+            self._listener = tf2_ros.TransformListener(self._buffer)
+        try:
+            found = self._buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), rospy.Time(0))
+        except tf2_ros.TransformException as e:
+            raise ObservationError(f"no transform {target} <- {source} ({str(e).splitlines()[0]})") from None
+        ahead = (found.header.stamp - rospy.Time.now()).to_sec()
+        if ahead > MAX_AHEAD:
+            self._buffer.clear()  # else tf would refuse every right transform for `ahead` seconds
+            raise ObservationError(f"transform {target} <- {source} is stamped {ahead:.2f} s ahead of the clock")
+        return found.transform
+
+    def rest(self) -> None:
+        """Stop listening, which costs a share of a core, until the next question."""
+        if self._listener is not None:
+            self._listener.unregister()
+            self._buffer = self._listener = None
+
+
+class LaserMount:
+    """How a fixed laser is mounted on the robot: as tf says, and as the robot's description says until tf knows.
+
+    Args:
+        transforms: tf.
+        yaw: of the laser in the robot's frame, by the description [rad].
+    """
+
+    def __init__(self, transforms: Transforms, yaw: float):
+        self._transforms, self._described = transforms, yaw
+        self._known: dict = {}  # {(robot's frame, laser's frame): (yaw, whether it hangs upside down)}
+
+    def beams(self, scan: Any, base: str) -> Tuple[Any, float, float]:
+        """(ranges, angle of the first [rad], step to the next [rad]) of a sensor_msgs/LaserScan, in the frame `base`.
+
+        Angles are counter-clockwise as seen from above. ObservationError for a laser that does not scan horizontally.
+        """
+        frames = base, scan.header.frame_id
+        if frames not in self._known:
+            self._ask(*frames)
+        yaw, upside_down = self._known.get(frames, (self._described, False))
+        first, step = scan.angle_min, scan.angle_increment
+        if upside_down:
+            return scan.ranges[::-1], yaw - first - (len(scan.ranges) - 1) * step, step
+        return scan.ranges, yaw + first, step
+
+    def _ask(self, base: str, laser: str) -> None:
+        try:
+            transform = self._transforms.newest(base, laser)
+        except ObservationError:
+            return
+        self._transforms.rest()
+        upright = uprightness(transform)
+        if abs(upright) < LEVEL:
+            raise ObservationError(f"the laser in {laser} is mounted aslant: the policy needs one that scans level")
+        self._known[base, laser] = yaw_of(transform.rotation), upright < 0.0
