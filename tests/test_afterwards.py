@@ -1,5 +1,7 @@
 """What follows a training: a partner, the mean of the two policies, and the refinement; one command does it all."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ pytest.importorskip("torch")
 from applr_ros1.common.files import sha256
 from applr_ros1.policy.actor import Actor
 from training import refine_policy, train
+from training.afterwards import partner_of, refine
 from training.gorila.config import parse
 
 OPTIONS = ["--steps", "12", "--hidden", "8", "--worlds", "generated:0", "--eval-worlds", "none", "--period", "1"]
@@ -106,8 +109,16 @@ def test_a_partner_that_does_not_fit_is_refused_before_the_training(tmp_path, ca
 
 
 def test_the_recipe_of_the_included_policy_and_its_partner_fit(tmp_path):
-    from training.afterwards import partner_of
-
     config = parse(["--recipe", "applr", "--out", str(tmp_path / "run")])
     found = partner_of(config)
     assert (found.period, found.symmetric, found.seed, found.refine) == (config.period, True, config.seed + 1, 0)
+
+
+@pytest.mark.parametrize(("address", "workers"), [([], "500"), (["--ray-address", "auto"], "2")])
+def test_a_clusters_actors_do_not_count_where_the_refinement_drives(tmp_path, monkeypatch, address, workers):
+    asked = []
+    monkeypatch.setattr(refine_policy, "run", asked.extend)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    options = ["--actors", "500", "--refine", "8", "--pool", "ray", "--out", str(tmp_path), *address]
+    refine(parse(options), "actor.safetensors")
+    assert asked[asked.index("--workers") + 1] == workers

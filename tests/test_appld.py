@@ -173,6 +173,16 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     assert method.describe()["file"] == "mine.safetensors"
 
 
+def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(runtime, "MAX_CONTEXTS", 1)
+    monkeypatch.setattr(appld_fit, "fit", lambda *_: pytest.fail("searched"))
+    words = [str(bag), "--out", str(tmp_path / "x.safetensors"), "--penalty", "0.5"]
+    assert appld.main([*words, "--contexts", "0"]) == 1
+    error = capsys.readouterr().err
+    assert "a file holds at most 1; give --contexts 1 to 1 or a larger --penalty" in error
+    assert error.count("\n") == 1
+
+
 def test_published_sets_as_a_mode():
     mode = methods.make_mode("appld", "published").policy
     seen = set()

@@ -50,13 +50,36 @@ def test_what_was_collected_comes_back(run, tmp_path, capsys, monkeypatch):
                 trajectory.terminated,
                 not trajectory.terminated,
             )
+    spoilt = tmp_path / "spoilt"
+    spoilt.mkdir()
+    (spoilt / "manifest.json").write_text('{"layout": {"scan": "many", "rest": 9, "action": 8}}')
     for folder, name, words in (
         (run, "jackal/applr-v0", "already exist"),
         (run, "no name", "no name"),
         (tmp_path, "a-v0", "no dataset"),
+        (spoilt, "a-v0", "whole numbers"),
     ):
         capsys.readouterr()
         assert export_minari.main([str(folder), name, *root]) == 1
         line = capsys.readouterr().err
         assert words in line
         assert line.count("\n") == 1
+
+
+def test_another_robots_experience_has_its_own_layout(tmp_path, monkeypatch, capsys):
+    """Of a run as of a dataset, whose layout is stated in it."""
+    layout = Layout(360, 8, 7)
+    trajectory = Trajectory.of(
+        layout, np.zeros((3, 368)), np.full((2, 7), 0.5), np.zeros(2), True, {"actor": "a", "episode": 0}
+    )
+    journal = Journal(tmp_path / "run" / "journal")
+    journal.append(trajectory.pack(), {})
+    journal.sync()
+    export_replay(tmp_path / "run", tmp_path / "data", layout)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", "")  # restored afterwards
+    for source in ("run", "data"):
+        words = [str(tmp_path / source), "burger/%s-v0" % source, "--root", str(tmp_path / "minari")]
+        assert export_minari.main(words) == 0, capsys.readouterr().err
+        dataset = minari.load_dataset("burger/%s-v0" % source)
+        assert (dataset.observation_space.shape, dataset.action_space.shape) == ((368,), (7,))
+        np.testing.assert_array_equal(dataset[0].actions, trajectory.action)

@@ -114,6 +114,10 @@ def test_what_cannot_be_is_one_line(network, actor, tmp_path, capsys):
         ("b", {"0.weight": torch.zeros(4, 3), "0.bias": torch.zeros(4), "1.weight": torch.zeros(2, 3)}, "1.weight"),
         ("c", [1, 2], "holds a list"),
         ("d", {"x": Path("/")}, "read safely"),
+        ("f", {"0.weight": torch.full((4, 3), torch.nan), "0.bias": torch.zeros(4)}, "0.weight holds values that are"),
+        ("g", {"0.weight": torch.zeros(4, 3), "0.bias": torch.full((4,), torch.inf)}, "0.bias holds values that are"),
+        ("h", {0: torch.zeros(4, 3), "0.bias": torch.zeros(4)}, "is of type int"),
+        ("i", {"0.weight": torch.zeros(4, 3, device="meta"), "0.bias": torch.zeros(4)}, "0.weight: its values cannot"),
     ):
         torch.save(state, tmp_path / name)
         assert import_actor.main([str(tmp_path / name), str(tmp_path / "out")]) == 1
@@ -125,3 +129,9 @@ def test_what_cannot_be_is_one_line(network, actor, tmp_path, capsys):
     )
     assert import_actor.main([str(tmp_path / "e"), str(tmp_path / "e.out"), "--prefix", "actor."]) == 0
     assert safetensors.numpy.load_file(tmp_path / "e.out").keys() == safetensors.numpy.load_file(actor).keys()
+
+
+def test_parameters_with_gradients_are_imported_alike(network, actor, tmp_path):
+    torch.save(dict(network.named_parameters()), tmp_path / "parameters.pt")
+    assert import_actor.main([str(tmp_path / "parameters.pt"), str(tmp_path / "again.safetensors")]) == 0
+    assert (tmp_path / "again.safetensors").read_bytes() == actor.read_bytes()

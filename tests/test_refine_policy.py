@@ -7,6 +7,8 @@ import pytest
 
 pytest.importorskip("torch")
 
+from safetensors.numpy import save_file
+
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.policy.network import forward, layers_of
 from training import refine_policy
@@ -194,6 +196,48 @@ def test_the_command_writes_a_policy_and_continues_where_it_was(command, tmp_pat
     assert again.metadata == policy.metadata
     np.testing.assert_array_equal(weights_of(again)["2.weight"], weights_of(policy)["2.weight"])
     assert (tmp_path / "results" / "trials.jsonl").read_bytes() == driven
+
+
+def test_directions_are_found_once(command, tmp_path, capsys, monkeypatch):
+    """Their last bits differ between machines: another one that continues the search takes those of the file."""
+    short = [*command, "--steps", "1", "--limit", "2"]
+    assert refine_policy.main(short) == 0
+    results, once = tmp_path / "results", capsys.readouterr().out.count("for the directions")
+    kept, driven = (results / "directions.safetensors").read_bytes(), (results / "trials.jsonl").read_bytes()
+    found = Directions.found.__func__
+
+    def elsewhere(cls, *arguments):
+        directions = found(cls, *arguments)
+        return Directions(directions.mean * np.float32(1.0 + 1e-6), directions.basis)
+
+    monkeypatch.setattr(Directions, "found", classmethod(elsewhere))
+    assert refine_policy.main(short) == 0
+    assert (results / "trials.jsonl").read_bytes() == driven
+    assert (results / "directions.safetensors").read_bytes() == kept
+    assert (once, capsys.readouterr().out.count("for the directions")) == (1, 0)
+    assert refine_policy.main([*short, "--components", "2"]) == 0  # another search finds its own
+    assert (results / "directions.safetensors").read_bytes() != kept
+
+
+def test_directions_of_unknown_origin_are_refused(command, tmp_path, capsys):
+    (tmp_path / "results").mkdir()
+    tensors = {"mean": np.zeros(12, np.float32), "basis": np.zeros((1, 12), np.float32)}
+    for other, words in ((tensors, "does not state what its directions"), ({"0.bias": tensors["mean"]}, "holds no")):
+        save_file(other, tmp_path / "results" / "directions.safetensors")
+        assert refine_policy.main(command) == 1
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
+
+
+def test_the_policy_to_begin_with_is_not_written_over(command, tmp_path, capsys):
+    before = (tmp_path / "start.safetensors").read_bytes()
+    (tmp_path / "folder").mkdir()
+    assert refine_policy.main([*command, "--out", str(tmp_path / "folder" / ".." / "start.safetensors")]) == 1
+    error = capsys.readouterr().err
+    assert "this is the policy to begin with" in error
+    assert error.count("\n") == 1
+    assert (tmp_path / "start.safetensors").read_bytes() == before
 
 
 def test_a_drive_ends_at_the_limit(command, tmp_path):

@@ -113,6 +113,8 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
     for other, words in (
         (drive(more / "b", "generated:7"), "both have generated:7 of dwa"),
         (drive(more / "c", "generated:9", simulator="kinematic"), "another simulator"),
+        (str(folder), "given twice"),
+        (str(more / "a" / ".." / ".." / folder.name), "given twice"),
     ):
         assert report.main([str(folder), "--join", other]) == 1
         line = capsys.readouterr().err

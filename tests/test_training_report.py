@@ -226,6 +226,24 @@ def test_pairs_are_corrected_for_their_number(results):
     assert (same.difference, same.p) == (0.0, 1.0)
 
 
+def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
+    """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
+    worlds = ["generated:%d" % n for n in range(1, 7)]
+    plan = trials.plan([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
+    store = trial_store.Store(tmp_path, {"worlds": worlds, "world_specs": worlds, "protocol": "barn-challenge"}, plan)
+    for trial in plan:
+        good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
+        seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
+        result = TrialResult(good, not good, False, seconds, 6.0, reason, *[math.nan] * 5, decisions=2)
+        store.append(trial, result)
+    store.close()
+    results = data.Results(tmp_path)
+    assert statistics.paired(results, "crash", "dwa", worlds[1:]).difference == pytest.approx(100.0 - 23.0)
+    assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
+    hard = [row for row in tables.table_3(results).rows if row[0] == "Difficult All"]
+    assert [row[5] for row in hard] == ["62.50"]  # of 25 s and 100 s
+
+
 def test_ablation(results):
     table = tables_more.ablation(results)
     assert [row[:2] for row in table.rows] == [["applr", "max_vel_x"]]

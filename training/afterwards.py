@@ -5,6 +5,7 @@ train.py does these one after the other. Each continues where it was stopped.
 
 from __future__ import annotations
 
+import os
 import shlex
 from pathlib import Path
 from typing import Any, Dict, Optional
@@ -68,10 +69,12 @@ def refine(config: TrainConfig, policy: str) -> None:
     Raises:
         ApplrError: with one line; what was driven so far is kept.
     """
-    out, driven = config.out, config.evaluation()
+    out, driven, workers = config.out, config.evaluation(), max(1, config.actors)
+    if config.ray_address:  # the actors are a cluster's, the refinement drives on this machine alone
+        workers = min(workers, len(os.sched_getaffinity(0)))
     arguments = [
         *(policy, "--out", out + "/refined.safetensors", "--results", out + "/refinement"),
-        *("--steps", str(config.refine), "--workers", str(max(1, config.actors)), "--seed", str(config.seed)),
+        *("--steps", str(config.refine), "--workers", str(workers), "--seed", str(config.seed)),
         *("--robot", config.robot, "--simulator", driven["simulator"]),
         *("--weights", driven["weights"], "--planner", driven["planner"]),
         *("--contact-seconds", str(config.contact_seconds), *["--monitor"] * config.monitor),

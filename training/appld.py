@@ -39,6 +39,11 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     """Writes the APPLD file `out`, its log beside it (OUT_log.json) and a card (OUT.md); returns the log."""
     began = time.monotonic()
     found = contexts.find(demonstrations, options.contexts, options.penalty)
+    if len(found.names) > runtime.MAX_CONTEXTS:
+        raise UsageError(
+            "--contexts %d: makes %d contexts, a file holds at most %d; give --contexts 1 to %d or a larger --penalty"
+            % (options.contexts, len(found.names), runtime.MAX_CONTEXTS, runtime.MAX_CONTEXTS)
+        )
     for s in found.segments:
         d = demonstrations[s.demonstration]
         say("%s %5.1f to %5.1f s: context %s" % (d.name, d.time[s.first], d.time[s.last - 1], found.names[s.context]))

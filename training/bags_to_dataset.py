@@ -40,7 +40,7 @@ def convert(
     """
     bags = find(paths)
     if not bags:
-        raise BagError("%s: no bags there; give .bag files or ROS 2 bag folders" % ", ".join(map(str, paths)))
+        raise BagError("%s: no bags there; give .bag or .mcap files or ROS 2 bag folders" % ", ".join(map(str, paths)))
     read_bags: List[Dict[str, Any]] = []
     source = {"bags": read_bags, "reward": asdict(reward)}
     writer = Writer(folder, Layout(*sizes_of(robot)), source)

@@ -1,7 +1,8 @@
 """Exports experience as a Minari dataset: `python -m training.export_minari FOLDER ID`, for offline learning elsewhere.
 
-FOLDER is a training run or a dataset of this package, ID the new dataset's name, such as jackal/applr-v0. It needs the
-package minari with its extra hdf5. The scans have the resolution in which they were stored (7.8 mm).
+FOLDER is a training run or a dataset of this package, of any robot or environment; ID is the new dataset's name, such
+as jackal/applr-v0. It needs the package minari with its extra hdf5. The scans have the resolution in which they were
+stored (7.8 mm).
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import itertools
 import os
 import sys
 import warnings
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Iterator, List, Optional
+from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
+from applr_ros1.common.files import read_json
 from training.command_line import Parser
 from training.experience.dataset import Dataset
 from training.experience.journal import Journal
@@ -47,13 +50,12 @@ def _export(options: argparse.Namespace) -> None:
     print("%s: %d episodes, %d steps" % (options.id, made.total_episodes, made.total_steps))
 
 
-def export(folder: str, name: str, layout: Layout = Layout()):
+def export(folder: str, name: str):
     """Write the episodes of a run or dataset into a new Minari dataset, and return it.
 
     Args:
         folder: of the run or dataset.
         name: of the Minari dataset.
-        layout: what observations and actions consist of.
 
     Raises:
         MinariError: Minari is not installed or refuses the name, or there are no episodes.
@@ -67,6 +69,8 @@ def export(folder: str, name: str, layout: Layout = Layout()):
     except ImportError as missing:
         raise MinariError('minari is missing (%s): pip install "minari[hdf5]"' % reason(missing)) from None
 
+    layout, found = _episodes(Path(folder))
+
     def buffer(number: int, t: Trajectory) -> EpisodeBuffer:
         last = np.arange(len(t)) == len(t) - 1
         return EpisodeBuffer(
@@ -78,7 +82,7 @@ def export(folder: str, name: str, layout: Layout = Layout()):
             truncations=last & (not t.terminated),
         )
 
-    episodes = enumerate(_episodes(Path(folder), layout))
+    episodes = enumerate(found)
     first = [buffer(*e) for e in itertools.islice(episodes, AT_ONCE)]
     if not first:
         raise MinariError("%s: holds no episodes" % folder)
@@ -98,12 +102,35 @@ def export(folder: str, name: str, layout: Layout = Layout()):
     return made
 
 
-def _episodes(folder: Path, layout: Layout) -> Iterator[Trajectory]:
-    """The trajectories of a run's journal or of a dataset, checked."""
+def _episodes(folder: Path) -> Tuple[Layout, Iterator[Trajectory]]:
+    """What observations and actions of a run or dataset consist of, and its trajectories, checked."""
     if not (folder / "journal").is_dir():
-        yield from Dataset(folder, layout)
-        return
-    for blob in Journal(folder / "journal").read():
+        layout = _stated_layout(folder)
+        return layout, iter(Dataset(folder, layout))
+    blobs = Journal(folder / "journal").read
+    first = next((Trajectory.unpack(blob) for blob in blobs()), None)
+    if first is None:
+        raise MinariError("%s: holds no episodes" % folder)
+    layout = Layout(*(array.shape[-1] if array.ndim else 0 for array in (first.scan, first.rest, first.action)))
+    return layout, _checked(blobs(), layout)
+
+
+def _stated_layout(folder: Path) -> Layout:
+    """The layout that a dataset's manifest states; the Jackal's where there is no manifest."""
+    path = folder / "manifest.json"
+    manifest = read_json(path) if path.exists() else {"layout": asdict(Layout())}
+    stated = manifest.get("layout") if isinstance(manifest, dict) else None
+    names = [field.name for field in fields(Layout)]
+    if not (isinstance(stated, dict) and sorted(stated) == sorted(names)):
+        raise MinariError("%s: states no layout; it needs the numbers %s" % (path, ", ".join(names)))
+    if not all(type(stated[name]) is int and stated[name] >= 0 for name in names):
+        raise MinariError("%s: its layout is %.80r; give whole numbers from 0" % (path, stated))
+    return Layout(**stated)
+
+
+def _checked(blobs: Iterator[bytes], layout: Layout) -> Iterator[Trajectory]:
+    """The trajectories of a run's journal. Raises TrajectoryError for one that is malformed."""
+    for blob in blobs:
         trajectory = Trajectory.unpack(blob)
         trajectory.check(layout)
         yield trajectory

@@ -62,8 +62,13 @@ def layers(state: Dict[str, Any], prefix: str, path: str) -> Dict[str, np.ndarra
     """{"0.weight": ..., "0.bias": ..., "1.weight": ...} float32 of a state dict's linear layers, in its order.
 
     Raises:
-        ImportFailure: For other tensors than weights and biases, and for layers that do not fit one behind the other.
+        ImportFailure: For other tensors than weights and biases, for values that are not finite, and for layers that do
+            not fit one behind the other.
     """
+    unnamed = next((name for name in state if not isinstance(name, str)), None)
+    if unnamed is not None:
+        kind = type(unnamed).__name__
+        raise ImportFailure("%s: a name in it is of type %s; a state dict has texts for names" % (path, kind))
     taken = {name: value for name, value in state.items() if name.startswith(prefix)}
     found: Dict[str, np.ndarray] = {}
     width = None
@@ -76,14 +81,25 @@ def layers(state: Dict[str, Any], prefix: str, path: str) -> Dict[str, np.ndarra
         if width not in (None, value.shape[1]):
             raise ImportFailure("%s: %s takes %d inputs behind a layer of %d" % (path, name, value.shape[1], width))
         width, number = len(value), len(found) // 2
-        found["%d.weight" % number] = value.float().numpy()
-        found["%d.bias" % number] = bias.float().numpy()
+        found["%d.weight" % number] = _numbers(value, name, path)
+        found["%d.bias" % number] = _numbers(bias, name[: -len("weight")] + "bias", path)
     if len(found) != len(taken) or not found:
         raise ImportFailure(
             "%s: %d tensors of linear layers among %d%s; name theirs with --prefix"
             % (path, len(found), len(taken), " that begin with " + prefix if prefix else "")
         )
     return found
+
+
+def _numbers(tensor: torch.Tensor, name: str, path: str) -> np.ndarray:
+    """A tensor's values as float32. Raises ImportFailure where one is not finite, or where they are none."""
+    try:
+        values = np.array(tensor.detach().to_dense().float().numpy())
+    except (RuntimeError, TypeError, NotImplementedError) as error:
+        raise ImportFailure("%s: %s: its values cannot be read (%s)" % (path, name, reason(error)[:100])) from None
+    if not np.isfinite(values).all():
+        raise ImportFailure("%s: %s holds values that are not finite" % (path, name))
+    return values
 
 
 if __name__ == "__main__":

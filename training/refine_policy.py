@@ -48,7 +48,7 @@ from training.evaluation.trials import seed_of
 from training.policy_file import stated, weights_of
 from training.provenance import without_folders
 from training.refinement.directions import Directions
-from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, write_directions
+from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, known_directions, write_directions
 from training.refinement.search import SearchOptions, Step, search
 from training.storage import Lock, make_folder
 from training.workers.tasks import RunnerSpec, Trial
@@ -59,6 +59,7 @@ SEARCHED = (  # options of the search that the file states
     *("worlds", "simulator", "weights", "planner", "monitor"),
     *("steps", "pairs", "components", "sigma", "limit", "contact_seconds", "seed"),
 )
+DRIVEN = ("simulator", "period", "time_limit", "monitor", "robot")  # options of the runner that tell drives apart
 WATCHED = 60  # worlds that the policy drives first, for the directions
 
 
@@ -126,6 +127,8 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Searches as the arguments say; prints a line and writes the policy after each step."""
     given = parser().parse_args(arguments)
     actor = Actor.load(given.policy, space_of(given.robot))
+    if Path(given.out).resolve() == Path(given.policy).resolve():
+        raise UsageError("--out %s: this is the policy to begin with; give another file" % given.out)
     worlds = Worlds(given.worlds).specs
     needed = WATCHED + given.steps * given.pairs
     if len(worlds) < needed:
@@ -150,17 +153,13 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
         "monitor": given.monitor,
         "robot": given.robot.name if given.robot is JACKAL else given.robot.folder,
     }
-    weights, beams, size = weights_of(actor), actor.layout.beams, len(actor.space)
+    weights, size = weights_of(actor), len(actor.space)
     make = partial(_trial, given)
-    print("driving %d worlds for the directions" % WATCHED, flush=True)
-    directions = Directions.found(
-        weights, _watched(options, [make(world, "") for world in worlds[:WATCHED]]), beams, given.components
-    )
     path = str(folder / "directions.safetensors")
-    write_directions(path, directions)
+    directions = _directions(path, options, actor, [make(world, "") for world in worlds[:WATCHED]], given.components)
     start = sha256(read_bytes(given.policy))
     setting = [checksum(weights), checksum({"mean": directions.mean, "basis": directions.basis})]
-    setting += [options[name] for name in ("simulator", "period", "time_limit", "monitor", "robot")]
+    setting += [options[name] for name in DRIVEN]
     runner = RunnerSpec(SHIFTED_RUNNER, dict(options, directions=path))
     chosen = SearchOptions(**{f.name: getattr(given, f.name) for f in fields(SearchOptions)})
     with closing(RememberedTrials(runner, setting, given.workers, file=file)) as trials:
@@ -180,6 +179,23 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
 def _trial(given: Namespace, world: str, coefficients: str) -> Trial:
     seed = seed_of(CHOOSING + given.seed, world, 0)
     return Trial(world, "shifted", 0, seed, world, coefficients, given.weights, given.planner)
+
+
+def _directions(
+    path: str, options: Dict[str, Any], actor: Actor, trials: Sequence[Trial], components: int
+) -> Directions:
+    """The directions in the file, or, where it holds none of this search, those that the trials show."""
+    weights = weights_of(actor)
+    driven = [[trial.world_spec, trial.seed, trial.weights, trial.planner] for trial in trials]
+    origin = {"policy": checksum(weights), "components": components, "trials": driven}
+    origin.update((name, options[name]) for name in DRIVEN)
+    known = known_directions(path, origin)
+    if known is not None:
+        return known
+    print("driving %d worlds for the directions" % len(trials), flush=True)
+    found = Directions.found(weights, _watched(options, trials), actor.layout.beams, components)
+    write_directions(path, found, origin)
+    return found
 
 
 def _watched(options: Dict[str, Any], trials: Sequence[Trial]) -> np.ndarray:

@@ -20,7 +20,8 @@ from applr_ros1.policy.observation import ObservationError, goal_angle, local_go
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
 from training.experience.trajectory import Layout, Trajectory
-from training.mdp.episode import NEAREST, TIME_LIMIT
+from training.mdp.episode import TIME_LIMIT
+from training.mdp.episode import nearest as smallest
 from training.mdp.outcome import Outcome
 from training.mdp.reward import Reward, failed
 
@@ -174,7 +175,7 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
         phi = goal_angle(local_goal(points, pose, layout.lookahead))
         theta = _chosen(recording, goal, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
         moment.observation = observe(ranges, phi, theta, recording.space, layout)
-        near = max(NEAREST, float(nearest[moment.scan]))
+        near = smallest(nearest[[moment.scan]], recording.robot.laser.range_min)
         moment.outcome = Outcome(
             ranges,
             phi,
@@ -206,7 +207,7 @@ def _happened(recording, goal, before, moment, nearest) -> None:
     outcome.seconds = (moment.at - before.at) / SECOND
     during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= moment.at)
     if during.any():
-        outcome.decision_min = max(NEAREST, float(np.fmin.reduce(nearest[during])))
+        outcome.decision_min = smallest(nearest[during], recording.robot.laser.range_min)
     outcome.contact = any(before.at < at <= moment.at for at in recording.collisions)
     outcome.jerk = _jerk(recording, before.at, moment.at)
     if goal.ended and moment.at == goal.end:

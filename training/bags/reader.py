@@ -85,12 +85,15 @@ class Recording:
         self.space, self.layout = space_of(self.robot), layout_of(self.robot)
 
     def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, object]]:
-        """Smallest range (n,) [m] of every scan, and {index: LaserScan} of those wanted. Reads the bag once more."""
+        """Smallest range (n,) [m] of every scan, and {index: LaserScan} of those wanted. Reads the bag once more.
+
+        NaN and 0, by which some lasers mean that nothing returned, are no ranges; the smallest is NaN where all are.
+        """
         wanted, kept = set(wanted), {}
         nearest = np.full(len(self.scan_at), np.inf)
         for i, message in enumerate(self._messages(self.topics.scan)):
             if len(message.ranges) and i < len(nearest):
-                nearest[i] = np.fmin.reduce(message.ranges)
+                nearest[i] = np.fmin.reduce(np.where(message.ranges == 0.0, np.nan, message.ranges))
             if i in wanted:
                 kept[i] = message
         return nearest, kept
@@ -326,6 +329,7 @@ def find(paths) -> List[Path]:
                 for p in inside
                 if p.suffix == ".bag"
                 or p.name.endswith(".bag.active")
+                or (p.suffix == ".mcap" and not (p.parent / "metadata.yaml").exists())
                 or (p.is_dir() and (p / "metadata.yaml").exists())
             ]
         else:

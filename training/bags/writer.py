@@ -91,7 +91,7 @@ class BagWriter:
         )
 
     def odometry(self, time: float, pose, twist) -> None:
-        """Write the odometry: pose (x, y, yaw) [m, rad] in the frame odom, twist (v, w) [m/s, rad/s]."""
+        """Write the odometry: pose (x, y, yaw) [m, rad] in the robot's odometry frame, twist (v, w) [m/s, rad/s]."""
         make, zeros = self._make, np.zeros(36)
         self._put(
             self.topics.odometry,
@@ -116,8 +116,8 @@ class BagWriter:
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 
     def plan(self, time: float, plan) -> None:
-        """Write a global plan: (n, 3) x, y [m], yaw [rad] in the frame odom."""
-        header = self._header(time, "odom")
+        """Write a global plan: (n, 3) x, y [m], yaw [rad] in the robot's odometry frame."""
+        header = self._header(time, self.robot.frames.odom)
         poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
         self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
 
@@ -140,12 +140,12 @@ class BagWriter:
         )
 
     def goal(self, time: float, goal) -> None:
-        """(x, y, yaw) in frame odom, as move_base announces the goal that it has accepted."""
+        """(x, y, yaw) in the robot's odometry frame, as move_base announces the goal that it has accepted."""
         self._put(
             self.topics.move_base + "/current_goal",
             "geometry_msgs/msg/PoseStamped",
             time,
-            self._header(time, "odom"),
+            self._header(time, self.robot.frames.odom),
             self._pose(goal),
         )
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import Any, List, Optional
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 import safetensors.numpy
@@ -20,6 +21,7 @@ from training.workers.tasks import Trial
 from training.workers.worker import PolicyWeights
 
 SHIFTED_RUNNER = "training.refinement.driving:ShiftedRunner"  # as workers are told
+ORIGIN = "found_from"  # in the header of a file of directions
 
 
 class ShiftedRunner(TrialRunner):
@@ -60,12 +62,39 @@ class _Watched(Actor):
         return super().theta(obs)
 
 
-def write_directions(path: str, directions: Directions) -> None:
-    """Writes directions as safetensors."""
-    write_bytes(path, safetensors.numpy.save({"mean": directions.mean, "basis": directions.basis}))
+def write_directions(path: str, directions: Directions, origin: Dict[str, Any]) -> None:
+    """Writes directions as safetensors, with what they were found from, JSON values."""
+    header = {ORIGIN: json.dumps(origin, sort_keys=True)}
+    write_bytes(path, safetensors.numpy.save({"mean": directions.mean, "basis": directions.basis}, metadata=header))
 
 
 def read_directions(path: str) -> Directions:
     """The directions in a file. Raises ApplrError."""
-    tensors, _ = unpack(read_bytes(path), path, ApplrError)
-    return Directions(tensors["mean"], tensors["basis"])
+    return _read(path)[0]
+
+
+def known_directions(path: str, origin: Dict[str, Any]) -> Optional[Directions]:
+    """The directions in a file; None where there is no file, or its directions were found from something else.
+
+    Directions are read again rather than found again: their last bits depend on the machine and its number of cores.
+
+    Raises:
+        ApplrError: with one line, for a file that is damaged or does not state what its directions were found from.
+    """
+    if not Path(path).exists():
+        return None
+    directions, stated = _read(path)
+    if stated is None:
+        raise ApplrError(
+            "%s: does not state what its directions were found from; remove it to have them found again, or give "
+            "another --results" % path
+        )
+    return directions if stated == json.dumps(origin, sort_keys=True) else None
+
+
+def _read(path: str) -> Tuple[Directions, Optional[str]]:
+    """The directions in a file, and what it states of where they come from."""
+    tensors, header = unpack(read_bytes(path), path, ApplrError)
+    if set(tensors) != {"mean", "basis"}:
+        raise ApplrError("%s: holds no directions of a refinement; give another --results" % path)
+    return Directions(tensors["mean"], tensors["basis"]), header.get(ORIGIN)

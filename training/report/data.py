@@ -16,6 +16,7 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.policy.parameter_space import Space
+from training.evaluation.score import FAILURE_SECONDS
 from training.evaluation.store import MEASURES_FILE, OLDER, SETTINGS, TRIALS, flag, read_rows, read_trace
 from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN
 from worlds import builtin
@@ -38,7 +39,7 @@ class Cell:
     success: np.ndarray
     collided: np.ndarray
     timeout: np.ndarray
-    time: np.ndarray  # [s]; the limit where it timed out
+    time: np.ndarray  # [s]; the limit where it timed out, the time until then where a contact or a flip ended it
     decisions: np.ndarray
     path_length: np.ndarray  # [m]
     reason: List[str]
@@ -53,6 +54,11 @@ class Cell:
         """Times of the successful trials [s]."""
         return self.time[self.success]
 
+    @property
+    def counted(self) -> np.ndarray:
+        """Times of all trials (n,) [s], a failed one counting as the limit however it ended."""
+        return np.where(self.success, self.time, FAILURE_SECONDS)
+
 
 class Results:
     """cells[method][world] of one kind of weights, the evaluation's settings, and how worlds are grouped.
@@ -64,15 +70,18 @@ class Results:
             whose trials count as if they were here.
 
     Raises:
-        ReportError: there are no trials, or the joined evaluations do not fit together.
+        ReportError: there are no trials, a folder is given twice, or the joined evaluations do not fit together.
         StorageError: a folder cannot be read.
     """
 
     def __init__(self, folder: os.PathLike | str, weights: str = "", joined: Sequence[os.PathLike | str] = ()):
         self.folder, self.joined = Path(folder), [Path(other) for other in joined]
         self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
-        rows, measures = [], []
+        rows, measures, resolved = [], [], set()
         for place in (self.folder, *self.joined):
+            if place.resolve() in resolved:
+                raise ReportError("%s: given twice, so that its trials would count twice; join it once" % place)
+            resolved.add(place.resolve())
             found = read_rows(place / TRIALS, COLUMNS)
             for driven in dict.fromkeys((row["world"], row["method"]) for row in found):
                 if self._folder_of.setdefault(driven, place) != place:
@@ -163,7 +172,7 @@ class Results:
     def by_difficulty(self, worlds: List[str]) -> List[str]:
         """Worlds by the baseline's mean time over all trials, a failed one counting as the limit; fastest first."""
         cells = self.cells[self.baseline]
-        return sorted((w for w in worlds if w in cells), key=lambda w: (cells[w].time.mean(), w))
+        return sorted((w for w in worlds if w in cells), key=lambda w: (cells[w].counted.mean(), w))
 
     def thirds(self) -> Dict[str, List[str]]:
         """All training and test worlds in thirds of difficulty, as the paper has them: 100 each of 300."""

@@ -98,10 +98,10 @@ class Paired(NamedTuple):
 def paired(results: Results, method: str, other: str, worlds: List[str]) -> Paired:
     """The paired comparison of two methods; a negative difference means that `method` is faster."""
     cells = [(results.cells[method][w], results.cells[other][w]) for w in results.both(method, worlds, other)]
-    differences = np.array([a.time.mean() - b.time.mean() for a, b in cells])
+    differences = np.array([a.counted.mean() - b.counted.mean() for a, b in cells])
     if not len(differences):
         return Paired(0, np.nan, np.nan, np.nan, np.nan)
-    value, low, high = over_worlds([differences, np.ones(len(differences))], _ratio)
+    value, low, high = over_worlds([differences, np.ones(len(differences))], ratio)
     if len(differences) < 2:
         p = float("nan")
     else:
@@ -138,7 +138,7 @@ def mean_time(results: Results, method: str, worlds: List[str]) -> Tuple[float, 
     """Mean over the successful trials [s], with its interval."""
     cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
     totals, n = np.array([c.times.sum() for c in cells]), np.array([len(c.times) for c in cells], dtype=float)
-    return over_worlds([totals, n], _ratio) if len(cells) else (np.nan, np.nan, np.nan)
+    return over_worlds([totals, n], ratio) if len(cells) else (np.nan, np.nan, np.nan)
 
 
 def gain(results: Results, method: str, worlds: List[str]) -> Tuple[float, float, float]:
@@ -150,10 +150,11 @@ def gain(results: Results, method: str, worlds: List[str]) -> Tuple[float, float
         parts += [np.array([c.times.sum() for c in cells]), np.array([float(len(c.times)) for c in cells])]
     if not worlds:
         return np.nan, np.nan, np.nan
-    return over_worlds(parts, lambda a, n, b, m: 1.0 - _ratio(a, n) / _ratio(b, m))
+    return over_worlds(parts, lambda a, n, b, m: 1.0 - ratio(a, n) / ratio(b, m))
 
 
-def _ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:
+def ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """The quotient total / n, nan where there is nothing to divide by."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return total / n
 

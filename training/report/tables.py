@@ -137,7 +137,7 @@ def table_3(results: Results) -> Table:
                         str(len(both)),
                         _share(better, len(both)),
                         _share(worse, len(both)),
-                        _number(results.pooled(base, worlds, "time").mean()),
+                        _number(results.pooled(base, worlds, "counted").mean()),
                         "%d %%" % stated[0] if stated else NONE,
                         "%d %%%s" % (stated[1], mark) if stated else NONE,
                     ]
