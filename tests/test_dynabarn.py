@@ -5,6 +5,7 @@ import math
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -234,3 +235,22 @@ def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     assert not course.done(-7.9, 0.0)
     assert course.done(-8.1, 0.0)
     assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # on a map that ends 20 m from the start
+
+
+def test_a_source_of_a_mebibyte_is_read_in_seconds(tmp_path):
+    text = moving("obs_3")
+    for garbage in ("CreateKeyFrame(1);", "CreateKeyFrame(1); Vector3d(", "Vector3d(1,", "CreateKeyFrame(1  "):
+        (tmp_path / "obs_3.cc").write_text(garbage * (2**20 // len(garbage)))
+        started = time.process_time()
+        with pytest.raises(WorldError, match="key frames in .*obs_3.cc are 0"):
+            worlds.load(put(tmp_path, sdf(text), "world_0.world"))
+        assert time.process_time() - started < 3.0
+
+
+def test_a_sources_place_belongs_to_the_last_time_without_one(tmp_path):
+    (tmp_path / "obs_3.cc").write_text(
+        "Vector3d(9, 9, 0); k = a->CreateKeyFrame(0); // a remark %s\n v = Vector3d(i, j, 0); Vector3d( 1 , 2 , 0);"
+        "Vector3d(8, 8, 0);\nCreateKeyFrame( 1.5 ); Vector3d(-3, 4e0, 0); CreateKeyFrame(9);" % ("x" * 5000)
+    )
+    (mover,) = worlds.load(put(tmp_path, sdf(moving("obs_3")), "world_0.world")).movers
+    assert mover.waypoints == ((0.0, 1.0, 2.0), (1.5, -3.0, 4.0))

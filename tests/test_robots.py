@@ -9,6 +9,7 @@ import yaml
 from applr_ros1 import robots
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import JACKAL
+from applr_ros1.robots import kinds
 
 HERE = os.path.dirname(robots.load("jackal").folder)
 
@@ -83,6 +84,7 @@ WRONG = [
     (changed("base.max_speed", -1), "base.max_speed is -1: give a number from 0.01 to 20"),
     (changed("base.max_speed", "fast"), "base.max_speed is 'fast': give a number"),
     (changed("base.max_speed", float("nan")), "base.max_speed is nan: give a number"),
+    (changed("base.max_speed", 10**400), "base.max_speed is 1000"),
     (changed("base.wheelbase"), "base.wheelbase is missing"),
     (changed("laser.last_angle", -3.0), "laser.last_angle is -3: give more than first_angle"),
     (changed("laser.beams", 720.5), "laser.beams is 720.5: give a whole number"),
@@ -128,6 +130,14 @@ def test_wrong_description_is_one_line(tmp_path, change, line):
         ("#" * 2**18, "bytes are too many"),
         ("", "base is missing"),
         ("\x00", "not readable as YAML"),
+        ("? [a]\n: 1\n", "in line 1: a name is a list or a mapping"),
+        ("a: 1\n? {b: 2}\n: 3\n", "in line 2: a name is a list or a mapping"),
+        ('a: !!bool "x"\n', "in line 1: 'x' is no bool"),
+        ('a: !!timestamp "x"\n', "in line 1: 'x' is no timestamp"),
+        ('\na: !!int ""\n', "in line 2: '' is no int"),
+        ("a: !!int x\n", "in line 1: 'x' is no int"),
+        ("a: !!map [b]\n", "not readable as YAML in line 1"),
+        ("a: 2001-99-99\n", "in line 1: '2001-99-99' is no timestamp"),
     ],
 )
 def test_damaged_file_is_one_line(tmp_path, text, line):
@@ -136,6 +146,44 @@ def test_damaged_file_is_one_line(tmp_path, text, line):
         robots.load(str(tmp_path))
     assert line in str(found.value)
     assert "\n" not in str(found.value)
+
+
+def with_files(folder, **files):
+    """A copy of the Jackal's description whose further parameter files have these texts, {name: (text, namespace)}."""
+    shutil.copytree(os.path.join(HERE, "jackal"), folder)
+    description = yaml.safe_load((folder / "robot.yaml").read_text())
+    for name, (text, namespace) in files.items():
+        (folder / (name + ".yaml")).write_text(text)
+        description["move_base"]["files"].append({"file": name + ".yaml", "namespace": namespace})
+    (folder / "robot.yaml").write_text(yaml.safe_dump(description))
+    return str(folder)
+
+
+def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
+    empty, value = ("new:\nlocal_costmap:\n", ""), ("width: 7\n", "new")
+    tree = robots.load(with_files(tmp_path / "mine", empty=empty, value=value)).parameters()
+    assert tree["new"] == {"width": 7}
+    assert tree["local_costmap"] == robots.load("jackal").parameters()["local_costmap"]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("new: 3\n", "move_base.files[5].namespace is new/below: new is 3 in the files before"),
+        ("new: {below: [1]}\n", "namespace is new/below: below is [1] in the files before, give a mapping there"),
+        ("TrajectoryPlannerROS: {max_vel_x: 1%s}\n" % ("0" * 400), "the parameter files start with inf, include it"),
+        ("TrajectoryPlannerROS: {max_vel_x: 0x%s}\n" % ("f" * 5000), "the parameter files start with inf, include it"),
+    ],
+)
+def test_a_file_that_does_not_fit_the_others_is_one_line(tmp_path, text, line):
+    with pytest.raises(robots.RobotError) as found:
+        robots.load(with_files(tmp_path / "mine", first=(text, ""), second=("width: 7\n", "new/below")))
+    assert line in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def test_a_number_of_too_many_digits_is_one_line():
+    assert "digits" in kinds.shown(16**5000)
 
 
 def test_unknown_name_lists_the_robots():

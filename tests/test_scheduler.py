@@ -5,6 +5,7 @@ import pytest
 
 from training.gorila.config import TrainConfig
 from training.gorila.scheduler import TaskScheduler, easiest_first
+from worlds import WorldError
 
 
 def test_curriculum_opens_from_the_easiest_quarter_to_all():
@@ -26,3 +27,11 @@ def test_easiest_world_first():
     assert sorted(order) == [0, 1, 2, 3]
     assert order[0] == 0
     assert order[-1] in (2, 3)
+
+
+def test_a_curriculum_of_worlds_without_a_difficulty_is_one_line():
+    worlds = pytest.importorskip("worlds")
+    line = "a curriculum orders worlds by .*: physical_course is not on BARN's grid"
+    with pytest.raises(WorldError, match=line) as no:
+        easiest_first([worlds.load("generated:0"), worlds.load("physical_course")])
+    assert "\n" not in str(no.value)

@@ -176,3 +176,32 @@ def test_folder_in_the_order_of_numbers(tmp_path):
     for number in (10, 9, 2):
         put(tmp_path, as_barn(worlds.load("generated:%d" % number)), "world_%d.world" % number)
     assert [w.name for w in worlds.load_all(str(tmp_path))] == ["world_2", "world_9", "world_10"]
+
+
+def collided(pose, state=""):
+    """One box of 2 x 1 m whose collision has this pose element, in a link ahead of its turned model."""
+    return sdf(
+        "<model name='m'><pose>1 2 0 0 0 1.5707963267948966</pose><link name='l'><pose>1 0 0.5 0 0 0.3</pose>"
+        "<collision name='c'>%s<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>%s"
+        % (pose, state)
+    )
+
+
+@pytest.mark.parametrize("word", ["relative_to", "frame"])
+def test_a_collision_may_be_placed_in_its_models_frame(tmp_path, word):
+    pose = "<pose %s='__model__'>0 1 0.5 0 0 0.5</pose>" % word
+    world = worlds.load(put(tmp_path, collided(pose), "w.world"))
+    assert np.allclose(world.boxes, [[0.0, 2.0, math.pi / 2 + 0.5, 2.0, 1.0]])  # to the model's left
+    state = (
+        "<state world_name='default'><model name='m'><link name='l'><pose>1 3 0.5 0 0 %r</pose></link></model></state>"
+    )
+    kept = worlds.load(put(tmp_path, collided(pose, state % (math.pi / 2 + 0.3)), "w.world"))
+    assert np.allclose(kept.boxes, world.boxes)  # the link is where it was
+
+
+@pytest.mark.parametrize("scale", ["0 0 0", "1 -1 1", "-2 -2 -2", "1 1", "nan 1 1"])
+def test_a_scale_that_cannot_be_is_one_line(tmp_path, scale):
+    state = "<state world_name='default'><model name='m'><scale>%s</scale></model></state>" % scale
+    with pytest.raises(worlds.WorldError, match="scale, state of model 'm' in .*w.world is ") as no:
+        worlds.load(put(tmp_path, collided("", state), "w.world"))
+    assert "\n" not in str(no.value)

@@ -11,7 +11,7 @@ import math
 import os
 import re
 import zlib
-from typing import Dict, List, Optional, Set
+from typing import Dict, List, Optional, Set, Tuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -29,7 +29,9 @@ GOAL_TOLERANCE = 1.0  # also the Challenge's
 FOLDERS = ("", "plugins", "all_cylinder_plugins")  # where sources may lie, beside the world
 MAX_SOURCE = 2**20
 
-_KEY = re.compile(r"CreateKeyFrame\(\s*([-+.\deE]+)\s*\).*?Vector3d\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*,", re.S)
+_CALL = re.compile(
+    r"CreateKeyFrame\(\s*([-+.\deE]+)\s*\)|Vector3d\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*,"
+)  # a key frame's time, or a place
 _DYNABARNS = re.compile(r"^(easy|medium|hard)?(lib)?obs_?\d+$")
 
 log = logging.getLogger(__name__)
@@ -116,7 +118,14 @@ class Animations:
 def _from_source(source: str) -> Animation:
     text = files.read_bytes(source, MAX_SOURCE, WorldError).decode("utf-8", "replace")
     what = "key frames in %s" % source
-    frames = [tuple(numbers(cell, 1, what)[0] for cell in match) for match in _KEY.findall(text)]
+    frames: List[Tuple[float, ...]] = []
+    time = ""
+    for found in _CALL.findall(text):  # the first place after a time belongs to it
+        if time and not found[0]:
+            frames.append(tuple(numbers(cell, 1, what)[0] for cell in (time, *found[1:])))
+            time = ""
+        else:
+            time = time or found[0]
     return movers_table.checked(frames[-1][0] if frames else 0.0, True, frames, what)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import ndimage
 
 from . import field, search
-from .world import World
+from .world import World, WorldError
 
 NAMES = ("closest_obstacle", "visibility", "dispersion", "dimension", "tortuosity")
 
@@ -38,8 +38,19 @@ _SIXTEEN = (
 
 
 def difficulty(world: World) -> Dict[str, float]:
-    """The five metrics of a world on BARN's grid (generated, or a BARN file), by the names in NAMES."""
-    return grid_difficulty(field.fill_of(world.cylinders), field.to_cells(world.course.path))
+    """The five metrics of a world on BARN's grid (generated, or a BARN file), by the names in NAMES.
+
+    Raises:
+        WorldError: the world has boxes, moving obstacles or a reference path that is not within the grid.
+    """
+    path = field.to_cells(world.course.path)
+    inside = len(path) and path.min() >= 0 and (path < (field.ROWS, field.COLS)).all()
+    if not inside or len(world.boxes) or world.movers:
+        raise WorldError(
+            "%s is not on BARN's grid, so its difficulty cannot be measured; give generated worlds or BARN's"
+            % world.name
+        )
+    return grid_difficulty(field.fill_of(world.cylinders), path)
 
 
 def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:

@@ -12,9 +12,10 @@ import numpy as np
 
 from applr_ros1.common.angles import outside_box
 
-from .world import World
+from .world import World, WorldError
 
 OCCUPIED = 100
+MAX_CELLS = 16_000_000  # as the largest costmap: 200 x 200 m at the usual resolution
 
 
 def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tuple[np.ndarray, Tuple[float, float]]:
@@ -28,6 +29,9 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     Returns:
         (cells, origin): (ny, nx) int8, 100 where an obstacle reaches into a cell's inner circle and 0 elsewhere, row 0
         at the lowest y; and the lower corner (x, y) [m] in the world's frame.
+
+    Raises:
+        WorldError: the grid would have more than MAX_CELLS cells.
     """
     boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
     half = 0.5 * np.stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]], axis=1)
@@ -38,6 +42,11 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     high = np.vstack([centres + reach, course]).max(axis=0) + margin
     low = np.floor(low / resolution) * resolution
     nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
+    if nx * ny > MAX_CELLS:
+        raise WorldError(
+            "%s is %.0f x %.0f m, %.3g cells of %g m: give a world whose map has at most %d cells"
+            % (world.name, *(high - low), nx * ny, resolution, MAX_CELLS)
+        )
     cells = np.zeros((ny, nx), np.int8)
     near = 0.5 * resolution
     for x, y, radius in world.cylinders.tolist():

@@ -42,6 +42,12 @@ def read(path: str) -> World:
     return World(name, obstacles.cylinders, obstacles.boxes, way, obstacles.movers)
 
 
+def _frame(element: Element) -> str:
+    """What the pose of an element is relative to; "" where it has none or does not say it."""
+    pose = element.find("pose")
+    return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
+
+
 class Obstacles(NamedTuple):
     """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
 
@@ -108,10 +114,13 @@ class _Reader:
                     for link in model.findall("link")
                     if link.find("pose") is not None
                 }
-                scale = model.findtext("scale")
+                text = model.findtext("scale")
+                scale = [1.0, 1.0, 1.0] if text is None else numbers(text, 3, "scale, " + what)
+                if min(scale) <= 0.0:
+                    raise WorldError("scale, %s is %s; it must be above 0" % (what, scale))
                 states[model.get("name", "")] = _State(
                     self._pose(model, what) if model.find("pose") is not None else None,
-                    np.ones(3) if scale is None else np.array(numbers(scale, 3, "scale, " + what)),
+                    np.array(scale),
                     links,
                     self._states(model),
                 )
@@ -138,16 +147,18 @@ class _Reader:
     def _link(
         self, link: Element, model_pose: np.ndarray, state: _State, name: str, animation: Optional[Animation]
     ) -> None:
-        if link.get("name", "") in state.links:
-            pose = state.links[link.get("name", "")]
-        else:
-            pose = model_pose @ self._pose(link, "link %r of %s" % (link.get("name"), name))
+        label = "link %r of %s" % (link.get("name"), name)
+        stated = state.links.get(link.get("name", ""))
+        pose = model_pose @ self._pose(link, label) if stated is None else stated
         for collision in link.findall("collision"):
             what = "collision %r of %s" % (collision.get("name"), name)
             geometry = collision.find("geometry")
             if geometry is None:
                 raise WorldError("%s has no <geometry>; give it a box or a cylinder" % what)
-            self._collision(geometry, pose @ self._pose(collision, what), state.scale, what, animation)
+            place = self._pose(collision, what)
+            if _frame(collision) == "__model__":
+                place = np.linalg.inv(self._pose(link, label)) @ place
+            self._collision(geometry, pose @ place, state.scale, what, animation)
             if len(self.cylinders) + len(self.boxes) + len(self.movers) > MAX_OBSTACLES:
                 raise WorldError("%s has more than %d obstacles; give a world with fewer" % (self.path, MAX_OBSTACLES))
 
@@ -189,7 +200,7 @@ class _Reader:
         pose = element.find("pose")
         if pose is None or not (pose.text or "").strip():
             return _IDENTITY
-        frame = pose.get("relative_to") or pose.get("frame") or ""
+        frame = _frame(element)
         if frame not in ("", "world", "__model__"):
             raise WorldError(
                 "pose, %s is relative to %r, which is not read; make it relative to its parent" % (what, frame[:60])

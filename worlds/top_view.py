@@ -85,6 +85,6 @@ def _frame(world: World) -> Tuple[np.ndarray, np.ndarray]:
     sides = np.concatenate([world.cylinders[:, across], world.boxes[:, across]])
     sides = sides[(sides > low[across] - BESIDE) & (sides < high[across] + BESIDE)]
     low[1 - across], high[1 - across] = low[1 - across] - REACH, high[1 - across] + REACH
-    low[across] = min(low[across] - 1.0, *(sides - 0.3))
-    high[across] = max(high[across] + 1.0, *(sides + 0.3))
+    low[across] = min([low[across] - 1.0, *(sides - 0.3)])
+    high[across] = max([high[across] + 1.0, *(sides + 0.3)])
     return low, high

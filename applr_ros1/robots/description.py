@@ -7,6 +7,7 @@ Fields without a default have to be given.
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
@@ -242,7 +243,12 @@ def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[
         branches.append(branch(tree, costmap))
     values = [branch[name] for branch in branches for name in names if name in branch]
     numbers = [value for value in values if isinstance(value, (int, float)) and not isinstance(value, bool)]
-    return float(numbers[0]) if numbers else None
+    if not numbers:
+        return None
+    try:
+        return float(numbers[0])
+    except OverflowError:  # an integer beyond every limit
+        return math.inf if numbers[0] > 0 else -math.inf
 
 
 def branch(tree: Dict[str, Any], path: str) -> Dict[str, Any]:

@@ -24,10 +24,12 @@ def real(low: float, high: float, default: Any = MISSING) -> Any:
     """A field that holds a finite number from low to high."""
 
     def take(value: Any, label: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not number or isinstance(value, float) and not math.isfinite(value):
             raise RobotError("%s is %s: give a number from %g to %g" % (label, shown(value), low, high))
         if not low <= value <= high:
-            raise RobotError("%s is %g: give a number from %g to %g" % (label, value, low, high))
+            found = shown(value) if isinstance(value, int) else "%g" % value
+            raise RobotError("%s is %s: give a number from %g to %g" % (label, found, low, high))
         return float(value)
 
     return _field(take, default)
@@ -92,7 +94,10 @@ def points(default: Any = MISSING) -> Any:
 
 def shown(value: Any) -> str:
     """A value for an error's line, shortened."""
-    found = "empty" if value in (None, "") else repr(value)
+    try:
+        found = "empty" if value is None or value == "" else repr(value)
+    except ValueError:  # digits beyond what Python prints
+        found = "a number of too many digits"
     return found if len(found) <= 60 else found[:57] + "..."
 
 

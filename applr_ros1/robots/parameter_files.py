@@ -53,7 +53,14 @@ def _load_file(tree, entry, folder, label):
         raise RobotError("%s.namespace is %s: give a name such as local_costmap" % (label, shown(namespace)))
     here = tree
     for part in filter(None, namespace.split("/")):
-        here = here.setdefault(part, {})
+        if here.get(part) is None:  # an empty section
+            here[part] = {}
+        here = here[part]
+        if not isinstance(here, dict):
+            raise RobotError(
+                "%s.namespace is %s: %s is %s in the files before, give a mapping there"
+                % (label, namespace, part, shown(here))
+            )
     _merge(here, yaml_file.read(os.path.join(folder, name)))
 
 
@@ -61,7 +68,7 @@ def _merge(tree: Dict[str, Any], more: Dict[str, Any]) -> None:
     for name, value in more.items():
         if isinstance(value, dict) and isinstance(tree.get(name), dict):
             _merge(tree[name], value)
-        else:
+        elif value is not None or not isinstance(tree.get(name), dict):  # an empty section takes nothing away
             tree[str(name)] = value if not isinstance(value, dict) else _copied(value)
 
 

@@ -24,9 +24,21 @@ class _Loader(yaml.SafeLoader):
             )
         return super().compose_node(parent, index)
 
+    def construct_object(self, node, deep=False):
+        try:
+            return super().construct_object(node, deep)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            kind = node.tag.rpartition(":")[2]
+            given = "%.40r" % node.value if isinstance(node, yaml.ScalarNode) else "this"
+            problem = "%s is no %s" % (given, kind)
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark) from None
+
     def construct_mapping(self, node, deep=False):
         known = set()
-        for key, _ in node.value:
+        for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+            if not isinstance(key, yaml.ScalarNode):
+                problem = "a name is a list or a mapping; give a word"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
             if key.value in known:
                 raise yaml.MarkedYAMLError(problem="%s is given twice" % key.value, problem_mark=key.start_mark)
             known.add(key.value)

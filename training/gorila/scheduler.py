@@ -13,7 +13,7 @@ import numpy as np
 
 from training.gorila.config import TrainConfig
 from training.workers.tasks import Collect, Task, Trial
-from worlds import World
+from worlds import World, WorldError
 from worlds.metrics import difficulty
 
 FIRST_SHARE = 0.25  # of the worlds, easiest first, with which a curriculum begins
@@ -87,8 +87,15 @@ class TaskScheduler:
 
 
 def easiest_first(worlds: Sequence[World]) -> np.ndarray:
-    """Indices of the worlds by the mean of their ranks in BARN's difficulty metrics."""
-    metrics = [difficulty(world) for world in worlds]
+    """Indices of the worlds by the mean of their ranks in BARN's difficulty metrics.
+
+    Raises:
+        WorldError: one of the worlds is not on BARN's grid.
+    """
+    try:
+        metrics = [difficulty(world) for world in worlds]
+    except WorldError as error:
+        raise WorldError("a curriculum orders worlds by BARN's difficulty: %s" % error) from None
     easier_when_larger = {
         "closest_obstacle": True,
         "visibility": True,

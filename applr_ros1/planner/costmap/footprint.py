@@ -34,11 +34,11 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
     if isinstance(text, str):
         try:
             value = ast.literal_eval(text.strip() or "[]")
-        except (ValueError, SyntaxError, MemoryError, RecursionError):
+        except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):
             raise _not_points(text) from None
     try:
         points = np.array([[float("%g" % float(v)) for v in point] for point in value], dtype=np.float32)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise _not_points(text) from None
     if points.size == 0:
         return np.zeros((0, 2))

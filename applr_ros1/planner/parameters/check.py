@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.declarations import (
     BEHAVIOUR,
+    DEFAULT_RECOVERIES,
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
     MAX_CELLS,
@@ -24,8 +26,18 @@ from applr_ros1.planner.parameters.declarations import (
     namespace,
     static_tables,
 )
-from applr_ros1.planner.parameters.dwa_planner_parameters import check_together, remarks
-from applr_ros1.planner.parameters.layers import COSTMAPS, INHERITED, OBSTACLE_LAYER, TYPES, arranged, layers, sources
+from applr_ros1.planner.parameters.dwa_planner_parameters import remarks
+from applr_ros1.planner.parameters.layers import (
+    COSTMAPS,
+    INHERITED,
+    NAME,
+    OBSTACLE_LAYER,
+    TYPES,
+    arranged,
+    layers,
+    sources,
+)
+from applr_ros1.planner.parameters.together import check_together, check_turn
 from applr_ros1.planner.variant import Variant
 
 
@@ -39,10 +51,15 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Optional[Di
     return here
 
 
+TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may give as lists
+
+
 def convert(p: Parameter, value: Any, label: str = "") -> Any:
     """`value` as p's type, bounds aside. ParameterError for another type, NaN, infinity or a useless 0."""
     label = label or p.name
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        raise ParameterError("%s is a whole number beyond 1e308: give a finite number" % label)
     if p.type == "double" and number or p.type == "int" and number and value == value // 1:
         if not math.isfinite(value):
             raise ParameterError("%s is %r: give a finite number" % (label, value))
@@ -51,7 +68,7 @@ def convert(p: Parameter, value: Any, label: str = "") -> Any:
         return float(value) if p.type == "double" else int(value)
     if p.type == "bool" and isinstance(value, bool) or p.type == "list" and isinstance(value, list):
         return value
-    if p.type == "str" and isinstance(value, (str, list)):
+    if p.type == "str" and isinstance(value, (str, list) if p.name in TEXT_OR_LIST else str):
         text = value if isinstance(value, str) else str(value)
         if p.name == "footprint":
             _check_outline(text, label)
@@ -60,9 +77,14 @@ def convert(p: Parameter, value: Any, label: str = "") -> Any:
     raise ParameterError("%s is %r: give %s" % (label, value, kind.get(p.type, "a list")))
 
 
-def clamp(p: Parameter, value: Any) -> Any:
-    """`value` moved into p's bounds."""
-    return min(max(value, p.min), p.max) if p.type in ("double", "int") else value
+def clamp(p: Parameter, value: Any, label: str = "") -> Any:
+    """`value` moved into p's bounds. ParameterError where that makes it a useless 0."""
+    if p.type not in ("double", "int"):
+        return value
+    moved = min(max(value, p.min), p.max)
+    if p.not_zero and moved == 0:
+        raise ParameterError("%s is %r, which cannot work: give a number above 0" % (label or p.name, value))
+    return moved
 
 
 def _check_outline(text: str, label: str) -> None:
@@ -114,9 +136,22 @@ def remark(tree: Dict[str, Any]) -> List[str]:
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
         found = remarks(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
         lines += ["DWAPlannerROS/" + line for line in found]
+    lines += _remark_behaviours(tree)
     tree = arranged(tree)
     _remark_layers(tree, tables(tree), lines)
     return lines
+
+
+def _remark_behaviours(tree):
+    """What C++ would clear otherwise: one line each."""
+    usual = {p.name: p.default for p in BEHAVIOUR if p.name in ("affected_maps", "invert_area_to_clear")}
+    given = [(path, branch(tree, path) or {}) for path in dict.fromkeys([*USUAL, *_behaviours(tree)])]
+    return [
+        "%s/%s is without effect: a clearing clears both costmaps outside of its square" % (path, name)
+        for path, own in given
+        for name, value in usual.items()
+        if own.get(name, value) != value
+    ]
 
 
 def _remark_layers(tree, known, lines):
@@ -153,7 +188,7 @@ def _check(here, path, known, behaviours, problems):
             p = mine[key]
             try:
                 value = convert(p, value, label)
-                if clamp(p, value) != value and not p.clamps:
+                if clamp(p, value, label) != value and not p.clamps:
                     problems.append("%s is %r: give a value from %r to %r" % (label, value, p.min, p.max))
             except ParameterError as problem:
                 problems.append(str(problem))
@@ -184,14 +219,29 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
                 )
             value = convert(p, named[0] if named else p.default, label)
             here.update({name: value for name in (p.name,) + p.aliases})
+    _check_behaviours(full, _behaviours(tree))
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in _behaviours(tree):
         own = branch(tree, name) or {}
         usual = full.get(name, {})
-        full[name] = {p.name: own.get(p.name, usual.get(p.name, p.default)) for p in BEHAVIOUR}
+        full[name] = {
+            p.name: convert(p, own.get(p.name, usual.get(p.name, p.default)), "%s/%s" % (name, p.name))
+            for p in BEHAVIOUR
+        }
     _check_whole(full)
     return full
+
+
+USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
+
+
+def _check_behaviours(full, names):
+    """Refuse names of recovery behaviours that cannot be, or that stand for something else in the tree."""
+    for name in names:
+        if not NAME.fullmatch(name) or name in full and name not in USUAL:
+            why = "something else has this name" if name in full else "a name has letters, digits and _ only"
+            raise ParameterError("recovery_behaviors has the name %r: %s, give another" % (name, why))
 
 
 def _check_whole(full):
@@ -201,16 +251,23 @@ def _check_whole(full):
     for name, plugins in known.items():
         if full[name] not in plugins:
             raise ParameterError("%s is %s: give %s" % (name, full[name], " or ".join(plugins)))
-    if namespace(full["base_local_planner"]) == "DWAPlannerROS":
-        check_together(full["DWAPlannerROS"])
+    planner = namespace(full["base_local_planner"])
+    check_together(planner, full[planner])
+    for name in ["rotate_recovery", *_behaviours(full)]:
+        check_turn(name, full[name])
     types: Dict[str, str] = {}
     for name in COSTMAPS:
         costmap = full[name]
-        cells = costmap["width"] * costmap["height"] / costmap["resolution"] ** 2
-        if cells > MAX_CELLS:
+        columns, rows = (costmap[side] / costmap["resolution"] for side in ("width", "height"))
+        if not (columns >= 1 and rows >= 1):
+            raise ParameterError(
+                "%s/width, height are %d x %d m at a resolution of %g m, which has no cells: give at least one each way"
+                % (name, costmap["width"], costmap["height"], costmap["resolution"])
+            )
+        if columns * rows > MAX_CELLS:
             raise ParameterError(
                 "%s/width, height are %d x %d m at %g m, %.3g cells: give at most %g"
-                % (name, costmap["width"], costmap["height"], costmap["resolution"], cells, MAX_CELLS)
+                % (name, costmap["width"], costmap["height"], costmap["resolution"], columns * rows, MAX_CELLS)
             )
         for layer in layers(name, costmap):
             if layer.kind == OBSTACLE_LAYER:
@@ -221,7 +278,8 @@ def _check_whole(full):
             % tuple(full[name]["robot_base_frame"] for name in COSTMAPS)
         )
     for behaviour in full["recovery_behaviors"]:
-        if not isinstance(behaviour, dict) or behaviour.get("type") not in RECOVERY_TYPES:
+        named = isinstance(behaviour, dict) and isinstance(behaviour.get("name"), str)
+        if not named or behaviour.get("type") not in RECOVERY_TYPES:
             raise ParameterError(
                 "recovery_behaviors has %r: give a name and a type of %s" % (behaviour, " or ".join(RECOVERY_TYPES))
             )

@@ -9,7 +9,7 @@ from typing import Any, Dict
 
 from applr_ros1.planner.parameters.check import clamp, convert
 from applr_ros1.planner.parameters.declarations import ParameterError, servers
-from applr_ros1.planner.parameters.dwa_planner_parameters import check_together
+from applr_ros1.planner.parameters.together import check_together
 
 
 class Configuration:
@@ -69,8 +69,7 @@ class Configuration:
                     wanted.update({name: value for name in (p.name,) + p.aliases})
         new = dict(has)
         new.update(wanted)
-        if server == "DWAPlannerROS":
-            check_together(new)
+        check_together(server, new)
         if server == "":
             for name in ("base_global_planner", "base_local_planner"):
                 new[name] = self._start[server][name]  # nothing else can be loaded: it stays

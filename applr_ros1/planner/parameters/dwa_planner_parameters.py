@@ -5,17 +5,14 @@ Joined in declarations.py. Pure standard library: the .cfg files import this at 
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, ParameterError, flag, real, text, whole
+from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, whole
 
 # Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
 # Flags and texts have no bounds and no unit.
 # fmt: off
 SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
-MOST_SAMPLES = 1_000_000  # of one cycle; more are refused instead of filling the memory
-MOST_POINTS = 100_000  # of one trajectory; more are refused instead of taking minutes
 
 # Live, through dynamic_reconfigure
 DWA_PLANNER = (
@@ -89,26 +86,6 @@ DWA_PLANNER = (
         "within sim_time."),
     replace(RESTORE, jackal=None),
 )
-
-
-def check_together(values):
-    """Refuse what only shows in several values of the server: ParameterError, one line."""
-    counts = tuple(values[name] for name in SAMPLES)
-    most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
-    if most > MOST_SAMPLES:
-        raise ParameterError(
-            "vx_samples, vy_samples, vth_samples are %d, %d, %d, up to %d samples: give at most %d together"
-            % (*counts, most, MOST_SAMPLES)
-        )
-    for fastest, spacing in (("max_vel_trans", "sim_granularity"), ("max_vel_theta", "angular_sim_granularity")):
-        if values[fastest] * values["sim_time"] > MOST_POINTS * values[spacing]:
-            raise ParameterError(
-                "%s is %g: with %s %g and sim_time %g s a trajectory has more than %d points, give a larger one"
-                % (spacing, values[spacing], fastest, values[fastest], values["sim_time"], MOST_POINTS)
-            )
-    sideways = values["min_vel_y"], values["max_vel_y"]
-    if sideways != (0.0, 0.0):
-        raise ParameterError("min_vel_y, max_vel_y are %g, %g: give 0: no sideways velocity is commanded" % sideways)
 
 
 def remarks(values, latches):

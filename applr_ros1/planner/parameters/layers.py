@@ -5,17 +5,21 @@ Used by the check and completion of parameter trees and by declarations.servers.
 
 from __future__ import annotations
 
+import re
 from typing import Any, Dict, List, NamedTuple, Tuple
 
 from applr_ros1.planner.parameters.costmap_parameters import (
+    COSTMAP,
     INFLATION,
     OBSTACLES,
+    STATIC_COSTMAP,
     STATIC_MAP,
     STATIC_OBSTACLES,
     STATIC_STATIC_MAP,
 )
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
 
+NAME = re.compile(r"\w+", re.ASCII)  # of a layer, a source or a recovery behaviour
 COSTMAPS = ("global_costmap", "local_costmap")
 
 
@@ -75,14 +79,23 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         good = isinstance(entry, dict) and isinstance(entry.get("name"), str) and entry["name"]
-        if not good or entry.get("type") not in TYPES:
+        if not good or entry.get("type") not in tuple(TYPES):
             raise ParameterError(
                 "%s/plugins has %r: give a name and a type of %s" % (name, entry, ", ".join(sorted(TYPES)))
             )
         if any(layer.name == entry["name"] for layer in found):
             raise ParameterError("%s/plugins has two layers named %s: give each its own" % (name, entry["name"]))
+        _check_name("%s/plugins" % name, entry["name"], COSTMAP + STATIC_COSTMAP)
         found.append(Layer("%s/%s" % (name, entry["name"]), entry["name"], entry["type"]))
     return found
+
+
+def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:
+    """Refuse the name of a branch that cannot be, or that is a parameter beside it."""
+    if not NAME.fullmatch(name) or name in INHERITED or any(name in (p.name,) + p.aliases for p in parameters):
+        raise ParameterError(
+            "%s has the name %r: give one of letters, digits and _ that is no parameter's" % (label, name)
+        )
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:
@@ -112,6 +125,8 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
             own = costmap[layer.name] = dict(own)
             own.update({key: costmap[key] for key in TYPES[layer.kind].inherited if key in costmap})
             if layer.kind == OBSTACLE_LAYER:
+                for source in sources(own):
+                    _check_name("%s/observation_sources" % layer.path, source, OBSTACLES + STATIC_OBSTACLES)
                 _arrange_sources(own, (own, costmap, tree))
     return made
 

@@ -32,7 +32,7 @@ MOVE_BASE = (
         "How often the global plan is renewed while the robot drives. With 0 a plan is made for each new goal and "
         "after each failure to find a velocity."),
     real("controller_frequency", 20.0, 0.0, 100.0, 20.0, "Hz",
-        "How often a velocity command is chosen and published. 0 is refused.", not_zero=True),
+        "How often a velocity command is chosen and published. 0 or less is refused.", not_zero=True),
     real("planner_patience", 5.0, 0.0, 100.0, 5.0, "s",
         "Time without a global plan after which a recovery behaviour starts."),
     real("controller_patience", 5.0, 0.0, 100.0, 15.0, "s",
@@ -71,28 +71,39 @@ STATIC_MOVE_BASE = (
         "Half of the side of the square that make_plan_clear_costmap clears."),
 )
 
+# Of the behaviours that clear the costmaps, beside reset_distance, and of those that turn
+CLEARING = (
+    listing("layer_names", ["obstacles"], None,
+        "Without effect; exists for parameter files of the C++ node. All obstacle layers are cleared, whatever their "
+        "names."),
+    text("affected_maps", "both", None,
+        "Without effect; exists for parameter files of the C++ node. Both costmaps are cleared."),
+    flag("force_updating", False, None, "Without effect; exists for parameter files of the C++ node."),
+    flag("invert_area_to_clear", False, None,
+        "Without effect; exists for parameter files of the C++ node. The outside of the square is cleared."),
+)
+ROTATE_RECOVERY = (
+    real("sim_granularity", 0.017, 0.0, INF, None, "rad",
+        "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
+    real("frequency", 20.0, 0.0, INF, None, "Hz",
+        "Without effect; exists for parameter files of the C++ node. A turn is commanded at controller_frequency."),
+)
+
 # Of each behaviour that a recovery_behaviors list names
 BEHAVIOUR = (
     real("reset_distance", 3.0, 0.0, INF, None, "m",
         "Side of the square around the robot outside of which this behaviour clears the costmaps."),
-    real("sim_granularity", 0.017, 0.0, INF, None, "rad",
-        "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
-)
+) + CLEARING + ROTATE_RECOVERY
 
 CONSERVATIVE_RESET = (
     real("reset_distance", 3.0, 0.0, INF, 3.0, "m",
         "Side of the square that the conservative reset leaves; set from conservative_reset_dist."),
-)
+) + CLEARING
 
 AGGRESSIVE_RESET = (
     real("reset_distance", 1.84, 0.0, INF, 1.84, "m",
         "Side of the square that the aggressive reset leaves; four times local_costmap/circumscribed_radius."),
-)
-
-ROTATE_RECOVERY = (
-    real("sim_granularity", 0.017, 0.0, INF, None, "rad",
-        "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
-)
+) + CLEARING
 
 STATIC_NAVFN = (
     flag("allow_unknown", True, None, "Whether plans may lead through unknown cells."),

@@ -12,13 +12,14 @@ import textwrap
 from typing import List
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.planner.parameters.declarations import SERVERS, STATIC, Parameter
+from applr_ros1.planner.parameters.declarations import BEHAVIOUR, SERVERS, STATIC, Parameter
 from applr_ros1.planner.parameters.layers import TYPES
 
 BEGIN, END = "<!-- begin: written by python -m applr_ros1.planner.parameters.table -->", "<!-- end -->"
 WIDTH = 119
 OBSTACLES, INFLATION = "local_costmap/obstacles_layer", "local_costmap/inflater_layer"
 MAP = "costmap_2d::StaticLayer"
+NAMED = "recovery_behaviors"
 PLACES = {
     "": "`/move_base`",
     "TrajectoryPlannerROS": "`/move_base/TrajectoryPlannerROS`",
@@ -29,6 +30,10 @@ PLACES = {
     OBSTACLES: "Each obstacle layer (`obstacles_layer` on the Jackal, `obstacle_layer` in files without `plugins`)",
     OBSTACLES + "/scan": "Each source of an obstacle layer (`scan` on the Jackal)",
     INFLATION: "Each inflation layer (`inflater_layer` on the Jackal, `inflation_layer` in files without `plugins`)",
+    "conservative_reset": "`/move_base/conservative_reset`",
+    "aggressive_reset": "`/move_base/aggressive_reset`",
+    "rotate_recovery": "`/move_base/rotate_recovery`",
+    NAMED: "Each behaviour that `recovery_behaviors` names",
     "applr": "`/move_base/applr`, which C++ does not have",
 }
 
@@ -38,7 +43,7 @@ def tables() -> str:
     parts = [BEGIN, ""]
     for title, declared in (
         ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
-        ("Read once, when the node starts", dict(STATIC, **{MAP: TYPES[MAP].static})),
+        ("Read once, when the node starts", dict(STATIC, **{MAP: TYPES[MAP].static, NAMED: BEHAVIOUR})),
     ):
         parts += ["## " + title, ""]
         for path in PLACES:
@@ -73,7 +78,8 @@ def _value(value) -> str:
     if isinstance(value, (int, float)):
         return "%g" % value
     if isinstance(value, list):
-        return ", ".join(str(entry.get("name", entry)) for entry in value) or "empty"
+        names = [str(entry["name"] if isinstance(entry, dict) else entry) for entry in value]
+        return ", ".join(names) or "empty"
     return "`%s`" % value if value else "empty"
 
 
