@@ -20,6 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from applr_ros1.common.angles import quaternion_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.description import Laser, OdometryErrors
+from worlds import WorldError
 from worlds.occupancy import occupancy
 
 from .mechanics import GRAVITY
@@ -112,7 +113,10 @@ class BridgeTopics:
         self.obstacles.publish(markers)
         self.world.publish(simulator.world.name)
         if self.map is not None:
-            self.map.publish(_map(self.robot.frames.map, simulator.world, stamp))
+            try:
+                self.map.publish(_map(self.robot.frames.map, simulator.world, stamp))
+            except WorldError as problem:
+                rospy.logerr("sim_bridge: no map of this world: %s", problem)
         self._last = None
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
