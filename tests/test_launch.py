@@ -19,7 +19,7 @@ from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters import declarations as parameters
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, RobotError, load
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
@@ -238,9 +238,11 @@ def test_rviz_shows_what_the_robot_and_its_local_planner_publish(name):
     assert not any(topic.startswith("/") for topic in keys)  # they follow the namespace
 
 
-def test_the_panel_shows_every_parameter_between_its_bounds():
-    values = SPACE.as_dict(SPACE.theta0)
-    drawn, empty = parameter_panel.picture(values, ("time",)), parameter_panel.picture({}, ("time",))
+@pytest.mark.parametrize("name", NAMES)
+def test_the_panel_shows_every_parameter_between_its_bounds(name):
+    space = space_of(load(name))
+    values, lines = space.as_dict((space.low + space.high) / 2), ("time", "commands")
+    drawn, empty = (parameter_panel.picture(shown, lines, space) for shown in (values, {}))
     bars = (drawn == (0x4A, 0x90, 0xD9)).all(axis=2)
     rows = np.flatnonzero(bars.any(axis=1))
     assert len(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) == len(values)

@@ -35,7 +35,7 @@ def test_quotes_and_spaces_in_paths_reach_the_nodes_as_they_are(tmp_path):
     done = inside("python", "-c", LOAD, os.path.join(ROOT, "applr_ros1", "launch", "jackal_applr.launch"), *words)
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout.splitlines()[-1])
-    assert found["parameters"]["/applr_launch"].strip() == "checked"
+    assert found["parameters"]["/applr/mode"] == "applr"
     for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal"):
         assert found["parameters"]["/%s/robot" % node] == str(folder / "robot")
     assert found["parameters"]["/sim_bridge/world"] == str(world)
@@ -52,7 +52,10 @@ def test_files_given_from_the_current_folder_reach_the_nodes_that_run_in_another
     shutil.copy(os.path.join(models, "applr_start.safetensors"), tmp_path / "mine.safetensors")
     shutil.copy(os.path.join(models, "static.json"), tmp_path / "set.json")
     sdf_writer.write(worlds.load("generated:1"), str(tmp_path / "w.world"))
-    (tmp_path / "own.py").write_text("class Own:\n    def theta(self, context):\n        return context.theta\n")
+    (tmp_path / "own.py").write_text(
+        "print('loaded')\n\n\nclass Own:\n    def theta(self, context):\n        return context.theta\n"
+    )
+    shutil.copytree(os.path.join(ROOT, "applr_ros1", "robots", "jackal"), tmp_path / "mine")
     launch = os.path.join(ROOT, "applr_ros1", "launch", "jackal_applr.launch")
 
     def found(*words):
@@ -60,10 +63,14 @@ def test_files_given_from_the_current_folder_reach_the_nodes_that_run_in_another
         assert done.returncode == 0, done.stderr[-2000:]
         return json.loads(done.stdout.splitlines()[-1])["parameters"]
 
-    given = found("policy:=mine.safetensors", "parameters:=set.json", "world:=w.world", "mode:=own.py:Own")
+    given = found("policy:=mine.safetensors", "mode:=applr")
     assert given["/applr/policy"] == str(tmp_path / "mine.safetensors")
+    given = found("parameters:=set.json", "mode:=fixed")
     assert given["/applr/parameters"] == str(tmp_path / "set.json")
-    assert given["/applr/mode"] == str(tmp_path / "own.py") + ":Own"
+    given = found("robot:=mine", "world:=w.world", "mode:=period:1:own.py:Own", "rviz:=true")
+    assert given["/applr/mode"] == "period:1:" + str(tmp_path / "own.py") + ":Own"
+    for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal", "parameter_panel"):
+        assert given["/%s/robot" % node] == str(tmp_path / "mine")
     assert given["/sim_bridge/world"] == given["/send_goal/world"] == str(tmp_path / "w.world")
     names = found("mode:=appld", "policy:=published")
     assert (names["/applr/policy"], names["/applr/parameters"]) == ("published", "")

@@ -172,6 +172,43 @@ def test_node_drives_and_records(tmp_path):
 
 
 @pytest.mark.ros
+def test_a_terminal_that_is_closed_ends_the_drive_and_the_bag(tmp_path):
+    """The robot is told to stand, and the bag gets its final name."""
+    pytest.importorskip("rospy")
+    import fcntl
+    import pty
+    import subprocess
+    import sys
+    import termios
+
+    import rospy
+    from geometry_msgs.msg import Twist
+    from ros_harness import ROOT, session, wait_for
+
+    ros, bag, commands = session(), tmp_path / "drive.bag", []
+    heard = rospy.Subscriber("/cmd_vel", Twist, lambda message: commands.append(message.linear.x))
+    master, slave = pty.openpty()
+    node = subprocess.Popen(
+        [sys.executable, "-m", "applr_ros1.scripts.teleop", "_input:=keyboard", "_record:=%s" % bag],
+        env=ros.env,
+        cwd=ROOT,
+        stdin=slave,
+        stdout=slave,
+        stderr=slave,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    )
+    os.close(slave)
+    wait_for(lambda: bag.with_suffix(".bag.active").exists() and heard.get_num_connections(), 10.0, "teleop")
+    wait_for(lambda: os.write(master, b"i") and commands and commands[-1] > 0.0, 5.0, "the robot drives")
+    os.close(master)
+    assert node.wait(10.0) == 0
+    wait_for(lambda: commands[-1] == 0.0, 2.0, "the robot stands")
+    assert bag.exists()
+    assert not bag.with_suffix(".bag.active").exists()
+
+
+@pytest.mark.ros
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -18,6 +18,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import CHOICES
 from applr_ros1.robots import load
 
+from . import mode_files
+
 MAX_GOAL = 1e5  # m; farther than any costmap
 MOVE_BASES = ("python", "cpp")
 SEPARATOR = "\u241f"  # between arguments in the launch file's one word
@@ -29,6 +31,12 @@ PARAMETER_FILES = (
     "odom_nav_params/global_costmap_params.yaml",
     "odom_nav_params/local_costmap_params.yaml",
 )
+USED_BY = {"policy": ("applr", "appld"), "parameters": ("fixed",)}  # the modes that read the file
+REPLACED = {  # the names in a robot's topics, and those of them that the launch file can replace by another
+    "scan_topic": ("scan", ("front/scan", "scan")),
+    "odom_topic": ("odometry", ("odometry/filtered", "odom")),
+    "cmd_vel_topic": ("cmd_vel", ("cmd_vel",)),
+}
 
 
 class ArgumentError(ApplrError):
@@ -97,12 +105,16 @@ def check(values):
     factor = number("real_time_factor", values["real_time_factor"])
     if factor < 0:
         raise ArgumentError("real_time_factor is %g: give 0 (as fast as it goes) or more" % factor)
-    seed = number("seed", values["seed"])
-    if seed != int(seed) or not 0 <= seed < 2**31:
-        raise ArgumentError("seed is %s: give a whole number from 0 to 2147483647" % values["seed"])
-    methods.make_mode(usable_mode(values, robot), path(values["policy"]), path(values["parameters"]), robot)
+    whole("seed", values["seed"], 0, 2**31 - 1)
+    mode = mode_files.absolute(usable_mode(values, robot))
+    methods.make_mode(mode, path(values["policy"]), path(values["parameters"]), robot)
+    for name, modes in USED_BY.items():
+        if path(values[name]) and mode not in modes:
+            told = name, values[name], values["mode"], " or mode:=".join(modes), name
+            raise ArgumentError("%s is %s: mode %s does not use it; give mode:=%s, or leave %s:= away" % told)
     goal(values["goal"])
     _interface(values, robot)
+    _topics(values, robot)
     if sim:
         worlds.load(values["world"])
     recording(values["record"])
@@ -128,7 +140,10 @@ def _interface(values, robot):
                 "params is %s: it has no file %s; copy the package's folder and edit it" % (folder, file)
             )
     if values["max_speed"] != "none":
-        bounds = [(p.low, p.high) for p in robot.space if p.name == "max_vel_x"] or [(0.0, robot.base.max_speed)]
+        bounds = [(p.low, p.high) for p in robot.space if p.name == "max_vel_x"]
+        if not bounds:
+            told = values["max_speed"], robot.name
+            raise ArgumentError("max_speed is %s: robot %s has no parameter max_vel_x to cap; give none" % told)
         if not bounds[0][0] <= number("max_speed", values["max_speed"]) <= bounds[0][1]:
             raise ArgumentError("max_speed is %s: give %g to %g m/s, or none" % (values["max_speed"], *bounds[0]))
     if values["use_sim_time"] != "auto":
@@ -141,6 +156,19 @@ def _interface(values, robot):
     for name in ("tf_prefix", "scan_topic", "odom_topic", "cmd_vel_topic", "odom_frame", "base_frame"):
         if not ROS_NAME.match(values[name]):
             raise ArgumentError("%s is %s: give a name such as front/scan" % (name, values[name] or "empty"))
+
+
+def _topics(values, robot):
+    """The arguments that replace names of topics: they reach a robot only whose description has the usual names."""
+    for name, (field, usual) in REPLACED.items():
+        own = getattr(robot.topics, field)
+        if own.lstrip("/") not in usual and values[name].lstrip("/") not in ("auto", own.lstrip("/")):
+            told = name, values[name], robot.name, own, field
+            raise ArgumentError("%s is %s: robot %s has %s; change topics.%s in its robot.yaml instead" % told)
+    own, ours = robot.topics.cmd_vel, values["move_base"] == "python" and not boolean("monitor", values["monitor"])
+    if ours and own.lstrip("/") != "cmd_vel" and values["cmd_vel_topic"] == "auto":
+        told = robot.name, own, own
+        raise ArgumentError("monitor is false: move_base commands cmd_vel, robot %s %s; add cmd_vel_topic:=%s" % told)
 
 
 def boolean(name, text):
@@ -167,8 +195,15 @@ def number(name, text):
     return value
 
 
+def whole(name, text, low, high):
+    """A whole number from `low` to `high`, in decimal digits: roslaunch takes no other spelling."""
+    if not re.fullmatch("[0-9]{1,10}", text) or not low <= int(text) <= high:
+        raise ArgumentError("%s is %s: give a whole number from %d to %d" % (name, text or "empty", low, high))
+    return int(text)
+
+
 def goal(text):
-    """None for auto and none, else (x, y, yaw) [m, m, rad] in frame odom."""
+    """None for auto and none, else (x, y, yaw) [m, m, rad] in the frame of the odometry."""
     return None if text == "none" else pose("goal", text, "auto, none")
 
 
@@ -193,7 +228,7 @@ def path(text):
 
 
 def recording(text):
-    """ArgumentError if the argument `record` names a file that cannot be written; none records nothing."""
+    """ArgumentError if the argument `record` names a file that is there or cannot be written; none records nothing."""
     if not path(text):
         return
     folder = os.path.dirname(os.path.abspath(text))
@@ -201,19 +236,35 @@ def recording(text):
         raise ArgumentError("record is %s: give the path of a file that ends in .bag" % text)
     if os.path.lexists(text) and not os.path.isfile(text):
         raise ArgumentError("record is %s: a folder, pipe or device; give the path of a regular file" % text)
+    if os.path.lexists(text):
+        raise ArgumentError("record is %s: it is there already; give another name" % text)
+    if os.path.lexists(text + ".active"):  # of a recording that goes on or was cut off
+        raise ArgumentError("record is %s: %s.active is there already; give another name" % (text, text))
     if not os.path.isdir(folder) or not os.access(folder, os.W_OK):
         raise ArgumentError("record is %s: its folder %s is not there or not writable" % (text, folder))
 
 
 def main():
     """The command check_arguments.py: prints "checked", or one line about the argument that is wrong."""
-    return run_main(_check_command_line, "applr")
+    return run_main(_check_for_roslaunch if sys.argv[1:2] == ["--hex"] else _check_command_line, "applr")
 
 
 def _check_command_line():
-    known, words = declared(), sys.argv[1:]
-    if words[:1] == ["--hex"]:  # the launch file's way: all arguments, whatever quotes they hold
-        words = [word.lstrip() for word in bytes.fromhex(words[1]).decode("utf-8").split(SEPARATOR)]
-    given = parse([word for word in words if not word.startswith("_")], known)
-    check(dict({name: default for name, (default, _) in known.items()}, **given))
+    _checked([word for word in sys.argv[1:] if not word.startswith("_")])
     print("checked")
+
+
+def _check_for_roslaunch():
+    """All arguments, whatever quotes they hold, as one hexadecimal word; prints the mode with absolute paths."""
+    words = [word.lstrip() for word in bytes.fromhex(sys.argv[2]).decode("utf-8").split(SEPARATOR)]
+    with os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape") as answer:
+        os.dup2(2, 1)  # what a method of one's own prints is no part of the answer
+        answer.write(mode_files.absolute(_checked(words)["mode"]))
+
+
+def _checked(words):
+    """{name: text} of all arguments, after `check`."""
+    known = declared()
+    values = dict({name: default for name, (default, _) in known.items()}, **parse(words, known))
+    check(values)
+    return values

@@ -23,7 +23,7 @@ from applr_ros1.robots import NAMES, load
 from applr_ros1.robots.outline import extent
 from worlds import drive_animation, drive_picture
 
-from . import arguments, processes
+from . import arguments, mode_files, processes
 
 PICTURE, ANIMATION = "applr_demo.png", "applr_demo.gif"
 DRIVE_LIMIT = 300.0  # simulated seconds: default DWA sometimes takes long to free itself
@@ -31,6 +31,10 @@ UP_WITHIN = 900.0  # wall seconds for one part to come up: the first time it com
 STALLED_AFTER = 20.0  # wall seconds without a new pose
 COLOUR = re.compile("\x1b\\[[0-9;]*m")
 NOISE = re.compile(r"The traceback for|\[[\w/]+-\d+\] |\.\.\.|Param xml|Arg xml|shutting down|done|=====|log file: ")
+RESPAWNED = ("applr", "collision_monitor")  # nodes; with the others the launch file ends
+TELLING = (*RESPAWNED, "sim_bridge", "move_base")  # begin the line with which they end
+FAILED = re.compile(r"\[(%s)-\d+\] process has died" % "|".join(RESPAWNED))
+LOOK_EVERY = 1.0  # wall seconds between looks into the log for nodes that have failed
 TOPICS = ("scan_topic", "odom_topic", "cmd_vel_topic")
 EXTRA = {
     "port": ("", "Port of the ROS master; empty takes a free one."),
@@ -121,6 +125,10 @@ def _prepare(words):
             "the demo needs sim:=true, move_base:=python and a goal: for a real robot use "
             "roslaunch applr_ros1 jackal_applr.launch"
         )
+    if not arguments.boolean("clock", values["clock"]):
+        raise arguments.ArgumentError(
+            "clock is %s: on the demo's own master nobody else makes the clock; leave clock:= away" % values["clock"]
+        )
     if not 1.0 <= arguments.number("limit", values["limit"]) <= 3600.0:
         raise arguments.ArgumentError("limit is %s: give 1 to 3600 simulated seconds" % values["limit"])
     _check_file("picture", values["picture"], ".png")
@@ -166,10 +174,8 @@ def _choose_port(values):
     if not values["port"]:
         values["port"] = str(processes.free_port())
         return
-    port = arguments.number("port", values["port"])
-    if port != int(port) or not 1024 <= port <= 65535:
-        raise arguments.ArgumentError("port is %s: give 1024 to 65535" % values["port"])
-    if not processes.port_is_free(int(port)):
+    port = arguments.whole("port", values["port"], 1024, 65535)
+    if not processes.port_is_free(port):
         raise arguments.ArgumentError(
             "port %d is taken by another program: leave port:= away and a free one is chosen" % port
         )
@@ -180,7 +186,8 @@ class Stack:
 
     def __init__(self, values, log):
         self.log = log
-        launch = ["%s:=%s" % (name, values[name]) for name in arguments.declared() if name not in ("goal", *TOPICS)]
+        passed = dict(values, mode=mode_files.absolute(values["mode"]))
+        launch = ["%s:=%s" % (name, passed[name]) for name in arguments.declared() if name not in ("goal", *TOPICS)]
         launch += ["%s:=%s" % (name, values["given"][name]) for name in TOPICS if name in values["given"]]
         environment = dict(
             os.environ,
@@ -214,12 +221,21 @@ class Stack:
         if self.process.poll() is not None:
             raise DemoError("the stack ended by itself: %s" % self.last_words())
 
+    def check_nodes(self):
+        """DemoError if a node of RESPAWNED has failed; the launch file starts it again and again."""
+        for line in self._lines():
+            if FAILED.match(line):
+                raise DemoError("a node ended by itself: %s" % self.last_words())
+
+    def _lines(self):
+        """The lines of the log that are not empty, without colours."""
+        with open(self.log.name, encoding="utf-8", errors="replace") as file:
+            return [COLOUR.sub("", line).strip() for line in file if line.strip()]
+
     def last_words(self):
         """The first line of the log that reports an error, else its last line."""
-        with open(self.log.name, encoding="utf-8", errors="replace") as file:
-            lines = [COLOUR.sub("", line).strip() for line in file if line.strip()]
-        lines = [line for line in lines if not NOISE.match(line)]
-        telling = [line for line in lines if line.startswith(("applr: ", "sim_bridge: ", "move_base: "))] or [
+        lines = [line for line in self._lines() if not NOISE.match(line)]
+        telling = [line for line in lines if line.startswith(tuple(node + ": " for node in TELLING))] or [
             line for line in lines if "rror" in line or "xception" in line or "FATAL" in line
         ]
         return (telling[:1] or lines[-1:] or ["it said nothing"])[0][:300]
@@ -265,7 +281,7 @@ def _run(stack, values, world):
 
 
 class Waiting:
-    """Waits in wall time and notices when the stack ends meanwhile."""
+    """Waits in wall time and notices when the stack or one of its nodes ends meanwhile."""
 
     def __init__(self, stack):
         self.stack = stack
@@ -274,11 +290,16 @@ class Waiting:
         """Wait until condition() is true.
 
         Raises:
-            DemoError: The stack ended, or `seconds` of wall time passed; the error begins with the text `otherwise`.
+            DemoError: The stack or a node ended, or `seconds` of wall time passed, where the error begins with the text
+                `otherwise`.
         """
         deadline = time.monotonic() + seconds
+        look = 0.0
         while not condition():
             self.stack.check()
+            if time.monotonic() >= look:
+                self.stack.check_nodes()
+                look = time.monotonic() + LOOK_EVERY
             if time.monotonic() > deadline:
                 raise DemoError("%s within %g s: %s" % (otherwise, seconds, self.stack.last_words()))
             time.sleep(0.02)

@@ -29,7 +29,7 @@ WORDS = {
 
 
 def course_goal(course):
-    """The course's goal (x, y, yaw) in frame odom: its origin is the start position, its axes are the world's."""
+    """The course's goal (x, y, yaw) in the odometry's frame: its origin is the start position, its axes the world's."""
     (start_x, start_y, _), (x, y, yaw) = course.start, course.sent_goal
     return x - start_x, y - start_y, yaw
 
@@ -44,6 +44,12 @@ def message(pose, frame="odom", stamp=None):
     return goal
 
 
+def frame(robot):
+    """The frame in which goals are given: ~frame, else the robot's odometry frame behind ~tf_prefix."""
+    prefix = str(rospy.get_param("~tf_prefix", "")).strip("/")
+    return str(rospy.get_param("~frame", "")) or (prefix + "/" if prefix else "") + robot.frames.odom
+
+
 def main():
     """Send ~goal (auto: the course of ~world), wait and say how it ended. Exit status 0, or 1 for a wrong argument."""
     return run_main(_send, "send_goal")
@@ -53,8 +59,9 @@ def _send():
     require_master()
     rospy.init_node("send_goal")
     pose = arguments.goal(rospy.get_param("~goal", "auto"))
+    robot = load(str(rospy.get_param("~robot", "jackal")))
+    given_in = frame(robot)
     if pose is None:
-        robot = load(str(rospy.get_param("~robot", "jackal")))
         course = worlds.scaled(worlds.load(rospy.get_param("~world", "generated:0")), robot.world_scale).course
         start = arguments.pose("start", rospy.get_param("~start", "auto"))
         pose = course_goal(dataclasses.replace(course, start=start or course.start))
@@ -66,8 +73,8 @@ def _send():
             time.sleep(0.1)  # simulated time has not begun
     if rospy.is_shutdown():
         return
-    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in odom", *pose)
-    client.send_goal(message(pose, str(rospy.get_param("~frame", "odom"))))
+    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, given_in)
+    client.send_goal(message(pose, given_in))
     client.wait_for_result()
     if not rospy.is_shutdown():
         rospy.loginfo("goal %s: %s", WORDS.get(client.get_state(), "not reached"), client.get_goal_status_text())

@@ -3,7 +3,8 @@
 Started by the launch files together with RViz, live and for a replayed bag. A text in RViz's view would cover the
 course. Nothing is drawn while nobody subscribes.
 
-Subscribes: applr/parameters, odometry/filtered, collision_monitor/action. Publishes: ~image, at most 5 Hz.
+Subscribes: applr/parameters, the robot's odometry, collision_monitor/action. Publishes: ~image, at most 5 Hz.
+Parameter: ~robot (jackal), the name or the folder of its description, for the bounds and the odometry's name.
 """
 
 from __future__ import annotations
@@ -20,33 +21,37 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Float64MultiArray, String
 
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.policy.parameter_space import SPACE, Space, space_of
+from applr_ros1.robots import JACKAL, Robot, load
 
-SIZE = (400, 280)  # pixels; RViz shows it in a pane of about this shape
+WIDTH, HEIGHT = 400, 280  # pixels; RViz shows it in a pane of about this shape; many parameters make it higher
+TOP, LINE, GAP, ROW = 6, 21, 8, 22  # pixels: above the lines, of a line, below the lines, of a parameter
 VALUES, BARS = 205, 220  # where the column of values ends and where the bars begin
 RATE = 5.0  # Hz of wall time
 PAPER, INK, FAINT, BAR, DEFAULT = "#303030", "#ffffff", "#808080", "#4a90d9", "#ffc800"
 
 
-def picture(parameters: Dict[str, float], lines: Tuple[str, ...]) -> np.ndarray:
+def picture(parameters: Dict[str, float], lines: Tuple[str, ...], space: Space = SPACE) -> np.ndarray:
     """The panel as (height, width, 3) uint8.
 
     Args:
         parameters: {name: value}; a bar shows the place of each value between the parameter's bounds, a mark on it
             the default.
         lines: What stands above the parameters.
+        space: Bounds and defaults of the robot's parameters.
     """
     from PIL import Image as Pictures
     from PIL import ImageDraw, ImageFont
 
-    image = Pictures.new("RGB", SIZE, PAPER)
+    height = max(HEIGHT, TOP + LINE * len(lines) + GAP + ROW * len(parameters) + TOP)
+    image = Pictures.new("RGB", (WIDTH, height), PAPER)
     pen, font = ImageDraw.Draw(image), ImageFont.load_default(15)
-    bounds = {name: row for name, *row in zip(SPACE.names, SPACE.low, SPACE.high, SPACE.theta0)}
-    right, top = SIZE[0] - 12, 6
+    bounds = {name: row for name, *row in zip(space.names, space.low, space.high, space.theta0)}
+    right, top = WIDTH - 12, TOP
     for line in lines:
         pen.text((12, top), line, fill=INK, font=font)
-        top += 21
-    top += 8
+        top += LINE
+    top += GAP
     for name, value in parameters.items():
         pen.text((12, top), name, fill=INK, font=font)
         pen.text((VALUES, top), "%.3g" % value, fill=INK, font=font, anchor="ra")
@@ -56,21 +61,22 @@ def picture(parameters: Dict[str, float], lines: Tuple[str, ...]) -> np.ndarray:
             pen.rectangle((BARS, top + 4, right, top + 14), outline=FAINT)
             pen.rectangle((BARS, top + 4, max(BARS, min(x, right)), top + 14), fill=BAR)
             pen.line((mark, top + 1, mark, top + 17), fill=DEFAULT, width=2)
-        top += 22
+        top += ROW
     pen.text((right, 6), "| default", fill=DEFAULT, font=font, anchor="ra")
     return np.asarray(image)
 
 
 class ParameterPanel:
-    """Keeps the newest message of each topic and draws what changed."""
+    """Keeps the newest message of each topic and draws what changed, for one robot."""
 
-    def __init__(self) -> None:
+    def __init__(self, robot: Robot = JACKAL) -> None:
+        self._space, self._odometry = space_of(robot), robot.topics.odometry
         self._seen: Dict[str, Any] = {}
         self._lock = threading.Lock()
         self._image = rospy.Publisher("~image", Image, queue_size=1)
         for topic, kind in (
             ("applr/parameters", Float64MultiArray),
-            ("odometry/filtered", Odometry),
+            (self._odometry, Odometry),
             ("collision_monitor/action", String),
         ):
             rospy.Subscriber(topic, kind, self._keep, topic, queue_size=1)
@@ -89,7 +95,7 @@ class ParameterPanel:
     def _message(self) -> Image:
         with self._lock:
             seen = dict(self._seen)
-        pixels = picture(_parameters(seen.get("applr/parameters")), _lines(seen))
+        pixels = picture(_parameters(seen.get("applr/parameters")), _lines(seen, self._odometry), self._space)
         height, width, _ = pixels.shape
         message = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=pixels.tobytes())
         message.header.stamp = rospy.get_rostime()
@@ -103,8 +109,8 @@ def _parameters(message: Any) -> Dict[str, float]:
     return dict(zip(message.layout.dim[0].label.split(","), message.data))
 
 
-def _lines(seen: Dict[str, Any]) -> Tuple[str, ...]:
-    odometry, action = seen.get("odometry/filtered"), seen.get("collision_monitor/action")
+def _lines(seen: Dict[str, Any], topic: str) -> Tuple[str, ...]:
+    odometry, action = seen.get(topic), seen.get("collision_monitor/action")
     speed = math.nan if odometry is None else odometry.twist.twist.linear.x
     return (
         "time %.1f s    %s" % (rospy.get_time(), "no odometry" if math.isnan(speed) else "speed %.2f m/s" % speed),
@@ -113,8 +119,8 @@ def _lines(seen: Dict[str, Any]) -> Tuple[str, ...]:
 
 
 def main() -> int:
-    """Runs until shutdown."""
+    """Runs until shutdown. Raises RobotError, one line, where ~robot is none."""
     require_master()
     rospy.init_node("parameter_panel")
-    ParameterPanel().spin()
+    ParameterPanel(load(str(rospy.get_param("~robot", JACKAL.name)))).spin()
     return 0

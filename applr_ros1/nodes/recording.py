@@ -14,7 +14,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
 from applr_ros1.robots import JACKAL, Robot, load
 
-from .arguments import boolean
+from .arguments import boolean, recording
 from .processes import become
 
 SHARED = ("/clock", "/tf", "/tf_static", "/diagnostics")  # of all robots on a master
@@ -68,6 +68,7 @@ def _record(words: List[str]) -> None:
     parser.add_argument("--costmaps", default="false", help="Whether to record costmaps and sampled trajectories.")
     parser.add_argument("--robot", default=JACKAL.name, help="Name or folder of the robot's description.")
     options = parser.parse_args(without_remappings(words))
+    recording(options.bag)  # rosbag would write over it
     chosen = topics(boolean("costmaps", options.costmaps), words, load(options.robot))
     become("rosbag", "record", ["--lz4", "-O", options.bag, *chosen, *(w for w in words if w.startswith("__"))])
 

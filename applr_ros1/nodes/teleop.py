@@ -4,10 +4,12 @@ Run by scripts/teleop.py in a terminal, beside the simulated or the real robot; 
 cmd_vel (20 Hz) and /demonstration (who drives, latched).
 """
 
+import contextlib
 import json
 import os
 import signal
 import sys
+import termios
 import threading
 import time
 
@@ -23,6 +25,7 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
 
 COMMAND_PERIOD = 0.05  # s of wall time between commands
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill, a terminal that is closed
 TOPICS = (
     "/front/scan",
     "/odometry/filtered",
@@ -67,8 +70,9 @@ class Recorder:
 
     def __init__(self, path, topics=TOPICS):
         self.path, self.error, self.count = path, "", 0
-        if os.path.exists(path):
-            raise TeleopError("record is %s: it is there already; give another name" % path)
+        for there, what in ((path, "it"), (path + ".active", path + ".active")):
+            if os.path.lexists(there):
+                raise TeleopError("record is %s: %s is there already; give another name" % (path, what))
         try:
             self._bag = rosbag.Bag(path + ".active", "w")
         except OSError as error:
@@ -153,7 +157,8 @@ class InputDevice:
 
     def __exit__(self, *exc):
         if self.keyboard:
-            self.keyboard.__exit__(*exc)
+            with contextlib.suppress(termios.error):  # the terminal is gone
+                self.keyboard.__exit__(*exc)
         if self.joystick:
             self.joystick.close()
 
@@ -213,7 +218,9 @@ def main():
         return 0
     require_master()
     rospy.init_node("teleop", disable_signals=True)  # rospy's own would shut the topics before the robot stands
-    signal.signal(signal.SIGTERM, _interrupt)
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup's SIGHUP
+            signal.signal(number, _interrupt)
     recorder = None
     try:
         smoother = VelocitySmoother(_number("speed", 0.5, 0.05, 2.0), _number("turn", 1.0, 0.1, 4.0))
@@ -237,14 +244,17 @@ def main():
     finally:
         if recorder:
             recorder.close()
-            print(
-                "teleop: %s has %d messages; learn from it: rosrun applr_ros1 appld.py %s --out FILE.safetensors"
-                % (recorder.path, recorder.count, recorder.path),
-                flush=True,
-            )
+            with contextlib.suppress(OSError):  # the terminal is gone
+                print(
+                    "teleop: %s has %d messages; learn from it: rosrun applr_ros1 appld.py %s --out FILE.safetensors"
+                    % (recorder.path, recorder.count, recorder.path),
+                    flush=True,
+                )
         rospy.signal_shutdown("teleop has ended")
     return 0
 
 
 def _interrupt(*_):
+    for number in ENDING:  # a terminal that is closed sends SIGHUP more than once
+        signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
