@@ -1,10 +1,12 @@
 """training.dataset: a training run becomes a dataset for offline training."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from training import dataset
 from training.experience.dataset import Dataset
@@ -40,3 +42,30 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
         np.testing.assert_array_equal(mine.action, theirs.action)
     assert dataset.main([str(tmp_path), str(tmp_path / "none")]) == 1
     assert capsys.readouterr().err.strip() == "dataset: %s: no training run (no journal in it)" % tmp_path
+    segment = tmp_path / "run" / "journal" / "000000.segment"
+    segment.write_bytes(b"x" + segment.read_bytes()[1:])
+    assert dataset.main([str(tmp_path / "run"), str(tmp_path / "none")]) == 1
+    assert "000000.segment: its beginning is damaged" in capsys.readouterr().err
+    assert segment.stat().st_size > 1000
+    assert not (tmp_path / "none" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("env", [None, "tests.toy_env:Line"])
+def test_a_run_as_a_dataset_of_its_own_layout_says_what_it_was_driven_with(env, tmp_path, capsys):
+    run, layout = tmp_path / "run", Layout(0, 1, 1) if env else Layout()
+    zeros = np.zeros((3, layout.size)), np.zeros((2, layout.action)), np.zeros(2)
+    (run / "journal").mkdir(parents=True)
+    config = {"period": 0.5, "weights": "per_metre", "robot": "jackal", **({"env": env} if env else {})}
+    (run / "config.json").write_text(json.dumps(config))
+    assert dataset.main([str(run), str(tmp_path / "data")]) == 1
+    assert capsys.readouterr().err == "dataset: %s: no episode is in its journal; train first\n" % run
+    journal = Journal(run / "journal")
+    journal.append(Trajectory.of(layout, *zeros, True, {"actor": "a", "episode": 0}).pack(), {})
+    journal.sync()
+    assert dataset.main([str(run), str(tmp_path / "data")]) == 0
+    found = Dataset(tmp_path / "data", layout).check()
+    known = {name: found.source.get(name) for name in ("period", "weights", "robot")}
+    assert known == ({"period": 0.5, "weights": None, "robot": None} if env else config)
+    if env:
+        assert dataset.main([str(run), str(tmp_path / "dear"), "--c-switch", "1"]) == 1
+        assert "--c-switch is for runs of the navigation task" in capsys.readouterr().err

@@ -211,11 +211,39 @@ def test_journal_says_when_a_checkpoint_needs_more_than_is_there(tmp_path):
     journal.append(b"x" * 50, {})
     place = journal.place
     journal.close()
-    os.truncate(tmp_path / "000000.segment", 30)
+    os.truncate(tmp_path / "000000.segment", 60)
     with pytest.raises(StorageError, match="missing or damaged"):
         list(Journal(tmp_path).read(until=place))
-    (tmp_path / "000000.segment").write_bytes(b"")  # a zero-byte file is an empty journal
-    assert list(Journal(tmp_path).read()) == []
+
+
+@pytest.mark.parametrize("left", [b"", b"APTR\x20"])
+def test_a_segment_that_was_only_begun_is_dropped_by_the_next_record_and_not_by_reading(tmp_path, left):
+    journal = Journal(tmp_path / "journal")
+    assert list(journal.read()) == []
+    assert not (tmp_path / "journal").exists()
+    journal.append(b"first", {})
+    journal.close()
+    begun = tmp_path / "journal" / "000001.segment"
+    begun.write_bytes(left)
+    again = Journal(tmp_path / "journal", segment_bytes=10)
+    assert list(again.read()) == [b"first"]
+    assert begun.read_bytes() == left
+    again.append(b"second", {})
+    assert list(Journal(tmp_path / "journal").read()) == [b"first", b"second"]
+
+
+@pytest.mark.parametrize("segment", [0, 1])
+def test_a_damaged_beginning_of_a_segment_is_said_and_deletes_nothing(tmp_path, segment):
+    journal = Journal(tmp_path, segment_bytes=10)
+    journal.append(b"first", {})
+    journal.append(b"second", {})
+    journal.close()
+    path = tmp_path / ("%06d.segment" % segment)
+    damaged = bytes([path.read_bytes()[0] ^ 1]) + path.read_bytes()[1:]
+    path.write_bytes(damaged)
+    with pytest.raises(StorageError, match="%s: its beginning is damaged or missing; put a copy" % path.name):
+        Journal(tmp_path)
+    assert path.read_bytes() == damaged
 
 
 def test_journal_on_a_full_disk_stays_whole(tmp_path, monkeypatch):

@@ -5,15 +5,14 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import List, Optional
+from typing import Any, Dict, List, Optional
 
-from applr_ros1.common.errors import run_main
+from applr_ros1.common.errors import UsageError, run_main
 from applr_ros1.common.files import read_json
-from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import JACKAL, load
 from training.command_line import Parser, number
-from training.experience.dataset import export_replay
-from training.experience.trajectory import Layout
+from training.experience.dataset import DatasetError, export_replay
+from training.gorila.preparation import OURS
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -31,11 +30,25 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 
 def _export(options: argparse.Namespace) -> None:
-    config = Path(options.run) / "config.json"
-    robot = read_json(config).get("robot", JACKAL.name) if config.exists() else JACKAL.name
-    layout = Layout(*sizes_of(load(robot)))
-    manifest = export_replay(options.run, options.folder, layout, options.c_switch)
+    path = Path(options.run) / "config.json"
+    config = read_json(path) if path.exists() else {}
+    if not isinstance(config, dict):
+        raise DatasetError("%s: not an options file" % path)
+    ours = config.get("env", OURS) == OURS
+    if options.c_switch and not ours:
+        raise UsageError(
+            "--c-switch is for runs of the navigation task, this one is of %s: leave it out" % config["env"]
+        )
+    manifest = export_replay(
+        options.run, options.folder, c_switch=options.c_switch, driven=_driven(config, ours) if config else None
+    )
     print("%d transitions in %s" % (manifest["transitions"], options.folder))
+
+
+def _driven(config: Dict[str, Any], ours: bool) -> Dict[str, Any]:
+    """What a run's options say about its driving: of an environment that is not ours no more than the period."""
+    found = {name: config[name] for name in ("period", *["weights"] * ours) if name in config}
+    return {**found, "robot": load(config.get("robot", JACKAL.name)).name} if ours else found
 
 
 if __name__ == "__main__":

@@ -4,8 +4,9 @@ bags_to_dataset makes it from bags, python -m training.dataset from a training r
 hold plain arrays: nothing is pickled.
 
 manifest.json: {"format", "layout": {scan, rest, action}, "scan_step", "source", "transitions", "skipped",
-"shards": [{file, sha256, episodes, transitions}]}. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its episodes
-one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length (episodes,) of T, terminated
+"shards": [{file, sha256, episodes, transitions}]}. source says where the experience comes from, and by period, weights
+and robot what it was driven with, where these are known. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its
+episodes one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length (episodes,) of T, terminated
 (episodes,), info: JSON of the episodes' infos as bytes.
 """
 
@@ -127,6 +128,12 @@ class Dataset:
         return int(self.manifest["transitions"])
 
     @property
+    def source(self) -> Dict[str, Any]:
+        """Where the experience comes from, and as far as known its period, weights and robot."""
+        source = self.manifest.get("source")
+        return source if isinstance(source, dict) else {}
+
+    @property
     def rows(self) -> int:
         """Number of observations: one more than transitions for each episode."""
         return sum(s["transitions"] + s["episodes"] for s in self.manifest["shards"])
@@ -210,18 +217,37 @@ def _infos(arrays: Dict[str, np.ndarray], shard: Dict[str, Any], path: Path) -> 
     return infos
 
 
-def export_replay(run, folder, layout: Layout = Layout(), c_switch: float = 0.0) -> Dict[str, Any]:
+def export_replay(
+    run, folder, layout: Optional[Layout] = None, c_switch: float = 0.0, driven: Optional[Dict[str, Any]] = None
+) -> Dict[str, Any]:
     """Write the journal of a training run as a dataset; returns the manifest.
 
-    Each episode holds its own changes of the parameters, so that their price can be set afterwards: `c_switch` is added
-    to the price that the run had (reward per unit of mean change, in units of the action).
+    Each episode holds its own changes of the parameters, so that their price can be set afterwards.
+
+    Args:
+        run: folder of the run.
+        folder: of the dataset.
+        layout: what observations and actions consist of; None: as in the first episode.
+        c_switch: added to the price of such changes that the run had (reward per unit of mean change, in units of the
+            action).
+        driven: for the manifest's source: the run's period, weights and robot.
+
+    Raises:
+        DatasetError, StorageError, TrajectoryError: with one line.
     """
     if not (Path(run) / "journal").is_dir():
         raise DatasetError("%s: no training run (no journal in it)" % run)
-    writer = Writer(folder, layout, {"run": Path(run).name, "c_switch": c_switch})
-    for blob in Journal(Path(run) / "journal").read():
+    journal = Journal(Path(run) / "journal")
+    if layout is None:
+        first = next(journal.read(), None)
+        if first is None:
+            raise DatasetError("%s: no episode is in its journal; train first" % run)
+        layout = Trajectory.unpack(first).layout
+    writer = Writer(folder, layout, {"run": Path(run).name, "c_switch": c_switch, **(driven or {})})
+    for blob in journal.read():
         trajectory = Trajectory.unpack(blob)
         if c_switch:
+            trajectory.check(layout)
             before = trajectory.rest[:-1, -layout.action :]
             trajectory.reward = trajectory.reward - np.float32(c_switch) * np.abs(trajectory.action - before).mean(1)
         writer.add(trajectory)

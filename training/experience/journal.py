@@ -24,28 +24,35 @@ LARGEST = 1 << 28
 
 
 class Journal:
-    """A folder of segments. A torn last record, in flight when the process died, is dropped."""
+    """A folder of segments. A torn last record, in flight when the process died, is left out.
+
+    Opening it changes nothing on the disk: the first append() makes the folder, or drops what is torn.
+
+    Raises:
+        StorageError: with one line, where a segment does not begin with a header, so that none of it can be read.
+    """
 
     def __init__(self, folder, segment_bytes: int = 1 << 26):
-        self.folder, self.segment_bytes = make_folder(folder), segment_bytes
+        self.folder, self.segment_bytes = Path(folder), segment_bytes
         self.segments: List[int] = sorted(int(p.stem) for p in self.folder.glob("*.segment") if p.stem.isdigit())
+        self._begun: List[int] = []  # segments too short for a record, in flight when the process died
         for path in map(self._path, self.segments):
             if not path.is_file():  # opening a pipe would wait for ever
                 raise StorageError("%s: a folder, pipe or device; a journal's segments are regular files" % path)
         self._file: Optional[int] = None  # of the last segment, while it is open
         self.offset = 0
-        while self.segments:
-            last = self.segments[-1]
-            good = self._good_length(last)
-            if good:
-                self.offset = good  # what is behind it goes when the next record is written
-                break
-            self._path(last).unlink()  # not even its first record was written
-            self.segments.pop()
+        while self.segments and self._path(self.segments[-1]).stat().st_size < _FRAME.size:
+            self._begun.append(self.segments.pop())
+        for segment in self.segments:
+            self._header(segment)
+        if self.segments:
+            self.offset = self._good_length(self.segments[-1])  # what is behind it goes with the next record
 
     # -- writing -----------------------------------------------------------------------------------
     def append(self, blob: bytes, header: Dict) -> None:
         """Add a record. `header` goes first into a new segment, should one be begun."""
+        while self._begun:
+            self._path(self._begun.pop()).unlink(missing_ok=True)
         if self._file is None and self.segments:
             os.ftruncate(self._open(self.segments[-1]), self.offset)
         if self._file is None or self.offset > self.segment_bytes:
@@ -94,10 +101,13 @@ class Journal:
                 header = json.loads(blob)
             except ValueError:
                 header = {}
-            if header.get("format") == FORMAT:
+            if isinstance(header, dict) and header.get("format") == FORMAT:
                 return header
             break
-        raise StorageError("%s: not a journal segment; the file is damaged" % self._path(segment))
+        raise StorageError(
+            "%s: its beginning is damaged or missing; put a copy of the file there, or move it away to go without "
+            "its episodes" % self._path(segment)
+        )
 
     def read(self, since=None, until=None) -> Iterator[bytes]:
         """Records from place `since` (all) up to place `until` (the end)."""
@@ -131,6 +141,7 @@ class Journal:
         self.sync()
         self.close()
         segment = self.segments[-1] + 1 if self.segments else 0
+        make_folder(self.folder)
         self._open(segment)
         self.segments.append(segment)
         self.offset = 0

@@ -95,6 +95,11 @@ class Trajectory:
             dict(info or {}),
         )
 
+    @property
+    def layout(self) -> Layout:
+        """The layout that its arrays have by their last dimensions; check() says whether the rest fits it."""
+        return Layout(*(array.shape[-1] if array.ndim else 0 for array in (self.scan, self.rest, self.action)))
+
     def check(self, layout: Layout) -> None:
         """Raises TrajectoryError unless shapes, types and values are what the replay stores."""
         self.check_arrays(layout)

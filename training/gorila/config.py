@@ -71,6 +71,8 @@ class TrainConfig(Options):
             raise ConfigError("--mix needs a --dataset")
         if (self.refine or self.partner) and self.env != Options.env:
             raise ConfigError("--refine and --partner are for the navigation task: leave them out, or --env")
+        if self.mirror and self.env != Options.env:
+            raise ConfigError("--mirror is for the observations of the navigation task: leave it out, or --env")
 
     # -- what the parts need
     def layers(self) -> List[int]:
@@ -109,8 +111,11 @@ class TrainConfig(Options):
         return "" if self.start in methods.METHODS or self.start.endswith(".json") else self.start
 
     def start_action(self) -> Tuple[float, ...]:
-        """The action of the set --start, () without one. Raises ConfigError, or ApplrError for a file of no use."""
-        if not self.start:
+        """The action of the set --start, () without one. Raises ConfigError, or ApplrError for a file of no use.
+
+        A run that has saved a checkpoint goes on from that and needs the set no more.
+        """
+        if not self.start or self.resume and (Path(self.out) / "checkpoint.json").exists():
             return ()
         known = "static, a JSON file with a parameter set, or the folder of a training run that has saved a checkpoint"
         if self.start_run:
@@ -151,9 +156,17 @@ class TrainConfig(Options):
         }
 
     def setting(self) -> str:
-        """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
-        monitor = ["collision monitor"] * self.monitor
-        return ", ".join([self.eval_worlds, *self.evaluation().values(), *monitor])
+        """What the periodic evaluation drives with, in words: results of another setting cannot be compared.
+
+        Of what counts in the score, only what is not the default is named.
+        """
+        further = {
+            "collision monitor": self.monitor,
+            "%d of the worlds" % self.eval_count: self.eval_count != Options.eval_count,
+            "%d trials" % self.eval_trials: self.eval_trials != Options.eval_trials,
+            "%g s for a contact" % self.contact_seconds: self.contact_seconds != Options.contact_seconds,
+        }
+        return ", ".join([self.eval_worlds, *self.evaluation().values(), *(name for name, so in further.items() if so)])
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""
@@ -334,7 +347,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     given = vars(parser().parse_args(without_remappings(arguments)))
     if not given.get("resume"):
         return TrainConfig(**{**recipe(given.pop("recipe", "")), **given})
-    given.pop("recipe", None)  # a run keeps the options that it began with
+    recipe(given.pop("recipe", ""))  # there must be one; but a run keeps the options that it began with
     out = given.get("out", TrainConfig.out)
     path = Path(out) / "config.json"
     if not path.exists():

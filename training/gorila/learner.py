@@ -26,6 +26,7 @@ from training.storage import make_folder
 from training.td3.td3 import TD3, LearnerError, TD3Config
 
 FORMAT = "applr-checkpoint-1"
+DATASET = "dataset"  # the actor by whose name a dataset's episodes are taken
 
 
 @dataclass(frozen=True)
@@ -57,12 +58,13 @@ class Learner:
             self._begin_with(Path(config.start_run))
         self.replay = Replay(layout, config.capacity)
         self.rng = np.random.default_rng([config.seed, 1])
-        self.journal = Journal(make_folder(self.folder) / "journal") if self.folder is not None else None
+        self.journal = Journal(make_folder(self.folder / "journal")) if self.folder is not None else None
         self.episodes = 0
+        self.given = 0  # transitions that came from a dataset
         self.refused = Tally()  # trajectories, by reason
         self.staleness = Staleness()
         self.checkpoints = 0
-        self._pace = (config.warmup, 0)  # transitions and updates from which updates_per_transition counts
+        self._pace = (config.warmup, 0)  # of _counted and updates, from where updates_per_transition counts
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, blob: bytes) -> Optional[Trajectory]:
@@ -84,6 +86,7 @@ class Learner:
 
     def _count(self, trajectory: Trajectory) -> None:
         self.episodes += 1
+        self.given += len(trajectory) if trajectory.info["actor"] == DATASET else 0
         self.staleness.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
 
     def _take_from_journal(self, blob: bytes) -> Optional[Trajectory]:
@@ -117,12 +120,22 @@ class Learner:
         return self.replay.transitions
 
     @property
+    def collected(self) -> int:
+        """Of the transitions taken, those that were driven for this run: all but a dataset's."""
+        return self.transitions - self.given
+
+    @property
+    def _counted(self) -> int:
+        """Transitions that gradient steps are due for, the warm-up beside them; a dataset does not shorten it."""
+        return max(self.transitions, self.given + self.config.warmup)
+
+    @property
     def updates_due(self) -> int:
         """Gradient steps not yet made for the transitions taken."""
         if not self.replay.held:
             return 0
         transitions, updates = self._pace
-        due = int((self.transitions - transitions) * self.config.updates_per_transition + 1e-9)
+        due = int((self._counted - transitions) * self.config.updates_per_transition + 1e-9)
         return max(0, updates + due - self.td3.updates)
 
     def train(self, most: Optional[int] = None) -> int:
@@ -164,6 +177,7 @@ class Learner:
                 "config": _plain(self.config),
                 "rng": self.rng.bit_generator.state,
                 "transitions": self.transitions,
+                "given": self.given,
                 "rows": self.replay.written,
                 "episodes": self.episodes,
                 "updates": self.td3.updates,
@@ -189,12 +203,15 @@ class Learner:
             raise StorageError("%s: not a checkpoint of this program" % path)
         return checkpoint
 
-    def resume(self, on_trajectory=lambda learner, trajectory: None) -> Dict[str, Any]:
+    def resume(self, on_trajectory=lambda learner, trajectory: None, offline: bool = False) -> Dict[str, Any]:
         """Back to the last checkpoint, and on through what the journal holds behind it. Returns the checkpoint's extra.
 
-        A folder without a checkpoint but with a journal is gone through from its beginning. on_trajectory is called
-        for every episode behind the checkpoint: on_trajectory(learner, trajectory). A learner without a folder has
-        nothing to go back to.
+        A folder without a checkpoint but with a journal is gone through from its beginning. A learner without a folder
+        has nothing to go back to.
+
+        Args:
+            on_trajectory: called for every episode behind the checkpoint, on_trajectory(learner, trajectory).
+            offline: make no gradient steps: those of offline learning are not due for transitions.
         """
         if self.folder is None or self.journal is None:
             return {}
@@ -203,13 +220,15 @@ class Learner:
         if checkpoint is not None:
             place, extra = checkpoint["journal"], checkpoint["extra"]
             self._restore(checkpoint)
-            self.train()
+            if not offline:
+                self.train()
         for blob in self.journal.read(since=place):
             trajectory = self._take_from_journal(blob)
             if trajectory is not None:
                 self._count(trajectory)
                 on_trajectory(self, trajectory)
-                self.train()
+                if not offline and trajectory.info["actor"] != DATASET:  # a dataset is taken whole before it is learnt
+                    self.train()
         return extra
 
     def _begin_with(self, folder: Path) -> None:
@@ -254,6 +273,7 @@ class Learner:
             )
         self.rng.bit_generator.state = checkpoint["rng"]
         self.episodes, self.checkpoints = checkpoint["episodes"], checkpoint["number"]
+        self.given = checkpoint.get("given", 0)  # older runs counted all alike
         self._resume_pace(checkpoint)
 
     def _resume_pace(self, checkpoint: Dict[str, Any]) -> None:
@@ -266,7 +286,7 @@ class Learner:
         transitions, updates = checkpoint.get("pace", (stored["warmup"], 0))
         same = (stored["updates_per_transition"], stored["warmup"]) == (config.updates_per_transition, config.warmup)
         if not same:
-            transitions, updates = max(self.transitions, config.warmup), self.td3.updates
+            transitions, updates = self._counted, self.td3.updates
         self._pace = (transitions, updates)
 
 

@@ -168,7 +168,7 @@ class Options:
         "Number of gradient steps per collected transition.")
     mirror: bool = option(False,
         "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
-        "and parameters are symmetric.")
+        "and parameters are symmetric. It is for the default --env only.")
     warmup: int = option(0,
         "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
         "--start they are driven by the policy with exploration noise.")
@@ -196,7 +196,9 @@ class Options:
     dataset: str = option("",
         "Folder of a dataset to learn from offline (written by bags_to_dataset.py or training.dataset). "
         "Without it the run is online.", group="Offline learning")
-    mix: bool = option(False, "Load --dataset into the replay buffer and then train online.")
+    mix: bool = option(False,
+        "Load --dataset into the replay buffer, make the gradient steps that are due for it, and then train online. "
+        "--steps, warm-up, noise and curriculum count what is collected, not the dataset.")
     updates: int = option(100_000, "Number of gradient steps of offline learning.")
     bc_alpha: float = option(0.0,
         "Alpha of TD3+BC, which keeps the policy close to the actions of the dataset; its paper uses 2.5. Online it "

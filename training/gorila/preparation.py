@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import torch
@@ -69,19 +69,22 @@ def prepare(config: TrainConfig) -> Preparation:
         "end_on_contact": config.end_on_contact,
         "monitor": config.monitor,
     }
+    judge = config.evaluation()["simulator"]
     trials = {
         "robot": config.robot,
-        "simulator": config.evaluation()["simulator"],
+        "simulator": judge,
         "reward": config.reward(),
         "period": config.period,
         "monitor": config.monitor,
         "learnt_with": config.weights,
     }
+    env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
-        env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
         env.reset(seed=0)
         env.step(-np.ones(len(env.space)))
-        env.close()
+    env.close()
+    if evaluates and judge != config.simulator:
+        sim_bridge.make(judge, robot=robot).close()
     return Preparation(
         WorkerSettings(
             RunnerSpec("training.gorila.collector:Collector", {"env": config.env, "options": options}),
@@ -102,6 +105,29 @@ def set_threads(config: TrainConfig) -> None:
         torch.set_num_threads(config.threads)
     elif config.actors and not config.ray_address:
         torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
+
+
+def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Dataset]:
+    """The dataset --dataset, read and checked; None without one.
+
+    Raises:
+        ConfigError: it was driven with another period, kind of weights or robot than the options say.
+        DatasetError: it is none, or damaged.
+    """
+    if not config.dataset:
+        return None
+    dataset = Dataset(config.dataset, layout)
+    options: Dict[str, Any] = {"period": config.period}
+    if config.env == OURS:
+        options.update(weights=config.weights, robot=load(config.robot).name)
+    for name, value in options.items():
+        driven = dataset.source.get(name, value)
+        if driven != value:
+            raise ConfigError(
+                "--%s is %s, but the dataset %s was driven with %.40s: give --%s %.40s"
+                % (name, value, config.dataset, driven, name, driven)
+            )
+    return dataset.check()
 
 
 def learner_config(config: TrainConfig, dataset: Optional[Dataset]) -> LearnerConfig:

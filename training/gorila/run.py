@@ -18,19 +18,19 @@ from typing import Any, Dict, Optional
 import numpy as np
 import safetensors.numpy
 
-from applr_ros1.common.files import read_json, write_bytes, write_json
+from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from applr_ros1.common.tally import Tally
+from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
 from training.evaluation.periodic import PeriodicEvaluation
-from training.experience.dataset import Dataset
 from training.experience.trajectory import Trajectory
 from training.gorila.config import PROVENANCE, ConfigError, TrainConfig
 from training.gorila.curves import EpisodeLog, draw_curves
-from training.gorila.learner import Learner
-from training.gorila.preparation import OURS, learner_config, prepare, set_threads
+from training.gorila.learner import DATASET, Learner
+from training.gorila.preparation import OURS, dataset_of, learner_config, prepare, set_threads
 from training.gorila.progress import ProgressLine, TensorBoardLog, clock, describe, status
 from training.gorila.scheduler import TaskScheduler, easiest_first
 from training.provenance import provenance, without_folders
@@ -48,7 +48,7 @@ class TrainingRun:
         self.began = time.monotonic()
         self.config = config = config.resolved()
         made = prepare(config)
-        self.dataset = Dataset(config.dataset, made.layout).check() if config.dataset else None
+        self.dataset = dataset_of(config, made.layout)
         options = learner_config(config, self.dataset)
         options.td3.check(made.layout.size, made.layout.action, made.layout.scan)
         self.folder = make_folder(config.out)
@@ -72,10 +72,11 @@ class TrainingRun:
             weights=kinds["weights"],
             planner=kinds["planner"],
         )
+        self._forget_lost_best()
         worlds = made.train_worlds
         order = easiest_first(worlds) if config.curriculum and worlds else None
         self.scheduler = TaskScheduler(config, len(worlds) if worlds else None, order, self.learner.replay.episodes_of)
-        self.scheduler.transitions = self.learner.transitions
+        self.scheduler.transitions = self.learner.collected
         self.board = TensorBoardLog(self.folder, self.steps, asdict(config)) if config.tensorboard else None
         self.line = ProgressLine()
         self.stopping: Optional[str] = None
@@ -102,10 +103,16 @@ class TrainingRun:
     def _resume(self) -> Dict[str, Any]:
         """Back to where the run was: the checkpoint, and every trajectory taken since."""
         checkpoint = Learner.saved(self.folder) if self.config.resume else None
-        self.episodes = EpisodeLog(self.folder, checkpoint["transitions"] if checkpoint else 0)
+        done = checkpoint["transitions"] - checkpoint.get("given", 0) if checkpoint else 0
+        self.episodes = EpisodeLog(self.folder, done)
         if not self.config.resume:
             return {}
-        return self.learner.resume(lambda learner, t: self.episodes.add(learner.transitions, t.info))
+        return self.learner.resume(self._taken_again, self.offline)
+
+    def _taken_again(self, learner: Learner, trajectory: Trajectory) -> None:
+        """An episode that the journal holds behind the checkpoint."""
+        if trajectory.info["actor"] != DATASET:
+            self.episodes.add(learner.collected, trajectory.info)
 
     # -- the run -------------------------------------------------------------------------------------
     @property
@@ -115,8 +122,8 @@ class TrainingRun:
 
     @property
     def steps(self) -> int:
-        """What evaluations, curves and TensorBoard are counted in: transitions; offline: gradient steps."""
-        return self.learner.td3.updates if self.offline else self.learner.transitions
+        """What --steps, evaluations, curves and TensorBoard count: collected transitions; offline: gradient steps."""
+        return self.learner.td3.updates if self.offline else self.learner.collected
 
     @property
     def elapsed(self) -> float:
@@ -196,8 +203,8 @@ class TrainingRun:
 
     def _taken(self, trajectory: Trajectory) -> None:
         self.errors = 0
-        self.episodes.add(self.learner.transitions, trajectory.info)
-        self.scheduler.transitions = self.learner.transitions
+        self.episodes.add(self.learner.collected, trajectory.info)
+        self.scheduler.transitions = self.learner.collected
         if self.board:
             self.board.episode(trajectory.info, self.steps)
         while self.learner.updates_due and not self.stopping:
@@ -227,12 +234,14 @@ class TrainingRun:
     def _take_dataset(self) -> None:
         if self.dataset is None:
             return
-        known = self.learner.replay.episodes_of("dataset")  # a resumed run has them already
+        known = self.learner.replay.episodes_of(DATASET)  # a resumed run has them already
         for i, trajectory in enumerate(self.dataset):
             if i < known:
                 continue
-            trajectory.info = dict(trajectory.info, actor="dataset", episode=i, version=self.learner.td3.updates)
+            trajectory.info = dict(trajectory.info, actor=DATASET, episode=i, version=self.learner.td3.updates)
             self.learner.take(trajectory.pack())
+        if self.learner.replay.episodes_of(DATASET) > known:
+            self.save()  # what is learnt from here on begins with the whole dataset, also after a kill
 
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
@@ -255,6 +264,18 @@ class TrainingRun:
         if self.board:
             self.board.round(summary)
         draw_curves(self.folder / "curves.png", self.episodes, self.evaluation, self.config.period)
+
+    def _forget_lost_best(self) -> None:
+        """Has the last round driven again where the run was killed before it kept the policy that was its best."""
+        rounds, path = self.evaluation.history, self.folder / "best.safetensors"
+        if not (rounds and rounds[-1]["best"]):
+            return
+        try:
+            result = unpack(read_bytes(path), str(path), StorageError)[1].get("result")
+        except StorageError:  # absent or damaged
+            result = None
+        if result != json.dumps(rounds[-1]):
+            self.evaluation.history = rounds[:-1]
 
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:
@@ -292,11 +313,11 @@ class TrainingRun:
         if not self.line.due():
             return
         learner, done = self.learner, "updates" if self.offline else "transitions"
-        counts = {"transitions": learner.transitions, "updates": learner.td3.updates}
+        counts = {"transitions": learner.collected, "updates": learner.td3.updates}
         rates = self.line.rates(time.monotonic(), counts)
         values = {
             **{name: self.episodes.recent(name) for name in ("return", "length", "success", "collided")},
-            "sigma": self.config.noise(learner.transitions),
+            "sigma": self.config.noise(learner.collected),
             **{name + "_per_second": rate for name, rate in rates.items()},
             "staleness_mean": learner.staleness.mean,
             "staleness_max": learner.staleness.most,
@@ -314,7 +335,7 @@ class TrainingRun:
             "%s after %s transitions and %s updates, %s; %s"
             % (
                 "Stopped by %s and saved" % self.stopping if self.stopping else "Done",
-                format(self.learner.transitions, ","),
+                format(self.learner.transitions if self.offline else self.steps, ","),
                 format(self.learner.td3.updates, ","),
                 clock(time.monotonic() - self.began),
                 self.folder,
