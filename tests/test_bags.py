@@ -236,6 +236,7 @@ def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
     assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     said = {bag["name"]: bag for bag in manifest["source"]["bags"]}
+    assert (manifest["source"]["robot"], manifest["source"]["period"]) == ("jackal", 2.0)
     assert set(said) == set(reasons) | {"whole.bag"}
     assert said["whole.bag"]["transitions"] == 5
     assert said["whole.bag"]["skipped"] == {}

@@ -10,7 +10,7 @@ import argparse
 import sys
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Set
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import UsageError, run_main
@@ -42,7 +42,8 @@ def convert(
     if not bags:
         raise BagError("%s: no bags there; give .bag or .mcap files or ROS 2 bag folders" % ", ".join(map(str, paths)))
     read_bags: List[Dict[str, Any]] = []
-    source = {"bags": read_bags, "reward": asdict(reward)}
+    source: Dict[str, Any] = {"bags": read_bags, "reward": asdict(reward), "robot": robot.name}
+    periods: Set[float] = set()
     writer = Writer(folder, Layout(*sizes_of(robot)), source)
     for bag in bags:
         report = BagReport()
@@ -55,6 +56,7 @@ def convert(
         except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
             report.skip("damaged inside")
             say("%s: damaged inside (%s)" % (bag, (str(error).splitlines() or [type(error).__name__])[0]))
+        periods |= report.periods
         for reason, count in report.skipped.items():
             writer.skipped.add(reason, count)
         read_bags.append(
@@ -72,6 +74,10 @@ def convert(
         )
     if not any(b["transitions"] for b in read_bags):
         raise BagError("no transition could be used%s" % _reasons(writer.skipped))
+    if len(periods) == 1:
+        source["period"] = periods.pop()
+    else:
+        say("the decisions' periods differ: %s s" % ", ".join("%g" % period for period in sorted(periods)))
     return writer.close()
 
 

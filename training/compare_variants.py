@@ -185,7 +185,8 @@ def _done(given: Dict[str, Any], folder: Path) -> bool:
     saved = Learner.saved(folder)
     if saved is None:
         return False
-    return saved["extra"].get("elapsed", 0.0) >= 60.0 * given["minutes"] or saved["transitions"] >= given["steps"]
+    collected = saved["transitions"] - saved.get("given", 0)
+    return saved["extra"].get("elapsed", 0.0) >= 60.0 * given["minutes"] or collected >= given["steps"]
 
 
 def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials: int, workers: int) -> None:

@@ -111,8 +111,7 @@ def _episodes(folder: Path) -> Tuple[Layout, Iterator[Trajectory]]:
     first = next((Trajectory.unpack(blob) for blob in blobs()), None)
     if first is None:
         raise MinariError("%s: holds no episodes" % folder)
-    layout = Layout(*(array.shape[-1] if array.ndim else 0 for array in (first.scan, first.rest, first.action)))
-    return layout, _checked(blobs(), layout)
+    return first.layout, _checked(blobs(), first.layout)
 
 
 def _stated_layout(folder: Path) -> Layout:

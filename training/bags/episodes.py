@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Iterator, List, Optional, Tuple
+from typing import Iterator, List, Optional, Set, Tuple
 
 import numpy as np
 
@@ -42,6 +42,7 @@ class BagReport:
     episodes: int = 0
     transitions: int = 0
     verified: int = 0  # observations equal to the node's own
+    periods: Set[float] = field(default_factory=set)  # of its decisions [s]
     skipped: Tally = field(default_factory=Tally)  # by reason
 
     def skip(self, reason: str) -> None:
@@ -91,6 +92,7 @@ def trajectories(
             _check_motion(recording, goal)
             _finish(recording, goal, finish)
             courses.append((goal, _moments(recording, goal)))
+            report.periods.add(goal.period)
         except Skipped as reason:
             report.skip(str(reason))
     usable = [m for _, moments in courses for m in moments if not m.trouble]

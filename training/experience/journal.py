@@ -69,16 +69,6 @@ class Journal:
         """[segment, offset] behind the last record."""
         return [self.segments[-1] if self.segments else 0, self.offset]
 
-    def cut(self, place) -> None:
-        """Forget what lies behind a place."""
-        segment, offset = place
-        self.close()
-        while self.segments and self.segments[-1] > segment:
-            self._path(self.segments.pop()).unlink()
-        if self.segments:
-            self.offset = min(offset, self._path(self.segments[-1]).stat().st_size)
-            os.ftruncate(self._open(self.segments[-1]), self.offset)
-
     def forget_before(self, rows: int) -> None:
         """Delete segments all of whose rows come before `rows` (the ring has overwritten them)."""
         while len(self.segments) > 1 and self._header(self.segments[1])["rows"] <= rows:
