@@ -87,6 +87,7 @@ class FileInOwnProcess(pytest.Item):
         super().__init__(**options)
         self.tests, self.output = tests, ""
         self.run = None  # the Future of the run
+        self.process = None  # the pytest below this one, once it runs
 
     def runtest(self):
         self.config.stash[OTHERS_DONE].set()
@@ -97,25 +98,27 @@ class FileInOwnProcess(pytest.Item):
         command = [sys.executable, "-m", "pytest", "--no-header", "-p", "no:cacheprovider", *self.tests]
         command += ["-m", self.config.option.markexpr] if self.config.option.markexpr else []
         command += ["--faults-table", self.config.option.faults_table] if self.config.option.faults_table else []
-        try:
-            done = subprocess.run(
-                command,
-                env=dict(os.environ, **{CHILD: "1"}),
-                cwd=self.config.rootpath,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                timeout=LONGEST,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as late:
-            self.output = "not done within %d s\n%s" % (LONGEST, (late.stdout or b"").decode(errors="replace"))
-            raise FileFailed from None
-        self.output = done.stdout
-        last = done.stdout.strip().splitlines()[-1:]
+        self.process = subprocess.Popen(
+            command,
+            env=dict(os.environ, **{CHILD: "1"}),
+            cwd=self.config.rootpath,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        late = threading.Timer(LONGEST, self.end)
+        late.start()
+        self.output, _ = self.process.communicate()
+        late.cancel()
+        last = self.output.strip().splitlines()[-1:]
         self.config.stash[SUMMARIES].append("%s: %s" % (process_of(self.path).name, "".join(last).strip("= ")))
-        if done.returncode:
+        if self.process.returncode:
             raise FileFailed
+
+    def end(self):
+        """Interrupt the pytest below this one, which then ends what its tests have started."""
+        if self.process is not None and self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
 
     def repr_failure(self, excinfo, style=None):
         return self.output if excinfo.errisinstance(FileFailed) else super().repr_failure(excinfo)
@@ -193,9 +196,10 @@ def pytest_collection_modifyitems(config, items):
         )
 
 
-def pytest_collection_finish(session):
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop(session):
     for item in session.items:
-        if isinstance(item, FileInOwnProcess):
+        if isinstance(item, FileInOwnProcess) and not session.testsfailed:  # collecting has failed otherwise
             item.run = session.config.stash[RUNS].submit(item.run_tests)
 
 
@@ -207,8 +211,13 @@ def pytest_terminal_summary(terminalreporter):
 
 
 def pytest_sessionfinish(session, exitstatus):
+    runs = session.config.stash[RUNS]
+    runs.shutdown(wait=False, cancel_futures=True)
+    for item in getattr(session, "items", ()):  # what an interrupted run leaves
+        if isinstance(item, FileInOwnProcess):
+            item.end()
     session.config.stash[OTHERS_DONE].set()
-    session.config.stash[RUNS].shutdown(cancel_futures=True)
+    runs.shutdown()
     if session.config.option.faults_table and session.config.stash[FIGURES]:
         write_figures(session.config.option.faults_table, session.config.stash[FIGURES])
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")

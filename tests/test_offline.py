@@ -125,6 +125,7 @@ def test_a_mixed_run_that_is_killed_ends_as_one_that_was_not(mixed, tmp_path, ca
         ({"period": 1.0}, [], "--period is 0.5, but the dataset .* was driven with 1.0: give --period 1.0"),
         ({"weights": "per_metre"}, [], ""),  # of an environment of one's own nothing but the period is known
         ({"period": 1}, ["--period", "1"], ""),
+        ({"period": 0.6000000000000001}, ["--period", "0.6"], ""),
         ({}, [], ""),
         (["bags"], [], ""),
     ],

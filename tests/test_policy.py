@@ -371,9 +371,10 @@ def test_shipped_policy_says_what_made_it_and_drives():
     told = Actor.load(path).metadata
     decides = methods.make("applr"), methods.make("applr_2s")
     assert [method.period for method in decides] == [1.0, 2.0]
-    start = methods.shipped("applr_start.safetensors")
-    assert [method.path for method in decides] == [path, start]
-    assert sha256(Path(start).read_bytes()) == told["training"]["refined"]["start"]  # what refine_policy began with
+    files = [path, methods.shipped("applr_2s.safetensors")]
+    assert [method.path for method in decides] == files
+    start = sha256(Path(methods.shipped("applr_start.safetensors")).read_bytes())  # what refine_policy began with
+    assert [Actor.load(file).metadata["training"]["refined"]["start"] for file in files] == [start, start]
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200

@@ -219,15 +219,13 @@ def test_directions_are_found_once(command, tmp_path, capsys, monkeypatch):
     assert (results / "directions.safetensors").read_bytes() != kept
 
 
-def test_directions_of_unknown_origin_are_refused(command, tmp_path, capsys):
+def test_a_file_that_holds_no_directions_is_refused(command, tmp_path, capsys):
     (tmp_path / "results").mkdir()
-    tensors = {"mean": np.zeros(12, np.float32), "basis": np.zeros((1, 12), np.float32)}
-    for other, words in ((tensors, "does not state what its directions"), ({"0.bias": tensors["mean"]}, "holds no")):
-        save_file(other, tmp_path / "results" / "directions.safetensors")
-        assert refine_policy.main(command) == 1
-        error = capsys.readouterr().err
-        assert words in error
-        assert error.count("\n") == 1
+    save_file({"0.bias": np.zeros(12, np.float32)}, tmp_path / "results" / "directions.safetensors")
+    assert refine_policy.main(command) == 1
+    error = capsys.readouterr().err
+    assert "holds no directions" in error
+    assert error.count("\n") == 1
 
 
 def test_the_policy_to_begin_with_is_not_written_over(command, tmp_path, capsys):

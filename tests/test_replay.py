@@ -216,7 +216,7 @@ def test_journal_says_when_a_checkpoint_needs_more_than_is_there(tmp_path):
         list(Journal(tmp_path).read(until=place))
 
 
-@pytest.mark.parametrize("left", [b"", b"APTR\x20"])
+@pytest.mark.parametrize("left", [0, 5, 20])
 def test_a_segment_that_was_only_begun_is_dropped_by_the_next_record_and_not_by_reading(tmp_path, left):
     journal = Journal(tmp_path / "journal")
     assert list(journal.read()) == []
@@ -224,7 +224,8 @@ def test_a_segment_that_was_only_begun_is_dropped_by_the_next_record_and_not_by_
     journal.append(b"first", {})
     journal.close()
     begun = tmp_path / "journal" / "000001.segment"
-    begun.write_bytes(left)
+    begun.write_bytes((tmp_path / "journal" / "000000.segment").read_bytes()[:left])
+    left = begun.read_bytes()
     again = Journal(tmp_path / "journal", segment_bytes=10)
     assert list(again.read()) == [b"first"]
     assert begun.read_bytes() == left

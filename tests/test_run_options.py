@@ -40,13 +40,6 @@ def test_mirroring_is_for_our_own_observations(tmp_path, capsys):
     assert TrainConfig(mirror=True).learner().mirror
 
 
-def test_rounds_of_other_trials_or_another_price_of_a_contact_are_another_setting():
-    plain = {"eval_count": 0, "eval_trials": 1, "contact_seconds": 5.0}
-    settings = {TrainConfig(**{**plain, name: 7}).setting() for name in plain} | {TrainConfig(**plain).setting()}
-    assert len(settings) == 4
-    assert TrainConfig(**plain).setting() == "generated:validation, kinematic, per_cell, ours"
-
-
 def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
     given = tmp_path / "set.json"
     given.write_text('{"max_vel_x": 1.0}')

@@ -389,6 +389,12 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     assert [(s["round"], s["best"]) for s in summaries] == [(-1, False), (3, True)]
     assert summaries[1]["time_s"] is None
     assert summaries[1]["score"] == 102.0
+    more = PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 3, 100, 0, 4.0, setting="kinematic")
+    assert more.best is None  # nor are rounds of another number of trials; those that do not say it are
+    rounds = [{k: v for k, v in r.items() if k != "trials_per_world"} for r in more.history]
+    more.path.write_text("".join(json.dumps(r) + "\n" for r in rounds))
+    older = PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 3, 100, 0, 4.0, setting="kinematic")
+    assert older.best["step"] == 130
 
 
 def test_help_names_every_option_and_noise_is_the_papers():

@@ -68,9 +68,10 @@ def _record(words: List[str]) -> None:
     parser.add_argument("--costmaps", default="false", help="Whether to record costmaps and sampled trajectories.")
     parser.add_argument("--robot", default=JACKAL.name, help="Name or folder of the robot's description.")
     options = parser.parse_args(without_remappings(words))
-    recording(options.bag)  # rosbag would write over it
+    bag = options.bag if options.bag.endswith(".bag") else options.bag + ".bag"
+    recording(bag)  # rosbag would write over it
     chosen = topics(boolean("costmaps", options.costmaps), words, load(options.robot))
-    become("rosbag", "record", ["--lz4", "-O", options.bag, *chosen, *(w for w in words if w.startswith("__"))])
+    become("rosbag", "record", ["--lz4", "-O", bag, *chosen, *(w for w in words if w.startswith("__"))])
 
 
 def _named(text: str, robot: Robot) -> Iterator[str]:

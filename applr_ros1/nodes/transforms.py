@@ -55,7 +55,7 @@ class LaserMount:
 
     def __init__(self, transforms: Transforms, yaw: float):
         self._transforms, self._described = transforms, yaw
-        self._known: dict = {}  # {(robot's frame, laser's frame): (yaw, whether it hangs upside down)}
+        self._known: dict = {}  # {(robot's frame, laser's frame): (yaw, cosine of the tilt)}
 
     def beams(self, scan: Any, base: str) -> Tuple[Any, float, float]:
         """(ranges, angle of the first [rad], step to the next [rad]) of a sensor_msgs/LaserScan, in the frame `base`.
@@ -65,9 +65,11 @@ class LaserMount:
         frames = base, scan.header.frame_id
         if frames not in self._known:
             self._ask(*frames)
-        yaw, upside_down = self._known.get(frames, (self._described, False))
+        yaw, upright = self._known.get(frames, (self._described, 1.0))
+        if abs(upright) < LEVEL:
+            raise ObservationError(f"the laser in {frames[1]} is mounted aslant: the policy needs one that scans level")
         first, step = scan.angle_min, scan.angle_increment
-        if upside_down:
+        if upright < 0.0:
             return scan.ranges[::-1], yaw - first - (len(scan.ranges) - 1) * step, step
         return scan.ranges, yaw + first, step
 
@@ -77,7 +79,4 @@ class LaserMount:
         except ObservationError:
             return
         self._transforms.rest()
-        upright = uprightness(transform)
-        if abs(upright) < LEVEL:
-            raise ObservationError(f"the laser in {laser} is mounted aslant: the policy needs one that scans level")
-        self._known[base, laser] = yaw_of(transform.rotation), upright < 0.0
+        self._known[base, laser] = yaw_of(transform.rotation), uprightness(transform)

@@ -55,19 +55,17 @@ class VelocityNode:
                 self._begin(goal, now)
             if goal is not None:
                 self._publish(*self.method.command(self._context(now)))
-        except (
-            Exception
-        ) as problem:  # a method is exchangeable: whatever it does, the robot stands and the node goes on
+        except Exception as problem:  # a method is exchangeable: whatever it does, the node goes on
             self._warn("velocity: standing: %s" % one_line(problem))
             self._stop()
 
     def _begin(self, goal, now):
-        self._goal, self._began = goal, now
         if goal is None:
             self._stop()
         else:
+            self.method.reset(self.seed)
             self.seed += 1
-            self.method.reset(self.seed - 1)
+        self._goal, self._began = goal, now
 
     def _context(self, now):
         layout = self.method.layout

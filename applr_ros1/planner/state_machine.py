@@ -96,7 +96,7 @@ class StateMachine:
         if self.goal is None:
             self._announce_stop = True
         else:
-            self._announce_stop = self._behaviour is not None  # a rotation under way ends here
+            self._announce_stop |= self._behaviour is not None  # a rotation under way ends here
             self._index, self.state, self._behaviour = 0, PLANNING, None
         self.goal = goal
         self.goal_number += 1

@@ -89,4 +89,4 @@ def decision_period(recording: Recording, goal: str) -> float:
     known = known[known > 0]
     if not len(known):
         return PERIOD
-    return max(1, round(float(np.median(known)) / SECOND / CONTROL_PERIOD)) * CONTROL_PERIOD
+    return round(max(1, round(float(np.median(known)) / SECOND / CONTROL_PERIOD)) * CONTROL_PERIOD, 9)

@@ -29,7 +29,8 @@ class PeriodicEvaluation:
         every: steps between two rounds.
         seed: of the run. No trial of evaluate.py has the seed of a trial that chose the actor.
         contact_seconds: what a contact adds to a trial's time in the score [s].
-        setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals.
+        setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
+            of another number of worlds or trials or another price of a contact.
         weights: how the planner's distance biases count.
         planner: kind of planner (applr_ros1/planner/variant.py).
     """
@@ -90,7 +91,7 @@ class PeriodicEvaluation:
         if not self._results:
             raise StorageError("every trial of an evaluation failed; see the messages above")
         found = summary(self._results, self.contact_seconds)
-        found.update(round=number, step=self.step, version=self.version, setting=self.setting)
+        found.update(round=number, step=self.step, version=self.version, setting=self.setting, **self._judged)
         rivals = [r["score"] for r in self.here if r["round"] != THETA0]
         found["best"] = number != THETA0 and found["score"] < min(rivals, default=float("inf"))
         self.history.append(found)
@@ -99,8 +100,21 @@ class PeriodicEvaluation:
 
     @property
     def here(self) -> List[Dict[str, Any]]:
-        """The rounds of the present setting: another simulator's times are no rivals."""
-        return [r for r in self.history if r["setting"] == self.setting]
+        """The rounds of the present setting: another simulator's times are no rivals.
+
+        Rounds of runs that did not note how they were judged were judged as now.
+        """
+        same = {"setting": self.setting, **self._judged}
+        return [r for r in self.history if all(r.get(name, value) == value for name, value in same.items())]
+
+    @property
+    def _judged(self) -> Dict[str, Any]:
+        """What a score depends on beside the setting."""
+        return {
+            "worlds": len(self.worlds),
+            "trials_per_world": self.trials,
+            "contact_seconds": self.contact_seconds,
+        }
 
     # -- what ----------------------------------------------------------------------------------------
     @property

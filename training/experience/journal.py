@@ -41,7 +41,7 @@ class Journal:
                 raise StorageError("%s: a folder, pipe or device; a journal's segments are regular files" % path)
         self._file: Optional[int] = None  # of the last segment, while it is open
         self.offset = 0
-        while self.segments and self._path(self.segments[-1]).stat().st_size < _FRAME.size:
+        while self.segments and self._is_begun(self._path(self.segments[-1])):
             self._begun.append(self.segments.pop())
         for segment in self.segments:
             self._header(segment)
@@ -95,8 +95,8 @@ class Journal:
                 return header
             break
         raise StorageError(
-            "%s: its beginning is damaged or missing; put a copy of the file there, or move it away to go without "
-            "its episodes" % self._path(segment)
+            "%s: its beginning is damaged or missing; put a copy of the file there, or move it away to export the "
+            "others" % self._path(segment)
         )
 
     def read(self, since=None, until=None) -> Iterator[bytes]:
@@ -173,6 +173,16 @@ class Journal:
                     yield offset, blob
         except OSError as error:
             raise StorageError("%s: cannot be read (%s)" % (path, reason(error))) from None
+
+    @staticmethod
+    def _is_begun(path: Path) -> bool:
+        """Whether a segment ends within its first record."""
+        with open(path, "rb") as file:
+            frame = file.read(_FRAME.size)
+        if len(frame) < _FRAME.size:
+            return True
+        magic, length, _ = _FRAME.unpack(frame)
+        return magic == MAGIC and _FRAME.size + length > path.stat().st_size and length <= LARGEST
 
     def _good_length(self, segment: int) -> int:
         return max((end for end, _ in self._records(segment)), default=0)

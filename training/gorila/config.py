@@ -156,17 +156,9 @@ class TrainConfig(Options):
         }
 
     def setting(self) -> str:
-        """What the periodic evaluation drives with, in words: results of another setting cannot be compared.
-
-        Of what counts in the score, only what is not the default is named.
-        """
-        further = {
-            "collision monitor": self.monitor,
-            "%d of the worlds" % self.eval_count: self.eval_count != Options.eval_count,
-            "%d trials" % self.eval_trials: self.eval_trials != Options.eval_trials,
-            "%g s for a contact" % self.contact_seconds: self.contact_seconds != Options.contact_seconds,
-        }
-        return ", ".join([self.eval_worlds, *self.evaluation().values(), *(name for name, so in further.items() if so)])
+        """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
+        monitor = ["collision monitor"] * self.monitor
+        return ", ".join([self.eval_worlds, *self.evaluation().values(), *monitor])
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""

@@ -20,6 +20,7 @@ from training.gorila.collector import layout_of
 from training.gorila.config import ConfigError, TrainConfig
 from training.gorila.learner import LearnerConfig
 from training.mdp.env import ApplrEnv, load_worlds
+from training.mdp.episode import CONTROL_PERIOD
 from training.mdp.rollout import make_environment
 from training.workers.tasks import RunnerSpec, WorkerSettings
 from worlds import World
@@ -122,7 +123,8 @@ def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Dataset]:
         options.update(weights=config.weights, robot=load(config.robot).name)
     for name, value in options.items():
         driven = dataset.source.get(name, value)
-        if driven != value:
+        near = isinstance(driven, float) and isinstance(value, float) and abs(driven - value) < CONTROL_PERIOD / 2
+        if driven != value and not near:
             raise ConfigError(
                 "--%s is %s, but the dataset %s was driven with %.40s: give --%s %.40s"
                 % (name, value, config.dataset, driven, name, driven)

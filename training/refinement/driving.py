@@ -74,21 +74,16 @@ def read_directions(path: str) -> Directions:
 
 
 def known_directions(path: str, origin: Dict[str, Any]) -> Optional[Directions]:
-    """The directions in a file; None where there is no file, or its directions were found from something else.
+    """The directions in a file; None where there is no file, or it does not state that they were found from `origin`.
 
     Directions are read again rather than found again: their last bits depend on the machine and its number of cores.
 
     Raises:
-        ApplrError: with one line, for a file that is damaged or does not state what its directions were found from.
+        ApplrError: with one line, for a file that is damaged.
     """
     if not Path(path).exists():
         return None
     directions, stated = _read(path)
-    if stated is None:
-        raise ApplrError(
-            "%s: does not state what its directions were found from; remove it to have them found again, or give "
-            "another --results" % path
-        )
     return directions if stated == json.dumps(origin, sort_keys=True) else None
 
 

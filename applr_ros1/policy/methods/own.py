@@ -42,8 +42,9 @@ class OwnMethod(Method):
                 "method %s has no theta(context) and no command(context); see docs/extending.md for examples" % spec
             )
         self.static = not self.commands and bool(getattr(made, "static", False))
-        period = getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD)
-        self.period = float(number_within("the period of method %s" % spec, period, *PERIODS, MethodError))
+        self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))
+        if not self.static:
+            number_within("the period of method %s" % spec, self.period, *PERIODS, MethodError)
         self.weights = getattr(made, "weights", None)
         if hasattr(made, "layout"):
             self.layout = made.layout

@@ -69,9 +69,9 @@ def _named(values: Dict[str, float], robot: Robot) -> Method:
 
 
 def _for_two_seconds(robot: Robot) -> str:
-    """The policy file that does best with a decision every 2 s."""
-    start = shipped("applr_start.safetensors", robot)
-    return start if os.path.exists(start) else shipped(robot=robot)
+    """The policy file that is meant for a decision every 2 s, where the robot has one; else its shipped policy."""
+    own = shipped("applr_2s.safetensors", robot)
+    return own if os.path.exists(own) else shipped(robot=robot)
 
 
 METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
@@ -96,8 +96,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
     "applr_2s": (
         lambda robot: at_period(_actor(_for_two_seconds(robot), robot), "2"),
-        "the paper's decision period of 2 s: the Jackal's shipped policy as it was before its last layer was shifted "
-        "for decisions every second, another robot's shipped policy as it is",
+        "the paper's decision period of 2 s: the Jackal's policy for it, another robot's shipped policy as it is",
     ),
     "appld": (
         lambda robot: _appld(shipped("appld.safetensors", robot), robot),
