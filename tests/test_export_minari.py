@@ -1,10 +1,12 @@
 """Experience as a Minari dataset: what was collected comes back from Minari, and mistakes are one line."""
 
+import json
+
 import numpy as np
 import pytest
 
 from training import export_minari
-from training.experience.dataset import export_replay
+from training.experience.dataset import FORMAT, export_replay
 from training.experience.journal import Journal
 from training.experience.trajectory import Layout, Trajectory
 
@@ -52,7 +54,8 @@ def test_what_was_collected_comes_back(run, tmp_path, capsys, monkeypatch):
             )
     spoilt = tmp_path / "spoilt"
     spoilt.mkdir()
-    (spoilt / "manifest.json").write_text('{"layout": {"scan": "many", "rest": 9, "action": 8}}')
+    manifest = {"format": FORMAT, "layout": {"scan": "many", "rest": 9, "action": 8}}
+    (spoilt / "manifest.json").write_text(json.dumps(manifest))
     for folder, name, words in (
         (run, "jackal/applr-v0", "already exist"),
         (run, "no name", "no name"),

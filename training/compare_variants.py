@@ -185,8 +185,8 @@ def _done(given: Dict[str, Any], folder: Path) -> bool:
     saved = Learner.saved(folder)
     if saved is None:
         return False
-    collected = saved["transitions"] - saved.get("given", 0)
-    return saved["extra"].get("elapsed", 0.0) >= 60.0 * given["minutes"] or collected >= given["steps"]
+    elapsed = saved["extra"].get("elapsed", 0.0)
+    return elapsed >= 60.0 * given["minutes"] or Learner.collected_in(saved) >= given["steps"]
 
 
 def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials: int, workers: int) -> None:

@@ -12,14 +12,12 @@ import itertools
 import os
 import sys
 import warnings
-from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Iterator, List, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
-from applr_ros1.common.files import read_json
 from training.command_line import Parser
 from training.experience.dataset import Dataset
 from training.experience.journal import Journal
@@ -105,26 +103,13 @@ def export(folder: str, name: str):
 def _episodes(folder: Path) -> Tuple[Layout, Iterator[Trajectory]]:
     """What observations and actions of a run or dataset consist of, and its trajectories, checked."""
     if not (folder / "journal").is_dir():
-        layout = _stated_layout(folder)
-        return layout, iter(Dataset(folder, layout))
+        dataset = Dataset(folder, None)
+        return dataset.layout, iter(dataset)
     blobs = Journal(folder / "journal").read
     first = next((Trajectory.unpack(blob) for blob in blobs()), None)
     if first is None:
         raise MinariError("%s: holds no episodes" % folder)
     return first.layout, _checked(blobs(), first.layout)
-
-
-def _stated_layout(folder: Path) -> Layout:
-    """The layout that a dataset's manifest states; the Jackal's where there is no manifest."""
-    path = folder / "manifest.json"
-    manifest = read_json(path) if path.exists() else {"layout": asdict(Layout())}
-    stated = manifest.get("layout") if isinstance(manifest, dict) else None
-    names = [field.name for field in fields(Layout)]
-    if not (isinstance(stated, dict) and sorted(stated) == sorted(names)):
-        raise MinariError("%s: states no layout; it needs the numbers %s" % (path, ", ".join(names)))
-    if not all(type(stated[name]) is int and stated[name] >= 0 for name in names):
-        raise MinariError("%s: its layout is %.80r; give whole numbers from 0" % (path, stated))
-    return Layout(**stated)
 
 
 def _checked(blobs: Iterator[bytes], layout: Layout) -> Iterator[Trajectory]:

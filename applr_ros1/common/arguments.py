@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from typing import Any, List, Optional, Sequence, Type
 
@@ -22,3 +23,10 @@ def number_within(
         return value
     between = "" if math.isinf(low) and math.isinf(high) else " from %g to %g" % (low, high)
     raise error("%s is %r: give a number%s" % (name, value, between))
+
+
+def check_new_bag(path: str, error: Type[ApplrError]) -> None:
+    """Raises `error` where the bag `record` names, or rosbag's unfinished PATH.active, is there already."""
+    for there, what in ((path, "it"), (path + ".active", path + ".active")):
+        if os.path.lexists(there):
+            raise error("record is %s: %s is there already; give another name" % (path, what))

@@ -71,7 +71,7 @@ class Inputs:
         turned=0.0,
     ):
         self._transforms = Transforms()
-        self._mount = LaserMount(self._transforms, turned)
+        self._mount = LaserMount(Transforms(), turned)  # its own: it stops listening once it knows
         self._names = {"scan": scan, "odometry": odom, "plan": plan}
         self._names = {what: rospy.resolve_name(name) for what, name in self._names.items()}
         self._lock = threading.Lock()

@@ -1,35 +1,27 @@
 """The applr node: every second or two of ROS time observation → method → parameters (Algorithm 1 of the paper).
 
-Run by scripts/applr.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
+Started by applr_main.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
 active; between goals the planner has theta_0, on which every course starts. README.md lists what it offers.
 """
 
-import gc
 import math
-import sys
 import threading
 from collections import Counter
 
 import numpy as np
 import rospy
 
-from applr_ros1.common.arguments import number_within
-from applr_ros1.common.errors import ApplrError, one_line
+from applr_ros1.common.errors import one_line
 from applr_ros1.common.progress import Throttled
-from applr_ros1.common.ros_master import require_master
-from applr_ros1.nodes.applr_inputs import Inputs
-from applr_ros1.nodes.applr_services import Services
-from applr_ros1.nodes.applr_topics import ApplrTopics
 from applr_ros1.nodes.clock import jumped_back
 from applr_ros1.nodes.planner_weights import PlannerWeights, multipliers
 from applr_ros1.nodes.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.reconfigure_worker import ReconfigureWorker
-from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.distance_weights import CHOICES, FIT, Compensation
+from applr_ros1.policy.distance_weights import FIT, Compensation
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SpaceError, space_of
-from applr_ros1.robots import JACKAL, load
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL
 
 TICK = 0.05  # s of ROS time between looks at the clock
 LATE = 0.1  # share of a period after which a decision counts as late
@@ -346,68 +338,3 @@ class ApplrNode:
         if not self.enabled:
             return "switched off: theta_0"
         return "idle: no goal" if self._goal is None else "deciding"
-
-
-def make_method(mode, policy, parameters, robot=JACKAL):
-    """The method for `mode`. When its file cannot be used: one line, and the planner drives on theta_0."""
-    try:
-        return methods.make_mode(mode, policy, parameters, robot), ""
-    except ApplrError as e:
-        if mode not in methods.METHODS and mode not in methods.MODES:
-            raise
-        return methods.make_mode("dwa", robot=robot), str(e)
-
-
-def _number(name, default, low, high):
-    """The private parameter `name`. SpaceError, one line, where it is no number from low to high."""
-    return number_within(name, rospy.get_param("~" + name, default), low, high, SpaceError)
-
-
-def _text(name, default):
-    """The private parameter `name`, a name of something; empty only where the default is."""
-    value = rospy.get_param("~" + name, default)
-    if not isinstance(value, str) or (default and not value):
-        raise SpaceError(f"{name} is {value!r}: give a text, for instance {default or 'a file'}")
-    return value
-
-
-def main():
-    """Reads the private parameters and runs until shutdown. Returns the exit status."""
-    require_master()
-    rospy.init_node("applr")
-    try:
-        period, seed, namespace = (
-            _number("period", 0, 0, 60.0),
-            _number("seed", 0, 0, 2**31 - 1),
-            rospy.resolve_name(_text("move_base", "move_base")),
-        )
-        robot = load(_text("robot", JACKAL.name))
-        space = space_of(robot)
-        slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
-        max_speed = _number("max_speed", math.inf, slowest, math.inf)
-        topics = (
-            _text("scan_topic", robot.topics.scan),
-            _text("odom_topic", robot.topics.odometry),
-            _text("plan_topic", namespace + "/NavfnROS/plan"),
-        )
-        mode, weights = _text("mode", "applr"), _text("weights", FIT)
-        if weights not in CHOICES:
-            raise SpaceError(f"weights is {weights!r}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
-        method, trouble = make_method(mode, _text("policy", ""), _text("parameters", ""), robot)
-    except ApplrError as e:
-        print(f"applr: {e}", file=sys.stderr)
-        return 1
-    inputs = Inputs(*topics, namespace, robot.laser.pose[2])
-    topics = ApplrTopics(space=space)
-    node = ApplrNode(
-        method, inputs, topics, float(period) or None, namespace, float(max_speed), int(seed), weights, robot
-    )
-    Services(node)
-    if trouble:
-        rospy.logerr(f"applr: {trouble}; driving on theta_0")
-        node.degraded = trouble
-    rospy.loginfo("applr: ready, mode %s, a decision every %g s", method.name, node.period)
-    gc.collect()
-    gc.freeze()  # what is loaded by now stays; it need not be looked through again
-    node.spin()
-    return 0

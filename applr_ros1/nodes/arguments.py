@@ -12,6 +12,7 @@ import xml.etree.ElementTree as xml
 
 import sim_bridge
 import worlds
+from applr_ros1.common.arguments import check_new_bag
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
@@ -236,10 +237,7 @@ def recording(text):
         raise ArgumentError("record is %s: give the path of a file that ends in .bag" % text)
     if os.path.lexists(text) and not os.path.isfile(text):
         raise ArgumentError("record is %s: a folder, pipe or device; give the path of a regular file" % text)
-    if os.path.lexists(text):
-        raise ArgumentError("record is %s: it is there already; give another name" % text)
-    if os.path.lexists(text + ".active"):  # of a recording that goes on or was cut off
-        raise ArgumentError("record is %s: %s.active is there already; give another name" % (text, text))
+    check_new_bag(text, ArgumentError)
     if not os.path.isdir(folder) or not os.access(folder, os.W_OK):
         raise ArgumentError("record is %s: its folder %s is not there or not writable" % (text, folder))
 

@@ -19,7 +19,7 @@ from geometry_msgs.msg import Twist
 from sensor_msgs.msg import Joy
 from std_msgs.msg import String
 
-from applr_ros1.common.arguments import number_within
+from applr_ros1.common.arguments import check_new_bag, number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
@@ -70,9 +70,7 @@ class Recorder:
 
     def __init__(self, path, topics=TOPICS):
         self.path, self.error, self.count = path, "", 0
-        for there, what in ((path, "it"), (path + ".active", path + ".active")):
-            if os.path.lexists(there):
-                raise TeleopError("record is %s: %s is there already; give another name" % (path, what))
+        check_new_bag(path, TeleopError)
         try:
             self._bag = rosbag.Bag(path + ".active", "w")
         except OSError as error:

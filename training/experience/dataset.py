@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional
 
@@ -100,15 +100,21 @@ class Writer:
 
 
 class Dataset:
-    """A dataset to read. Raises DatasetError where it is none, or of another layout."""
+    """A dataset to read, of a layout; None: the one that it states.
 
-    def __init__(self, folder, layout: Layout = Layout()):
-        self.folder, self.layout = Path(folder), layout
+    Raises:
+        DatasetError: it is none, or of another layout.
+    """
+
+    def __init__(self, folder, layout: Optional[Layout] = Layout()):
+        self.folder = Path(folder)
         if not (self.folder / "manifest.json").exists():
             raise DatasetError("%s: no dataset (no manifest.json); make one with bags_to_dataset.py" % folder)
         self.manifest = read_json(self.folder / "manifest.json")
         if not isinstance(self.manifest, dict) or self.manifest.get("format") != FORMAT:
             raise DatasetError("%s: manifest.json is not of format %s" % (folder, FORMAT))
+        layout = layout or self._stated_layout()
+        self.layout = layout
         if self.manifest.get("layout") != asdict(layout):
             raise DatasetError(
                 "%s: its layout is %s, this training has %s" % (folder, self.manifest.get("layout"), asdict(layout))
@@ -121,6 +127,15 @@ class Dataset:
                 "%s: manifest.json counts %.40r transitions, its shards do not"
                 % (folder, self.manifest.get("transitions"))
             )
+
+    def _stated_layout(self) -> Layout:
+        stated = self.manifest.get("layout")
+        names = [field.name for field in fields(Layout)]
+        if not (isinstance(stated, dict) and sorted(stated) == sorted(names)):
+            raise DatasetError("%s: states no layout; it needs the numbers %s" % (self.folder, ", ".join(names)))
+        if not all(type(stated[name]) is int and stated[name] >= 0 for name in names):
+            raise DatasetError("%s: its layout is %.80r; give whole numbers from 0" % (self.folder, stated))
+        return Layout(**stated)
 
     @property
     def transitions(self) -> int:

@@ -203,6 +203,11 @@ class Learner:
             raise StorageError("%s: not a checkpoint of this program" % path)
         return checkpoint
 
+    @staticmethod
+    def collected_in(checkpoint: Dict[str, Any]) -> int:
+        """Of a checkpoint's transitions, those that were driven for the run; older runs counted all alike."""
+        return checkpoint["transitions"] - checkpoint.get("given", 0)
+
     def resume(self, on_trajectory=lambda learner, trajectory: None, offline: bool = False) -> Dict[str, Any]:
         """Back to the last checkpoint, and on through what the journal holds behind it. Returns the checkpoint's extra.
 

@@ -103,8 +103,7 @@ class TrainingRun:
     def _resume(self) -> Dict[str, Any]:
         """Back to where the run was: the checkpoint, and every trajectory taken since."""
         checkpoint = Learner.saved(self.folder) if self.config.resume else None
-        done = checkpoint["transitions"] - checkpoint.get("given", 0) if checkpoint else 0
-        self.episodes = EpisodeLog(self.folder, done)
+        self.episodes = EpisodeLog(self.folder, Learner.collected_in(checkpoint) if checkpoint else 0)
         if not self.config.resume:
             return {}
         return self.learner.resume(self._taken_again, self.offline)
