@@ -7,8 +7,9 @@ Only ros_*.py and the folder gazebo know ROS. A simulator of your own derives fr
 from __future__ import annotations
 
 import importlib
-from typing import Any, Union
+from typing import Any, Type, Union
 
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.robots import Robot, load
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
@@ -46,10 +47,14 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
         raise SimulatorError("simulator %r is not known: give %s, or module:Class" % (name, " or ".join(NAMES)))
     if gui and name != "pybullet":
         raise SimulatorError("gui is true but the simulator %s has no window: take pybullet" % name)
+    # whatever a person's own class raises is theirs to hear in one line
+    expected: Type[Exception] = ImportError if name in _CLASSES else Exception
     try:
         found = getattr(importlib.import_module(module), kind)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise SimulatorError("simulator %s cannot be imported (%s): check module and class" % (name, error)) from None
+    except expected as error:
+        raise SimulatorError(
+            "simulator %s cannot be imported (%s): check module and class" % (name, one_line(error))
+        ) from error
     if not (isinstance(found, type) and issubclass(found, Simulator)):
         raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
     options = dict(randomisation)
@@ -57,5 +62,12 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
         options["gui"] = True
     if robot is not None:
         options["robot"] = load(robot) if isinstance(robot, str) else robot
-    made: Simulator = found(**options)
+    try:
+        made: Simulator = found(**options)
+    except ApplrError:
+        raise
+    except Exception as error:
+        if name in _CLASSES:
+            raise
+        raise SimulatorError("simulator %s cannot be made: %s" % (name, one_line(error))) from error
     return made

@@ -11,6 +11,8 @@ from applr_ros1.monitor.scanner import FROZEN_SCANS
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import free_share, half_planes, penetration
 from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots import load
 
 BEAMS, ANGLE = 720, 2.35619
 LASER = 0.12
@@ -256,7 +258,6 @@ def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
     pytest.importorskip("gymnasium")
     import sim_bridge
     import worlds
-    from applr_ros1.planner.move_base import MoveBase
     from training.mdp.episode import Episode
 
     class Mad(MoveBase):
@@ -266,10 +267,22 @@ def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
             return cycle
 
     touched = {}
-    for monitor in (None, CollisionMonitor()):
+    for monitor in (False, True):
         episode = Episode(sim_bridge.make("kinematic"), Mad(), limit=5, monitor=monitor)
         outcome = episode.reset(worlds.load(world), 0)
         while not outcome.over:
             outcome = episode.decide(episode.space.theta0)
-        touched[monitor is not None] = outcome.collided
+        touched[monitor] = outcome.collided
     assert touched == {False: True, True: False}
+
+
+def test_an_episode_has_the_robots_monitor_or_the_one_that_it_is_given():
+    pytest.importorskip("gymnasium")
+    from training.mdp.episode import Episode
+
+    own, husky = CollisionMonitor(MonitorSettings(margin=0.2)), load("husky")
+    monitors = [
+        Episode(None, MoveBase(husky.parameters()), husky, monitor=given).monitor for given in (True, own, None)
+    ]
+    assert monitors[0].settings == MonitorSettings.of(husky)
+    assert monitors[1:] == [own, None]

@@ -33,7 +33,8 @@ def test_a_run_as_a_dataset_with_another_price_on_changes(tmp_path, capsys):
         )
         journal.append(episodes[-1].pack(), {})
     journal.sync()
-    command = [sys.executable, "-m", "training.dataset", str(tmp_path / "run"), str(tmp_path / "dear")]
+    without_torch = "import sys; sys.modules['torch'] = None; from training.dataset import main; sys.exit(main())"
+    command = [sys.executable, "-c", without_torch, str(tmp_path / "run"), str(tmp_path / "dear")]
     done = subprocess.run([*command, "--c-switch", "0.5"], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert "9 transitions" in done.stdout, done.stderr
     for mine, theirs in zip(Dataset(tmp_path / "dear"), episodes):

@@ -10,7 +10,7 @@ from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint import pad
 from applr_ros1.planner.costmap.scan import PointCloud
-from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.check import check, complete, remark
 from applr_ros1.planner.parameters.declarations import JACKAL, RECOVERY_TYPES
 
 FOOTPRINT = pad([[-0.21, -0.165], [-0.21, 0.165], [0.21, 0.165], [0.21, -0.165]], 0.1)
@@ -49,6 +49,19 @@ def test_listed_recoveries_replace_the_usual():
     built = recovery.build(complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0})))
     assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
     assert built[1].side == 6.0
+
+
+@pytest.mark.parametrize("types", [(0, 1), (1, 0), (0, 0)])
+def test_a_name_given_twice_leaves_the_usual_recoveries_as_in_cpp(types):
+    """move_base.cpp, loadRecoveryBehaviors: an error is logged and the default behaviours are loaded."""
+    listed = [{"name": "own", "type": RECOVERY_TYPES[kind]} for kind in types]
+    listed.append({"name": "last", "type": RECOVERY_TYPES[1]})
+    tree = dict(JACKAL, recovery_behaviors=listed, own={"reset_distance": 6.0})
+    assert check(tree) == []
+    (line,) = remark(tree)
+    assert line.startswith("recovery_behaviors has the name 'own' more than once: as in C++ the default behaviours")
+    built = recovery.build(complete(tree))
+    assert [b.name for b in built] == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
 
 def test_clearing_forgets_outside_the_square_only():

@@ -180,7 +180,7 @@ def test_bytes_there_and_back_and_nonsense_refused():
             Trajectory.unpack(nonsense)
 
 
-def test_journal_keeps_order_and_drops_only_a_torn_last_record(tmp_path):
+def test_journal_keeps_order_and_drops_only_a_torn_last_record(tmp_path, caplog):
     journal = Journal(tmp_path, segment_bytes=200)
     blobs = [bytes([i]) * 90 for i in range(1, 9)]
     places = []
@@ -197,6 +197,7 @@ def test_journal_keeps_order_and_drops_only_a_torn_last_record(tmp_path):
         file.write(b"APTR\x20\x00\x00\x00half a rec")
     torn = Journal(tmp_path, segment_bytes=200)
     assert list(torn.read()) == blobs
+    assert not caplog.records
     torn.append(b"more", {"rows": 8})
     assert list(Journal(tmp_path).read()) == blobs + [b"more"]
     torn.forget_before(5)
@@ -245,6 +246,53 @@ def test_a_damaged_beginning_of_a_segment_is_said_and_deletes_nothing(tmp_path, 
     with pytest.raises(StorageError, match="%s: its beginning is damaged or missing; put a copy" % path.name):
         Journal(tmp_path)
     assert path.read_bytes() == damaged
+
+
+def flipped(path, place):
+    """The file's content with one bit of a byte turned over, which is then also on the disk."""
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    return bytes(data)
+
+
+@pytest.mark.parametrize("field", [0, 5, 8, 40])
+@pytest.mark.parametrize("last", [True, False])
+def test_damage_amid_a_segment_is_said_and_loses_no_more(tmp_path, caplog, field, last):
+    """In the magic, the length, the checksum or the payload of the third of six records."""
+    journal, places = Journal(tmp_path), []
+    for i in range(1, 7):
+        journal.append(bytes([i]) * 60, {"rows": i})
+        places.append(journal.offset)
+    journal.close()
+    if not last:
+        journal.segment_bytes = 10
+        journal.append(b"in another segment", {})
+        journal.close()
+    more = [] if last else [b"in another segment"]
+    path = tmp_path / "000000.segment"
+    damaged = flipped(path, places[1] + field)
+    again = Journal(tmp_path)
+    assert list(again.read()) == [bytes([1]) * 60, bytes([2]) * 60] + more
+    assert list(again.read(since=[0, places[0]])) == [bytes([2]) * 60] + more
+    left = "damaged at byte %d: the %d bytes from there on are not read" % (places[1], len(damaged) - places[1])
+    (record,) = caplog.records
+    assert record.getMessage().startswith("%s: %s; put a copy" % (path, left))
+    again.append(b"more", {"rows": 2})
+    place = again.place
+    again.close()
+    assert path.read_bytes() == damaged
+    assert list(Journal(tmp_path).read(until=place)) == [bytes([1]) * 60, bytes([2]) * 60] + more + [b"more"]
+
+
+def test_a_whole_segment_is_not_taken_for_one_that_was_only_begun(tmp_path):
+    journal = Journal(tmp_path)
+    journal.append(b"first", {})
+    journal.close()
+    damaged = flipped(tmp_path / "000000.segment", 6)  # the header's record ends behind the file
+    with pytest.raises(StorageError, match="its beginning is damaged"):
+        Journal(tmp_path).append(b"second", {})
+    assert (tmp_path / "000000.segment").read_bytes() == damaged
 
 
 def test_journal_on_a_full_disk_stays_whole(tmp_path, monkeypatch):

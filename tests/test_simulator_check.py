@@ -113,6 +113,49 @@ def test_a_class_of_ones_own_is_taken_by_name():
             sim_bridge.make(name)
 
 
+class NeedsAFile(KinematicSimulator):
+    def __init__(self, **options):
+        raise OSError(2, "No such file or directory", "terrain.stl")
+
+
+class NeedsMore(KinematicSimulator):
+    def __init__(self, terrain, **options):
+        super().__init__(**options)
+
+
+class IsBroken(KinematicSimulator):
+    def __init__(self, **options):
+        raise RuntimeError("no physics\nin several lines")
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (NeedsAFile, "FileNotFoundError: terrain.stl: No such file or directory"),
+        (NeedsMore, r"TypeError: .*__init__\(\) missing 1 required positional argument: 'terrain'"),
+        (IsBroken, "RuntimeError: no physics"),
+    ],
+)
+def test_a_constructor_that_raises_is_one_line(kind, words):
+    """What it raised stays with the error, for the person's own debugging."""
+    name = "test_simulator_check:%s" % kind.__name__
+    with pytest.raises(sim_bridge.SimulatorError, match="^simulator %s cannot be made: %s$" % (name, words)) as no:
+        sim_bridge.make(name)
+    assert no.value.__cause__ is not None
+    with pytest.raises(sim_bridge.SimulatorError, match="^randomisation slip"):  # not its own fault
+        sim_bridge.make("test_simulator_check:MirroredScan", slip="wide")
+
+
+@pytest.mark.parametrize("text", ["1 / 0", "def"])
+def test_a_module_that_raises_is_one_line(tmp_path, monkeypatch, text):
+    (tmp_path / "broken_simulator.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(
+        sim_bridge.SimulatorError, match=r"cannot be imported \((ZeroDivision|Syntax)Error: .*\): check"
+    ):
+        sim_bridge.make("broken_simulator:Simulator")
+
+
 def test_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "sim_bridge.check", "nonsense"], capture_output=True, text=True, timeout=60, check=False

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import worlds
+from applr_ros1.common.limits import MAX_CELLS
 from worlds import metrics, top_view
 from worlds.dynabarn import arena_course
-from worlds.occupancy import MAX_CELLS, occupancy
+from worlds.occupancy import occupancy
 
 MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5)))
 OPEN = worlds.World("open", np.zeros((0, 3)), np.zeros((0, 5)), arena_course(), (MOVER,))

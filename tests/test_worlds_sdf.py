@@ -199,6 +199,69 @@ def test_a_collision_may_be_placed_in_its_models_frame(tmp_path, word):
     assert np.allclose(kept.boxes, world.boxes)  # the link is where it was
 
 
+def posed(frame, x, y, yaw=0.0):
+    return "<pose%s>%f %f 0 0 0 %f</pose>" % (" relative_to='%s'" % frame if frame else "", x, y, yaw)
+
+
+def named(tag, name, pose, inside="", **attributes):
+    more = "".join(" %s='%s'" % attribute for attribute in attributes.items())
+    return "<%s name='%s'%s>%s%s</%s>" % (tag, name, more, pose, inside, tag)
+
+
+SHAPE = "<geometry><sphere><radius>0.3</radius></sphere></geometry>"
+DISC = named("collision", "c", "", SHAPE)
+TURN = math.pi / 2
+
+
+@pytest.mark.parametrize("frame", ["world", "", "__model__"])
+def test_the_world_is_a_frame_that_every_pose_may_name(tmp_path, frame):
+    """In nested models, too. Without a name, and with __model__, a pose is relative to the model around it."""
+    link = named("link", "l", posed(frame, 1, 1), DISC)
+    outer = named("model", "outer", posed("world", 5, 0, TURN), named("model", "inner", posed(frame, 2, 3), link))
+    (disc,) = worlds.load(put(tmp_path, sdf(outer), "w.world")).cylinders
+    assert np.allclose(disc, [1, 1, 0.3] if frame == "world" else [5 - 3 - 1, 2 + 1, 0.3])
+
+
+def test_poses_relative_to_models_links_joints_and_frames(tmp_path):
+    """Whatever is named may stand behind what names it, and be relative to something else in turn."""
+    inside = (
+        named("link", "first", posed("hinge", 0, 1), DISC)
+        + named("joint", "hinge", posed("", 1, 0), "<parent>world</parent><child>second</child>")
+        + named("link", "second", posed("plate", 0, 0, TURN), named("collision", "c", posed("first", 1, 0), SHAPE))
+        + named("frame", "plate", posed("", 0, 2), attached_to="corner")
+        + named("frame", "corner", posed("__model__", 1, 0))
+    )
+    body = (
+        named("model", "b", posed("a", 0, 5), named("link", "l", "", DISC))
+        + named("frame", "gate", posed("world", -2, 0, TURN))
+        + named("model", "a", posed("gate", 3, 0), inside)
+    )
+    found = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
+    # a: (-2, 3), turned left by the gate. In it second: (1, 2), turned; hinge: (1, 3); first: (0, 3); c: (0, 4)
+    assert np.allclose(found, [[-2 - 5, 3, 0.3], [-2 - 3, 3, 0.3], [-2 - 4, 3, 0.3]])
+    state = named("model", "a", "<pose>7 7 0 0 0 0</pose>")
+    moved = worlds.load(put(tmp_path, sdf(body + "<state world_name='default'>%s</state>" % state), "w.world"))
+    assert np.allclose(moved.cylinders[1:, :2], [[7, 10], [7, 11]])  # a alone has moved
+    assert np.allclose(moved.cylinders[0], found[0])
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (named("model", "a", posed("b", 1, 0)) + named("model", "b", posed("a", 1, 0)), "'b', which is relative to"),
+        (named("model", "a", posed("b::c", 1, 0)), "model 'a' in .* is relative to 'b::c', but the world in .* has no"),
+        (named("model", "a", "", named("link", "l", posed("b", 1, 0))), "link 'l' of model 'a' .* but model 'a' .* no"),
+        (named("model", "b", posed("a", 1, 0)) + 2 * named("model", "a", ""), "'b' .* has more than one frame"),
+        (named("model", "a", "", placement_frame="l"), "model 'a' in .* has a placement_frame, which is not read"),
+        ("<state>%s</state>" % named("model", "a", posed("b", 1, 0)), "what a <state> saves is relative to the world"),
+    ],
+)
+def test_a_frame_that_cannot_be_had_is_one_line(tmp_path, body, words):
+    with pytest.raises(worlds.WorldError, match=words) as no:
+        worlds.load(put(tmp_path, sdf(body), "w.world"))
+    assert "\n" not in str(no.value)
+
+
 @pytest.mark.parametrize("scale", ["0 0 0", "1 -1 1", "-2 -2 -2", "1 1", "nan 1 1"])
 def test_a_scale_that_cannot_be_is_one_line(tmp_path, scale):
     state = "<state world_name='default'><model name='m'><scale>%s</scale></model></state>" % scale

@@ -12,7 +12,7 @@ from applr_ros1.common.files import read_json
 from applr_ros1.robots import JACKAL, load
 from training.command_line import Parser, number
 from training.experience.dataset import DatasetError, export_replay
-from training.gorila.preparation import OURS
+from training.mdp.rollout import NAVIGATION
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -34,7 +34,7 @@ def _export(options: argparse.Namespace) -> None:
     config = read_json(path) if path.exists() else {}
     if not isinstance(config, dict):
         raise DatasetError("%s: not an options file" % path)
-    ours = config.get("env", OURS) == OURS
+    ours = config.get("env", NAVIGATION) == NAVIGATION
     if options.c_switch and not ours:
         raise UsageError(
             "--c-switch is for runs of the navigation task, this one is of %s: leave it out" % config["env"]

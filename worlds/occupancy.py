@@ -11,11 +11,11 @@ from typing import Tuple
 import numpy as np
 
 from applr_ros1.common.angles import outside_box
+from applr_ros1.common.limits import MAX_CELLS
 
 from .world import World, WorldError
 
 OCCUPIED = 100
-MAX_CELLS = 16_000_000  # as the largest costmap: 200 x 200 m at the usual resolution
 
 
 def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tuple[np.ndarray, Tuple[float, float]]:

@@ -6,7 +6,6 @@ in Gazebo.
 
 from __future__ import annotations
 
-import math
 import os
 from typing import Dict, List, NamedTuple, Optional
 from xml.etree.ElementTree import Element
@@ -15,14 +14,13 @@ import numpy as np
 
 from . import course, dynabarn, sdf_geometry
 from .movers_table import Animation
+from .sdf_frames import IDENTITY, WORLD, Scope, frame_of, pose_of
 from .sdf_xml import numbers, parse
 from .world import Mover, World, WorldError
 
 MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
 IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
-
-_IDENTITY = np.eye(4)
 
 
 def read(path: str) -> World:
@@ -40,12 +38,6 @@ def read(path: str) -> World:
     stated = world.find("{%s}course" % course.NAMESPACE)
     way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
     return World(name, obstacles.cylinders, obstacles.boxes, way, obstacles.movers)
-
-
-def _frame(element: Element) -> str:
-    """What the pose of an element is relative to; "" where it has none or does not say it."""
-    pose = element.find("pose")
-    return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
 
 
 class Obstacles(NamedTuple):
@@ -93,10 +85,9 @@ class _Reader:
                     % (self.path, uri[:80])
                 )
         states = self._states(self.world)
-        for model in self._models_of_state():
-            self._model(model, _IDENTITY, states)
-        for model in self.world.findall("model"):
-            self._model(model, _IDENTITY, states)
+        scope = Scope(self.world, "the world in %s" % self.path)
+        for model in [*self._models_of_state(), *self.world.findall("model")]:
+            self._model(model, scope, IDENTITY, states)
         self.animations.warn()
         return Obstacles(
             np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
@@ -110,7 +101,7 @@ class _Reader:
             for model in state.findall("model"):
                 what = "state of model %r in %s" % (model.get("name"), self.path)
                 links = {
-                    link.get("name", ""): self._pose(link, "link %r, %s" % (link.get("name"), what))
+                    link.get("name", ""): self._saved(link, "link %r, %s" % (link.get("name"), what))
                     for link in model.findall("link")
                     if link.find("pose") is not None
                 }
@@ -119,7 +110,7 @@ class _Reader:
                 if min(scale) <= 0.0:
                     raise WorldError("scale, %s is %s; it must be above 0" % (what, scale))
                 states[model.get("name", "")] = _State(
-                    self._pose(model, what) if model.find("pose") is not None else None,
+                    self._saved(model, what) if model.find("pose") is not None else None,
                     np.array(scale),
                     links,
                     self._states(model),
@@ -132,33 +123,48 @@ class _Reader:
                 for model in insertions.findall("model"):
                     yield model
 
-    def _model(self, model: Element, parent: np.ndarray, states: Dict[str, _State]) -> None:
+    @staticmethod
+    def _saved(element: Element, what: str) -> np.ndarray:
+        """A pose in a <state>, which is always in the world."""
+        if frame_of(element) not in ("", WORLD):
+            raise WorldError(
+                "pose, %s is relative to %r, but what a <state> saves is relative to the world; leave relative_to out"
+                % (what, frame_of(element)[:60])
+            )
+        return pose_of(element, what)
+
+    def _model(self, model: Element, around: Scope, parent: np.ndarray, states: Dict[str, _State]) -> None:
+        """`around`: the world or the model that it is in, which stands at the pose `parent`."""
         name = "model %r in %s" % (model.get("name"), self.path)
+        if model.get("placement_frame"):
+            raise WorldError("%s has a placement_frame, which is not read; give the pose of the model itself" % name)
         state = states.get(model.get("name", ""), _NO_STATE)
-        pose = parent @ self._pose(model, name) if state.pose is None else state.pose
+        place = around.place(model, name)
+        scope = Scope(model, name, around.in_world @ place)
+        pose = parent @ place if state.pose is None else state.pose
         animation, movers = self.animations.of(model), len(self.movers)
         for link in model.findall("link"):
-            self._link(link, pose, state, name, animation)
+            self._link(link, scope, pose, state, animation)
         if animation is not None and len(self.movers) == movers:
             self.animations.stands(model)
         for inner in model.findall("model"):
-            self._model(inner, pose, state.models)
+            self._model(inner, scope, pose, state.models)
 
     def _link(
-        self, link: Element, model_pose: np.ndarray, state: _State, name: str, animation: Optional[Animation]
+        self, link: Element, model: Scope, model_pose: np.ndarray, state: _State, animation: Optional[Animation]
     ) -> None:
-        label = "link %r of %s" % (link.get("name"), name)
+        place = model.place(link, "link %r of %s" % (link.get("name"), model.what))
         stated = state.links.get(link.get("name", ""))
-        pose = model_pose @ self._pose(link, label) if stated is None else stated
+        pose = model_pose @ place if stated is None else stated
         for collision in link.findall("collision"):
-            what = "collision %r of %s" % (collision.get("name"), name)
+            what = "collision %r of %s" % (collision.get("name"), model.what)
             geometry = collision.find("geometry")
             if geometry is None:
                 raise WorldError("%s has no <geometry>; give it a box or a cylinder" % what)
-            place = self._pose(collision, what)
-            if _frame(collision) == "__model__":
-                place = np.linalg.inv(self._pose(link, label)) @ place
-            self._collision(geometry, pose @ place, state.scale, what, animation)
+            in_link = pose_of(collision, what)
+            if frame_of(collision):
+                in_link = np.linalg.inv(place) @ model.frame(frame_of(collision), what) @ in_link
+            self._collision(geometry, pose @ in_link, state.scale, what, animation)
             if len(self.cylinders) + len(self.boxes) + len(self.movers) > MAX_OBSTACLES:
                 raise WorldError("%s has more than %d obstacles; give a world with fewer" % (self.path, MAX_OBSTACLES))
 
@@ -194,18 +200,3 @@ class _Reader:
         if value <= 0.0:
             raise WorldError("%s, %s is %g; it must be above 0" % (tag, what, value))
         return value
-
-    @staticmethod
-    def _pose(element: Element, what: str) -> np.ndarray:
-        pose = element.find("pose")
-        if pose is None or not (pose.text or "").strip():
-            return _IDENTITY
-        frame = _frame(element)
-        if frame not in ("", "world", "__model__"):
-            raise WorldError(
-                "pose, %s is relative to %r, which is not read; make it relative to its parent" % (what, frame[:60])
-            )
-        values = numbers(pose.text, 6, "pose, " + what)
-        if pose.get("degrees") in ("true", "1"):
-            values[3:] = [math.radians(v) for v in values[3:]]
-        return sdf_geometry.transform(values)

@@ -31,7 +31,10 @@ def reason(error: BaseException) -> str:
 
 def one_line(error: BaseException) -> str:
     """What went wrong, for people: the text of this package's own errors, the kind and the text of all others."""
-    return str(error) if isinstance(error, ApplrError) else "%s: %s" % (type(error).__name__, reason(error))
+    if isinstance(error, ApplrError):
+        return str(error)
+    where = "%s: " % error.filename if isinstance(error, OSError) and error.filename else ""
+    return "%s: %s%s" % (type(error).__name__, where, reason(error))
 
 
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:

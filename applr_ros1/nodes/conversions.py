@@ -20,9 +20,9 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.limits import MAX_CELLS
 from applr_ros1.planner.costmap.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
-from applr_ros1.planner.parameters.declarations import MAX_CELLS
 
 MAX_BEAMS = 100000
 MAX_POINTS = 5_000_000

@@ -17,8 +17,6 @@ import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
-from applr_ros1.monitor.monitor import CollisionMonitor
-from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy import methods
@@ -163,8 +161,7 @@ class TrialRunner:
     ):
         self.robot, self.as_they_are, self.learnt_with = load(robot), as_they_are, learnt_with
         self.space = space_of(self.robot)
-        self.monitor = CollisionMonitor(MonitorSettings.of(self.robot)) if monitor else None
-        self.protocol, self.reward = protocol, Reward(**(reward or {}))
+        self.protocol, self.reward, self.monitor = protocol, Reward(**(reward or {})), monitor
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
         self.time_limit = time_limit
         self._params = self.robot.parameters()

@@ -7,12 +7,15 @@ writes and reads it. A segment file is a row of records: "APTR", length, CRC-32,
 
 from __future__ import annotations
 
+import io
 import json
+import logging
 import os
+import re
 import struct
 import zlib
 from pathlib import Path
-from typing import Dict, Iterator, List, Optional, Tuple
+from typing import BinaryIO, Dict, Iterator, List, Optional, Set, Tuple
 
 from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
@@ -22,11 +25,15 @@ MAGIC, FORMAT = b"APTR", "applr-journal-1"
 _FRAME = struct.Struct("<4sII")
 LARGEST = 1 << 28
 
+log = logging.getLogger(__name__)
+
 
 class Journal:
     """A folder of segments. A torn last record, in flight when the process died, is left out.
 
-    Opening it changes nothing on the disk: the first append() makes the folder, or drops what is torn.
+    Opening it changes nothing on the disk: the first append() makes the folder, or drops what is torn. Of a segment
+    that is damaged in its middle, what is before that is read, and one line says how much is not; nothing is deleted,
+    and the next record begins another segment.
 
     Raises:
         StorageError: with one line, where a segment does not begin with a header, so that none of it can be read.
@@ -39,6 +46,7 @@ class Journal:
         for path in map(self._path, self.segments):
             if not path.is_file():  # opening a pipe would wait for ever
                 raise StorageError("%s: a folder, pipe or device; a journal's segments are regular files" % path)
+        self._damaged: Set[int] = set()  # segments that hold more than can be read, each said once
         self._file: Optional[int] = None  # of the last segment, while it is open
         self.offset = 0
         while self.segments and self._is_begun(self._path(self.segments[-1])):
@@ -53,7 +61,7 @@ class Journal:
         """Add a record. `header` goes first into a new segment, should one be begun."""
         while self._begun:
             self._path(self._begun.pop()).unlink(missing_ok=True)
-        if self._file is None and self.segments:
+        if self._file is None and self.segments and self.segments[-1] not in self._damaged:
             os.ftruncate(self._open(self.segments[-1]), self.offset)
         if self._file is None or self.offset > self.segment_bytes:
             self._begin(header)
@@ -157,32 +165,69 @@ class Journal:
         path = self._path(segment)
         try:
             with open(path, "rb") as file:
-                file.seek(begin)
-                offset = begin
-                while True:
-                    frame = file.read(_FRAME.size)
-                    if len(frame) < _FRAME.size:
-                        return
-                    magic, length, crc = _FRAME.unpack(frame)
-                    if magic != MAGIC or length > LARGEST:
-                        return
-                    blob = file.read(length)
-                    if len(blob) < length or zlib.crc32(blob) != crc:
-                        return
-                    offset += _FRAME.size + length
+                size = os.fstat(file.fileno()).st_size  # a run that goes on may append meanwhile
+                offset = file.seek(begin)
+                while (blob := _payload(file)) is not None:
+                    offset += _FRAME.size + len(blob)
                     yield offset, blob
+                file.seek(offset)
+                self._see_rest(segment, offset, file.read(max(0, size - offset)))
         except OSError as error:
             raise StorageError("%s: cannot be read (%s)" % (path, reason(error))) from None
+
+    def _see_rest(self, segment: int, offset: int, rest: bytes) -> None:
+        """Says what a segment holds behind the last record that can be read, once, but for a torn last record.
+
+        A segment whose very first record cannot be read is an error of its own.
+        """
+        if not rest or not offset or segment in self._damaged:
+            return
+        if segment == self.segments[-1] and _is_torn(rest):
+            return
+        self._damaged.add(segment)
+        log.warning(
+            "%s: damaged at byte %d: the %d bytes from there on are not read; put a copy of the file there, or go on "
+            "without them",
+            self._path(segment),
+            offset,
+            len(rest),
+        )
 
     @staticmethod
     def _is_begun(path: Path) -> bool:
         """Whether a segment ends within its first record."""
         with open(path, "rb") as file:
-            frame = file.read(_FRAME.size)
-        if len(frame) < _FRAME.size:
-            return True
-        magic, length, _ = _FRAME.unpack(frame)
-        return magic == MAGIC and _FRAME.size + length > path.stat().st_size and length <= LARGEST
+            if _payload(file) is not None:
+                return False
+            file.seek(0)
+            rest = file.read()
+        return len(rest) < _FRAME.size or _is_torn(rest)
 
     def _good_length(self, segment: int) -> int:
         return max((end for end, _ in self._records(segment)), default=0)
+
+
+def _payload(file: BinaryIO) -> Optional[bytes]:
+    """The payload of the record that begins here; None where there is no whole one."""
+    frame = file.read(_FRAME.size)
+    if len(frame) < _FRAME.size:
+        return None
+    magic, length, crc = _FRAME.unpack(frame)
+    if magic != MAGIC or length > LARGEST:
+        return None
+    blob = file.read(length)
+    return blob if len(blob) == length and zlib.crc32(blob) == crc else None
+
+
+def _is_torn(rest: bytes) -> bool:
+    """Whether these bytes are the beginning of one record and nothing else: no whole record is among them."""
+    if len(rest) >= _FRAME.size:
+        length = _FRAME.unpack(rest[: _FRAME.size])[1]
+        if length > LARGEST or _FRAME.size + length <= len(rest):
+            return False
+    file = io.BytesIO(rest)
+    for found in re.finditer(MAGIC, rest):
+        file.seek(found.start())
+        if _payload(file) is not None:
+            return False
+    return rest[: len(MAGIC)] == MAGIC[: len(rest)]

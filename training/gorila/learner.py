@@ -273,7 +273,7 @@ class Learner:
         self.replay.restore_episode_numbers(checkpoint["seen"])
         if (self.replay.written, self.replay.transitions) != (checkpoint["rows"], checkpoint["transitions"]):
             raise StorageError(
-                "%s: the journal holds %d transitions, the checkpoint counts %d; files are missing"
+                "%s: the journal holds %d transitions, the checkpoint counts %d; files are missing or damaged"
                 % (self.folder, self.replay.transitions, checkpoint["transitions"])
             )
         self.rng.bit_generator.state = checkpoint["rng"]

@@ -13,6 +13,7 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.robots import NAMES
 from training.gorila.learner import LearnerConfig
 from training.mdp.reward import Reward
+from training.mdp.rollout import NAVIGATION
 from training.td3.td3 import TD3Config
 from training.workers.pool import KINDS
 from worlds.loading import FORMS
@@ -71,7 +72,7 @@ class Options:
     period: float = option(PERIOD,
         "Decision period [s]: simulated time between two choices of the parameters. The paper used 2.",
         group="Worlds and robot")
-    env: str = option("training.mdp.env:ApplrEnv",
+    env: str = option(NAVIGATION,
         "Training environment as MODULE:CLASS. An environment other than the default is constructed without arguments.")
     robot: str = option("jackal",
         "Robot that drives: %s, or a folder with robot.yaml (docs/robots.md). The worlds are at its scale." % (

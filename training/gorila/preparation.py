@@ -21,11 +21,9 @@ from training.gorila.config import ConfigError, TrainConfig
 from training.gorila.learner import LearnerConfig
 from training.mdp.env import ApplrEnv, load_worlds
 from training.mdp.episode import CONTROL_PERIOD
-from training.mdp.rollout import make_environment
+from training.mdp.rollout import NAVIGATION, make_environment
 from training.workers.tasks import RunnerSpec, WorkerSettings
 from worlds import World
-
-OURS = TrainConfig.env
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Preparation:
 def prepare(config: TrainConfig) -> Preparation:
     """Checks worlds and environment before anything is begun. Raises errors of one line."""
     evaluates = config.eval_worlds != "none"
-    if config.env != OURS:
+    if config.env != NAVIGATION:
         environment = {"env": config.env, "options": {}}
         settings = WorkerSettings(
             RunnerSpec("training.gorila.collector:Collector", environment),
@@ -119,7 +117,7 @@ def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Dataset]:
         return None
     dataset = Dataset(config.dataset, layout)
     options: Dict[str, Any] = {"period": config.period}
-    if config.env == OURS:
+    if config.env == NAVIGATION:
         options.update(weights=config.weights, robot=load(config.robot).name)
     for name, value in options.items():
         driven = dataset.source.get(name, value)

@@ -30,9 +30,10 @@ from training.experience.trajectory import Trajectory
 from training.gorila.config import PROVENANCE, ConfigError, TrainConfig
 from training.gorila.curves import EpisodeLog, draw_curves
 from training.gorila.learner import DATASET, Learner
-from training.gorila.preparation import OURS, dataset_of, learner_config, prepare, set_threads
+from training.gorila.preparation import dataset_of, learner_config, prepare, set_threads
 from training.gorila.progress import ProgressLine, TensorBoardLog, clock, describe, status
 from training.gorila.scheduler import TaskScheduler, easiest_first
+from training.mdp.rollout import NAVIGATION
 from training.provenance import provenance, without_folders
 from training.storage import Lock, make_folder
 from training.workers.pool import PoolError, make_pool
@@ -301,7 +302,7 @@ class TrainingRun:
             "result": result,
             "default": self.evaluation.default if result else None,
         }
-        if self.config.env == OURS:
+        if self.config.env == NAVIGATION:
             robot = load(self.config.robot)
             actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
         else:

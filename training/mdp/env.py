@@ -15,8 +15,6 @@ import numpy as np
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.monitor.monitor import CollisionMonitor
-from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
 from applr_ros1.policy.decision import PERIOD
@@ -94,7 +92,7 @@ class ApplrEnv(gymnasium.Env):
             period=period,
             end_on_contact=end_on_contact,
             record=record or render_mode is not None,
-            monitor=CollisionMonitor(MonitorSettings.of(robot)) if monitor else None,
+            monitor=monitor,
         )
         self.space = self.episode.space
         self.scan_beams = self.episode.layout.beams  # first numbers of an observation; the replay stores them coarser

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import replace
-from typing import Optional, Tuple
+from typing import Optional, Tuple, Union
 
 import numpy as np
 
 from applr_ros1.common.angles import place, wrapped
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.variant import PER_METRE
 from applr_ros1.policy.decision import PERIOD, Context
@@ -54,7 +55,7 @@ class Episode:
     end_on_contact  a contact ends the trial (BARN Challenge's protocol; the paper's goes on)
     record          keep .trace
     robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
-    monitor         a CollisionMonitor between the planner and the base; None: commands reach the base as they are
+    monitor         whether the robot's collision monitor stands between the planner and the base; or a CollisionMonitor
 
     The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
     until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
@@ -69,9 +70,12 @@ class Episode:
         end_on_contact: bool = False,
         record: bool = False,
         period: float = PERIOD,
-        monitor: Optional[CollisionMonitor] = None,
+        monitor: Union[CollisionMonitor, bool, None] = False,
     ):
-        self.simulator, self.move_base, self.monitor = simulator, move_base, monitor
+        self.simulator, self.move_base = simulator, move_base
+        if not isinstance(monitor, CollisionMonitor):
+            monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
+        self.monitor = monitor
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         # what the distance weights of the coming trials' sets count (Method.weights); None: whatever the planner's do

@@ -8,6 +8,8 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional
 import gymnasium
 import numpy as np
 
+NAVIGATION = "training.mdp.env:ApplrEnv"  # the navigation task, which is trained in unless another is named
+
 
 class Rollout(NamedTuple):
     """An episode of T steps.

@@ -8,17 +8,18 @@ from __future__ import annotations
 import difflib
 import math
 import sys
+from collections import Counter
 from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common.limits import MAX_CELLS
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.declarations import (
     BEHAVIOUR,
     DEFAULT_RECOVERIES,
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
-    MAX_CELLS,
     RECOVERY_TYPES,
     SERVERS,
     Parameter,
@@ -113,8 +114,14 @@ def tables(tree: Dict[str, Any]) -> Tables:
 
 
 def _behaviours(tree) -> List[str]:
+    """The names that recovery_behaviors lists."""
     listed = tree.get("recovery_behaviors")
-    return [str(b.get("name")) for b in listed if isinstance(b, dict)] if isinstance(listed, list) else []
+    named = [b.get("name") for b in listed if isinstance(b, dict)] if isinstance(listed, list) else []
+    return [name for name in named if isinstance(name, str)]
+
+
+def _repeated(names: List[str]) -> List[str]:
+    return [name for name, times in Counter(names).items() if times > 1]
 
 
 def check(tree: Dict[str, Any]) -> List[str]:
@@ -136,6 +143,11 @@ def remark(tree: Dict[str, Any]) -> List[str]:
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
         found = remarks(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
         lines += ["DWAPlannerROS/" + line for line in found]
+    lines += [
+        "recovery_behaviors has the name %r more than once: as in C++ the default behaviours take the place of the "
+        "list; give each a name of its own" % name
+        for name in _repeated(_behaviours(tree))
+    ]
     lines += _remark_behaviours(tree)
     tree = arranged(tree)
     _remark_layers(tree, tables(tree), lines)
@@ -219,10 +231,13 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
                 )
             value = convert(p, named[0] if named else p.default, label)
             here.update({name: value for name in (p.name,) + p.aliases})
-    _check_behaviours(full, _behaviours(tree))
+    names = _behaviours(tree)
+    if _repeated(names):  # C++ says so and takes the defaults (move_base.cpp, loadRecoveryBehaviors)
+        names, full["recovery_behaviors"] = [], []
+    _check_behaviours(full, names)
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
-    for name in _behaviours(tree):
+    for name in names:
         own = branch(tree, name) or {}
         usual = full.get(name, {})
         full[name] = {

@@ -47,7 +47,6 @@ __all__ = [
     "JACKAL",
     "GLOBAL_PLANNERS",
     "LOCAL_PLANNERS",
-    "MAX_CELLS",
     "PLUGINS",
     "RECOVERY_TYPES",
     "SERVERS",
@@ -61,8 +60,6 @@ __all__ = [
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
-
-MAX_CELLS = 16_000_000  # of one costmap; a larger one is refused instead of filling the memory
 
 
 def _with(parameters: Tuple[Parameter, ...], **jackal) -> Tuple[Parameter, ...]:
