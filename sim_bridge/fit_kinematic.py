@@ -178,9 +178,12 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 0, or a message where a simulator cannot be made."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
-        "--scenes", type=int, default=60, help="Number of scenes to fit; as many again are kept aside for the check."
+        "--scenes",
+        type=int,
+        default=60,
+        help="Number of scenes to fit; as many again are kept aside for the check. Default: %(default)s.",
     )
-    parser.add_argument("--robot", default="jackal", help="Robot to fit: a name or a folder.")
+    parser.add_argument("--robot", default="jackal", help="Robot to fit: a name or a folder. Default: %(default)s.")
     return run_main(lambda: _print_fit(parser.parse_args(argv)), "fit_kinematic")
 
 

@@ -93,6 +93,11 @@ class Bridge:
         self._connect()
         if not self.makes_clock:
             self._await_clock()
+        elif not rospy.get_param("/use_sim_time", False):
+            rospy.logwarn(
+                "sim_bridge: /use_sim_time is not true: nodes that take the computer's time find scans and transforms "
+                "too old; rosparam set /use_sim_time true, then start them"
+            )
         rospy.loginfo(
             "sim_bridge: ready: world %s (%d cylinders, %d boxes, %d moving), simulator %s, seed %d, "
             "real time factor %g",

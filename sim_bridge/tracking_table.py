@@ -91,10 +91,12 @@ def _measure(simulator, v, w, seconds, seed):
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Print the table. Exit status 0 where all speeds are driven within five percent."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--simulator", default="pybullet", help="Simulator to measure: %s." % " or ".join(NAMES))
-    parser.add_argument("--robot", default="jackal", help="Robot to measure: a name or a folder.")
-    parser.add_argument("--even", action="store_true", help="Even ground: no random slip.")
-    parser.add_argument("--seeds", type=int, default=4, help="Number of runs that are averaged.")
+    parser.add_argument(
+        "--simulator", default="pybullet", help="Simulator to measure: %s. Default: pybullet." % " or ".join(NAMES)
+    )
+    parser.add_argument("--robot", default="jackal", help="Robot to measure: a name or a folder. Default: %(default)s.")
+    parser.add_argument("--even", action="store_true", help="Measure on even ground, without random slip.")
+    parser.add_argument("--seeds", type=int, default=4, help="Number of runs that are averaged. Default: %(default)s.")
     return run_main(lambda: _print_table(parser.parse_args(argv)), "tracking_table")
 
 

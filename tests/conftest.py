@@ -39,6 +39,10 @@ SLOW = 15  # a test marked `slow` takes as long as about so many others
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
+for number in (signal.SIGTERM, signal.SIGHUP):  # a job that is cancelled, a terminal that is closed: as Ctrl-C, so
+    if signal.getsignal(number) == signal.SIG_DFL:  # that what the tests have started ends, too
+        signal.signal(number, signal.default_int_handler)
+os.environ.pop("ROS_NAMESPACE", None)  # of a robot of the person's: tests name topics from the root
 
 NEEDS = {"training": "torch", "ros_harness": "rospy"}  # what these import later
 OWN = {"applr_ros1", "sim_bridge", "worlds", "training"}
@@ -173,6 +177,7 @@ def pytest_configure(config):
     config.stash[RUNS] = ThreadPoolExecutor(AT_A_TIME, initializer=lambda: next(number) and done.wait())
 
 
+@pytest.hookimpl(trylast=True)  # after -k, -m and --deselect, which know the tests and not what they are made here
 def pytest_collection_modifyitems(config, items):
     if "long" not in config.option.markexpr:
         items[:] = [item for item in items if not item.get_closest_marker("long")]

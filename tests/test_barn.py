@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -133,11 +134,12 @@ def test_a_folder_that_is_no_checkout(tmp_path):
 def test_scores_of_the_challenge():
     """By hand: optimal time 5 s; half marks at twice that and below, least at the clip, nothing without success."""
     score = barn_results.score
-    assert score(True, 3.0, 5.0, 8.0) == 0.5
-    assert score(True, 20.0, 5.0, 8.0) == 0.25
-    assert score(True, 90.0, 5.0, 8.0) == 0.125
-    assert score(True, 90.0, 5.0, 4.0) == 0.25
-    assert score(False, 3.0, 5.0, 8.0) == 0.0
+    assert score(True, 3.0, 5.0, 2.0) == 0.5
+    assert score(True, 3.0, 5.0, 4.0) == 0.25
+    assert score(True, 20.0, 5.0, 2.0) == 0.25
+    assert score(True, 25.0, 5.0, 4.0) == 0.2
+    assert score(True, 90.0, 5.0, 2.0) == score(True, 90.0, 5.0, 4.0) == 0.125
+    assert score(False, 3.0, 5.0, 2.0) == 0.0
 
 
 def test_a_row_that_was_cut_off_is_driven_again(tmp_path):
@@ -153,3 +155,15 @@ def test_a_row_that_was_cut_off_is_driven_again(tmp_path):
     assert barn_results.summary(list(results.runs.values()))["success_rate"] == 0.5
     with pytest.raises(barn_results.ResultsError, match="no line of six numbers"):
         barn_results.run_of("Traceback", 0, 10.0)
+
+
+def test_a_run_is_in_no_namespace_of_another_robot(tmp_path, monkeypatch):
+    started = []
+    monkeypatch.setenv("ROS_NAMESPACE", "robot1")
+    monkeypatch.setattr(barn.subprocess, "Popen", lambda *_, env, **__: started.append(env))
+    evaluation = barn.Evaluation.__new__(barn.Evaluation)
+    evaluation.out, evaluation.overlay = tmp_path, SimpleNamespace(package="p", checkout=tmp_path, runner="run.py")
+    evaluation.options = SimpleNamespace(simulator="kinematic", seed=0, real_time_factor=1.0)
+    evaluation._start((0, 0), ())
+    assert "ROS_NAMESPACE" not in started[0]
+    assert started[0]["ROS_MASTER_URI"].startswith("http://127.0.0.1:")

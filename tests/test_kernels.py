@@ -126,6 +126,16 @@ def test_a_damaged_file_is_compiled_anew_and_a_folder_open_to_others_not_used(st
     assert len(list(tmp_path.glob("applr_ros1-kernels-*/outer.outer-*"))) == 1
 
 
+def test_a_user_without_a_home_gets_no_folder_in_the_current_one(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(kernels.os.path, "expanduser", lambda path: path)  # as where the user has no entry either
+    monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
+    assert kernels.cache_folder.__wrapped__() == str(tmp_path / "tmp" / ("applr_ros1-kernels-%d" % os.getuid()))
+    assert os.listdir(tmp_path) == ["tmp"]
+
+
 def test_the_files_of_a_kernel_are_bounded(monkeypatch, tmp_path):
     monkeypatch.setattr(kernels, "cache_folder", lambda: str(tmp_path))
 

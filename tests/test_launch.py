@@ -255,6 +255,9 @@ def test_roslaunch_refuses_a_wrong_argument():
     assert refused.returncode != 0
     assert "applr: real_time_factor is -1: give 0 (as fast as it goes) or more" in refused.stderr
     assert "auto-starting new master" not in refused.stdout
+    passed_over = inside("roslaunch", "--nodes", *LAUNCH, "wrold:=generated:7", "__log:=none")  # by roslaunch itself
+    assert "applr: wrold:= is no argument: there are robot, map, world, " in passed_over.stderr
+    assert "/move_base" not in passed_over.stdout
 
 
 def test_install_space(tmp_path):
@@ -293,6 +296,7 @@ def demo(tmp_path, *arguments):
             "picture:=%s" % (tmp_path / "drive.png"),
             "animation:=%s" % (tmp_path / "drive.gif"),
         ],
+        env=dict(os.environ, TMPDIR=str(tmp_path)),
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -389,6 +393,7 @@ def test_interrupted_demo_leaves_nobody(tmp_path, measured):
     assert took < 5.0 * max(before, slowness())
     assert not [pid for pid in below if is_alive(pid)]
     assert not (tmp_path / "drive.png").exists()
+    assert not list(tmp_path.glob("applr_demo_*"))  # the log is of no use any more
 
 
 def test_a_busy_port_is_named():

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+import sys
 
 import pytest
 from test_launch import ROOT, inside
@@ -100,6 +101,11 @@ def test_a_cap_on_the_speed_needs_a_parameter_for_it(tmp_path):
     assert refusal(robot=robot, mode="dwa") == refusal(max_speed="0.4") == ""
 
 
+def test_files_for_a_map_are_needed_where_our_move_base_is_started():
+    assert "robot.yaml has no move_base.with_map" in refusal(map="true")
+    assert refusal(map="true", move_base="cpp", sim="false") == ""
+
+
 @pytest.mark.parametrize(
     ("mode", "becomes"),
     [
@@ -123,7 +129,8 @@ def test_a_cap_on_the_speed_needs_a_parameter_for_it(tmp_path):
 )
 def test_files_of_a_mode_get_their_folder(mode, becomes, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.path", [entry for entry in __import__("sys").path if entry])  # as a script has it
+    entries = [entry for entry in sys.path if entry]  # as a script has them; to make a method adds the folder
+    monkeypatch.setattr("sys.path", [*entries, str(tmp_path)])
     for name in ("own.py", "json.py", "weights.txt", "applr"):
         (tmp_path / name).touch()
     expected = becomes.replace("%s", str(tmp_path)).replace("{0}", str(tmp_path))
@@ -133,13 +140,21 @@ def test_files_of_a_mode_get_their_folder(mode, becomes, tmp_path, monkeypatch):
 
 def test_the_demo_hands_the_mode_on_with_its_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    started = []
-    monkeypatch.setattr(demo.processes, "start", lambda command, *_: started.extend(command))
-    for name in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP"):
+    started, environments = [], [os.environ]
+
+    def start(command, environment, _):
+        started.extend(command)
+        environments.append(environment)
+
+    monkeypatch.setattr(demo.processes, "start", start)
+    for name in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_IP", "ROS_NAMESPACE"):
         monkeypatch.setenv(name, "")
     values = {name: default for name, (default, _) in arguments.declared().items()}
     demo.Stack(dict(values, mode="fixed:set.json", port="1", given={}), None)
     assert "mode:=fixed:%s/set.json" % tmp_path in started
+    for environment in environments:  # of the nodes, and of the demo itself
+        assert not {"ROS_IP", "ROS_NAMESPACE"} & set(environment)
+        assert environment["ROS_MASTER_URI"] == "http://localhost:1"
 
 
 def test_the_demo_makes_its_own_clock(capsys):
@@ -174,6 +189,8 @@ def test_launch_files_know_the_robots_and_clear_what_an_earlier_launch_left():
         ("jackal_applr.launch", ("rviz:=true",)),
         ("barn_controller.launch", ()),
         ("velocity_method.launch", ("method:=a:B",)),
+        ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
+        ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
     ):
         done = inside("python", "-c", code, os.path.join(LAUNCH, name), *words)
         assert done.returncode == 0, done.stderr[-2000:]
@@ -222,3 +239,21 @@ def test_a_goal_is_sent_in_the_frame_of_the_robots_odometry(given, frame, tmp_pa
     assert goal.main() == 0
     assert sent == [frame]
     assert "rad in %s" % frame in said[0]
+
+
+def test_a_simulated_robot_needs_its_own_time():
+    assert refusal(use_sim_time="false").startswith("use_sim_time is false: a simulated robot's time is that of /clock")
+    assert refusal(use_sim_time="true") == refusal(sim="false", use_sim_time="false") == ""
+
+
+def test_no_goal_is_sent_where_none_is_asked_for(monkeypatch):
+    from applr_ros1.nodes import goal
+
+    said = []
+    monkeypatch.setattr(goal, "require_master", lambda: None)
+    monkeypatch.setattr(goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent"))
+    monkeypatch.setattr(goal.rospy, "init_node", lambda name: None)
+    monkeypatch.setattr(goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default)
+    monkeypatch.setattr(goal.rospy, "loginfo", said.append)
+    assert goal.main() == 0
+    assert said == ["goal is none: nothing is sent"]

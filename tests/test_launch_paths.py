@@ -1,7 +1,9 @@
-"""Paths with quotes and spaces in arguments of the launch files, and line breaks, which ROS does not take."""
+"""Paths with quotes and spaces in arguments of the launch files, line breaks, which ROS does not take, and the lists of
+arguments."""
 
 import json
 import os
+import re
 import shutil
 
 import pytest
@@ -81,3 +83,38 @@ def test_a_line_break_in_an_argument_is_refused():
     """ROS leaves such an argument out without a word, and the stack would drive something else."""
     with pytest.raises(arguments.ArgumentError, match="no line break"):
         arguments.parse(["world:=a\nb.world"], arguments.declared())
+
+
+def test_a_current_folder_that_the_launch_file_has_wrong_is_no_place_for_files(tmp_path):
+    """It is the shell's variable PWD, which a service lacks and a program may leave as it was for itself."""
+    sdf_writer.write(worlds.load("generated:1"), str(tmp_path / "w.world"))
+    launch = os.path.join(ROOT, "applr_ros1", "launch", "jackal_applr.launch")
+
+    def loaded(*words, told="PWD=/usr"):
+        return inside("env", *told.split(), "python", "-c", LOAD, launch, *words, cwd=str(tmp_path))
+
+    line = "applr: world is w.world: PWD is %%s and the current folder is %s; give the path from the root" % tmp_path
+    assert line % "/usr" in loaded("world:=w.world").stderr.splitlines()
+    assert line % "not set" in loaded("world:=w.world", told="-u PWD").stderr.splitlines()
+    assert "record is a.bag: PWD is /usr and" in loaded("record:=a.bag").stderr
+    assert loaded("world:=%s" % (tmp_path / "w.world")).returncode == loaded("world:=generated:1").returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "required"),
+    [
+        ("jackal_applr", []),
+        ("replay", ["bag"]),
+        ("two_jackals", []),
+        ("velocity_method", ["method"]),
+        ("barn_controller", []),
+    ],
+)
+def test_roslaunch_lists_the_arguments_of_a_launch_file(name, required):
+    listed = inside("roslaunch", "--ros-args", "applr_ros1", name + ".launch")
+    assert listed.returncode == 0, listed.stderr
+    needed, _, others = listed.stdout.rpartition("Optional Arguments:")
+    assert re.findall(r"^  (\w+)", needed, re.MULTILINE) == required
+    path = os.path.join(ROOT, "applr_ros1", "launch", name + ".launch")
+    assert {*re.findall(r"^  (\w+)", others, re.MULTILINE), *required} == set(arguments.declared(path))
+    assert "undocumented" not in listed.stdout

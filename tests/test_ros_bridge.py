@@ -113,6 +113,7 @@ def seconds_between(messages):
 def test_says_when_it_is_ready(robot):
     robot.wait(lambda: "ready: world generated:0" in robot.process.text)
     assert "pybullet build time" not in robot.process.text
+    assert "rosparam set /use_sim_time true" in robot.process.text  # which nobody has done here
 
 
 def test_topics_and_rates(robot):

@@ -1,4 +1,5 @@
-"""Nodes that are started without a ROS master, or stopped at once, say so in one line."""
+"""Nodes that are started without a ROS master or with words that are no parameters, or stopped at once, say so in one
+line."""
 
 import os
 import signal
@@ -10,7 +11,17 @@ import pytest
 import ros_harness
 
 pytest.importorskip("rospy")
-NODES = ("applr", "collision_monitor", "move_base", "sim_bridge", "teleop", "send_goal")
+NODES = (
+    "applr",
+    "collision_monitor",
+    "move_base",
+    "parameter_panel",
+    "send_goal",
+    "sim_bridge",
+    "teleop",
+    "velocity",
+)
+SCRIPTS = ros_harness.ROOT / "applr_ros1" / "scripts"
 
 
 def start(*arguments):
@@ -32,12 +43,28 @@ def start(*arguments):
 
 @pytest.mark.parametrize("name", NODES)
 def test_without_a_master(name):
-    process = start(str(ros_harness.ROOT / "applr_ros1" / "scripts" / (name + ".py")))
+    process = start(str(SCRIPTS / (name + ".py")))
     _, text = process.communicate(timeout=30)
     assert process.returncode == 1, text
     assert len(text.splitlines()) == 1, text
-    assert "no ROS master at http://localhost:" in text
+    assert text.startswith(name + ": no ROS master at http://localhost:")
     assert "roscore" in text
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_words_that_are_no_parameters_start_nothing(name):
+    """`send_goal.py 1 0 0` would send the robot somewhere else, and so would `send_goal.py --help`."""
+    wrong, helped = (
+        start(str(SCRIPTS / (name + ".py")), "1", "0", "0", "_a:=b"),
+        start(str(SCRIPTS / (name + ".py")), "-h"),
+    )
+    _, text = wrong.communicate(timeout=30)
+    assert wrong.returncode == 1, text
+    assert len(text.splitlines()) == 1, text
+    assert text.startswith(name + ": 1 0 0: give parameters as _NAME:=VALUE")
+    told, text = helped.communicate(timeout=30)
+    assert (helped.returncode, text) == (0, "")
+    assert "~robot" in told or "~method" in told or "_record:=" in told
 
 
 @pytest.mark.parametrize("module", ["applr_ros1.nodes.move_base_node", "applr_ros1.nodes.arguments", "training.train"])

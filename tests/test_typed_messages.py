@@ -1,6 +1,8 @@
 """Messages of this package: a bag with typed decisions reads the same as one with the JSON topics of older bags."""
 
 import math
+import xml.etree.ElementTree as xml
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -97,3 +99,9 @@ def test_fields_of_the_parameters_are_named_for_plotting():
     empty = applr_topics.parameters_message(None, rospy.Time(3))
     assert empty.names == []
     assert math.isnan(empty.max_vel_x)
+
+
+def test_packages_that_build_upon_the_messages_get_what_these_need():
+    package = xml.parse(Path(__file__).resolve().parents[1] / "package.xml").getroot()
+    exported = {node.text for node in package if node.tag in ("depend", "build_export_depend")}
+    assert {"std_msgs", "message_runtime"} <= exported

@@ -23,6 +23,17 @@ from training.experience.dataset import Writer
 from training.experience.trajectory import Layout, TrajectoryError
 from training.mdp.reward import Reward
 
+IN_THE_BAGS = {  # option: what it names
+    "scan": "Topic of the laser scans in the bags.",
+    "odometry": "Topic of the odometry in the bags.",
+    "plan": "Topic of the global plans in the bags.",
+    "move_base": "Name space of move_base in the bags, with its goals and the parameters of its servers.",
+    "collision": "Topic in the bags that says whether something touches the robot, where a simulator recorded it.",
+    "applr": "Name space of the applr node in the bags, with whose observations the rebuilt ones are compared.",
+    "command": "Topic of the velocity commands in the bags.",
+    "demonstration": "Topic in the bags that says who demonstrated, from teleop.py or demonstrate.py.",
+}
+
 
 def convert(
     paths,
@@ -112,7 +123,7 @@ def parse(arguments) -> argparse.Namespace:
     for topic in fields(TopicNames):
         parser.add_argument(
             "--" + topic.name.replace("_", "-"),
-            help="Topic or name space in the bags. Default: %s for the Jackal." % topic.default,
+            help=IN_THE_BAGS[topic.name] + " Default: %s for the Jackal." % topic.default,
         )
     return parser.parse_args(without_remappings(arguments))
 

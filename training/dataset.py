@@ -24,7 +24,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
         "--c-switch",
         type=number(-1e6, 1e6),
         default=0.0,
-        help="Cost of changing the parameters that is charged in addition to the run's own reward.",
+        help="Cost of changing the parameters that is charged in addition to the run's own reward. Default: 0.",
     )
     return run_main(lambda: _export(parser.parse_args(arguments)), "dataset")
 

@@ -12,7 +12,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, Dict, List
 
-ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+ROOT = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # the checkout, also through a catkin workspace
 PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # whose versions can change a result
 
 

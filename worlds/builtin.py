@@ -6,6 +6,7 @@ from the generator, and a test compares.
 
 from __future__ import annotations
 
+import argparse
 import functools
 import io
 import os
@@ -72,6 +73,10 @@ def pack(worlds: Sequence[Tuple[np.ndarray, np.ndarray]]) -> bytes:
 
 def main() -> None:
     """Generate the 300 worlds and write the data file."""
+    argparse.ArgumentParser(
+        prog="python -m worlds.builtin",
+        description="Makes the 300 built-in worlds again and writes them to worlds/data/builtin.npz.",
+    ).parse_args()
     data = pack([generator.generate_field(n) for n in range(generator.COUNT)])
     os.makedirs(os.path.dirname(FILE), exist_ok=True)
     files.write_bytes(FILE, data)

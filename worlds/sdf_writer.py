@@ -91,10 +91,13 @@ def _row(values: Iterable[float]) -> str:
 
 def main() -> int:
     """Exit status 1 and one line where a world cannot be read or written."""
-    from .loading import load
+    from .loading import FORMS, load
 
     if len(sys.argv) != 3 or sys.argv[1] in ("-h", "--help"):
-        print("usage: python -m worlds.sdf_writer WORLD OUT.world\nWorlds: see worlds/loading.py")
+        print(
+            "usage: python -m worlds.sdf_writer WORLD OUT.world\n\nWrites a world as a Gazebo world file, which reads "
+            "back as the same world. WORLD: %s." % FORMS
+        )
         return 0 if sys.argv[1:2] in (["-h"], ["--help"]) else 2
     return run_main(lambda: write(load(sys.argv[1]), sys.argv[2]), "sdf_writer")
 

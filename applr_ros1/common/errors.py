@@ -61,7 +61,7 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         return 1
 
 
-def run_script(module: str) -> int:
+def run_script(module: str, node: bool = False) -> int:
     """Imports the module of a command, runs its main() and returns the exit status. For the files in scripts/.
 
     The import takes seconds, and Ctrl-C meanwhile is one line as well; so is a Python package that is missing. The
@@ -69,12 +69,16 @@ def run_script(module: str) -> int:
 
     Args:
         module: such as "training.evaluate".
+        node: whether it is a ROS node, which takes nothing but NAME:=VALUE. Other words end it with one line, before
+            it does what nobody asked for; --help prints the module's docstring.
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
-    program = module.rpartition(".")[2]
+    program = os.path.splitext(os.path.basename(sys.argv[0]))[0]
+    if not program or program.startswith("-"):  # python -c
+        program = module.rpartition(".")[2]
     try:
-        return run_main(lambda: importlib.import_module(module).main(), program)
+        return run_main(lambda: _main_of(module, node), program)
     except ModuleNotFoundError as missing:
         name = (missing.name or "").partition(".")[0]
         if not name or name in OURS:
@@ -85,3 +89,14 @@ def run_script(module: str) -> int:
             file=sys.stderr,
         )
         return 1
+
+
+def _main_of(module: str, node: bool) -> Optional[int]:
+    loaded = importlib.import_module(module)
+    words = [word for word in sys.argv[1:] if ":=" not in word] if node else []
+    if {"-h", "--help"} & set(words):
+        print(loaded.__doc__)
+        return 0
+    if words:
+        raise UsageError("%s: give parameters as _NAME:=VALUE; --help says which there are" % " ".join(words))
+    return loaded.main()

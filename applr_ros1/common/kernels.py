@@ -170,7 +170,7 @@ def cache_folder() -> str | None:
     ]
     if os.environ.get("NUMBA_CACHE_DIR"):
         candidates.insert(0, os.path.join(os.environ["NUMBA_CACHE_DIR"], "applr_ros1"))
-    for folder in candidates:
+    for folder in filter(os.path.isabs, candidates):  # "~" stays where neither HOME nor the user's entry names a folder
         try:
             os.makedirs(folder, mode=0o700, exist_ok=True)
             state = os.lstat(folder)

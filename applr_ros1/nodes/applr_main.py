@@ -1,6 +1,8 @@
 """Starts the applr node: reads its private parameters, joins method, inputs and topics, and runs until shutdown.
 
-Run by scripts/applr.py. What the node does is in applr_node.py.
+Run by scripts/applr.py. What the node does is in applr_node.py. Parameters: ~mode (applr), ~policy and ~parameters (its
+files), ~robot (jackal; name or folder of a description), ~seed, ~period [s], ~max_speed [m/s], ~weights (fit),
+~move_base (its name), ~scan_topic, ~odom_topic and ~plan_topic; README.md says more.
 """
 
 import gc

@@ -17,7 +17,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.planner.variant import DRAWN, WEIGHTS
 from applr_ros1.policy import methods
 from applr_ros1.policy.distance_weights import CHOICES
-from applr_ros1.robots import load
+from applr_ros1.robots import NAMES, load
 
 from . import mode_files
 
@@ -73,14 +73,18 @@ def parse(words, known):
             raise ArgumentError("%s: arguments are given as ARG:=VALUE, for instance world:=generated:7" % word)
         if name.startswith("_"):  # roslaunch's and ROS's own
             continue
-        if name not in known:
-            raise ArgumentError("%s:= is no argument: there are %s" % (name, ", ".join(known)))
+        _check_name(name, known)
         if name in given:
             raise ArgumentError("%s:= is given twice: give it once" % name)
         if "\n" in value:  # roslaunch would leave it out without a word
             raise ArgumentError("%s is %s: ROS takes no line break in an argument; rename the file" % (name, value))
         given[name] = value
     return given
+
+
+def _check_name(name, known):
+    if name not in known:
+        raise ArgumentError("%s:= is no argument: there are %s" % (name, ", ".join(known)))
 
 
 def check(values):
@@ -90,7 +94,6 @@ def check(values):
     """
     sim = boolean("sim", values["sim"])
     robot = load(values["robot"])
-    robot.parameters(boolean("map", values["map"]))  # some have no files for a map
     boolean("gazebo", values["gazebo"])
     boolean("gui", values["gui"])
     boolean("rviz", values["rviz"])
@@ -99,6 +102,9 @@ def check(values):
     if not sim_bridge.is_name(values["simulator"]):
         one_of("simulator", values["simulator"], sim_bridge.NAMES)
     one_of("move_base", values["move_base"], MOVE_BASES)
+    with_map = boolean("map", values["map"])
+    if values["move_base"] == "python":  # a move_base that runs already has its own files
+        robot.parameters(with_map)  # some have none for a map
     one_of("planner_weights", values["planner_weights"], WEIGHTS + (DRAWN,))
     if values["weights"] in WEIGHTS + (DRAWN,):
         raise ArgumentError("weights is %s: what the Python move_base does is planner_weights now" % values["weights"])
@@ -147,8 +153,9 @@ def _interface(values, robot):
             raise ArgumentError("max_speed is %s: robot %s has no parameter max_vel_x to cap; give none" % told)
         if not bounds[0][0] <= number("max_speed", values["max_speed"]) <= bounds[0][1]:
             raise ArgumentError("max_speed is %s: give %g to %g m/s, or none" % (values["max_speed"], *bounds[0]))
-    if values["use_sim_time"] != "auto":
-        boolean("use_sim_time", values["use_sim_time"])
+    computers = values["use_sim_time"] != "auto" and not boolean("use_sim_time", values["use_sim_time"])
+    if computers and boolean("sim", values["sim"]):
+        raise ArgumentError("use_sim_time is false: a simulated robot's time is that of /clock; leave it away")
     pose("start", values["start"])
     boolean("clock", values["clock"])
     for name in values["others"].split() or ("",):
@@ -253,11 +260,49 @@ def _check_command_line():
 
 
 def _check_for_roslaunch():
-    """All arguments, whatever quotes they hold, as one hexadecimal word; prints the mode with absolute paths."""
-    words = [word.lstrip() for word in bytes.fromhex(sys.argv[2]).decode("utf-8").split(SEPARATOR)]
+    """The launch file's current folder and all arguments, whatever quotes they hold, as one hexadecimal word.
+
+    Prints the mode with absolute paths.
+    """
+    here, *words = [word.lstrip() for word in bytes.fromhex(sys.argv[2]).decode("utf-8").split(SEPARATOR)]
     with os.fdopen(os.dup(1), "w", encoding="utf-8", errors="surrogateescape") as answer:
         os.dup2(2, 1)  # what a method of one's own prints is no part of the answer
-        answer.write(mode_files.absolute(_checked(words)["mode"]))
+        with open("/proc/%d/cmdline" % os.getppid(), encoding="utf-8", errors="surrogateescape") as file:
+            _check_names(file.read().split("\0"))
+        values = _checked(words)
+        _check_folder(here, values)
+        answer.write(mode_files.absolute(values["mode"]))
+
+
+def _check_names(command_line):
+    """ArgumentError for an argument of roslaunch's command line that its only launch file, ours, does not have.
+
+    roslaunch itself passes over it without a word.
+    """
+    files = [place for place, word in enumerate(command_line) if word.endswith(".launch")]
+    if len(files) != 1:
+        return
+    before, file = command_line[files[0] - 1], command_line[files[0]]
+    path_of_ours = os.path.isfile(file) and os.path.samefile(file, launch_file())
+    if path_of_ours or (before, file) == ("applr_ros1", os.path.basename(launch_file())):
+        for name in (word.partition(":=")[0] for word in command_line if ":=" in word):
+            if not name.startswith("_"):  # ROS's own
+                _check_name(name, declared())
+
+
+def _check_folder(here, values):
+    """ArgumentError where a file is given from the current folder, and the launch file has another one for that.
+
+    It knows the current folder from the variable PWD alone, which shells keep; a service of systemd has none, and a
+    program that starts roslaunch in another folder may leave its own.
+    """
+    if os.path.isdir(here) and os.path.samefile(here, "."):
+        return
+    for name in ("robot", "world", "policy", "parameters", "record"):
+        text = path(values[name])
+        if text and text not in NAMES and not os.path.isabs(text) and (name == "record" or os.path.exists(text)):
+            told = name, text, here.rstrip("/") or "not set", os.getcwd()
+            raise ArgumentError("%s is %s: PWD is %s and the current folder is %s; give the path from the root" % told)
 
 
 def _checked(words):

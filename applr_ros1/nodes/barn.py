@@ -188,7 +188,8 @@ class Evaluation:
             APPLR_SEED=str(zlib.crc32(b"%d %d %d" % (options.seed, *job)) & 0x7FFFFFFF),
             APPLR_REAL_TIME_FACTOR=repr(options.real_time_factor),
         )
-        environment.pop("ROS_HOSTNAME", None)
+        for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):  # of another robot
+            environment.pop(name, None)
         patience = START_UP + LIMIT / options.real_time_factor
         runner = [sys.executable, str(self.overlay.runner), "--world_idx", str(job[0]), "--out", str(out)]
         process = subprocess.Popen(

@@ -32,8 +32,8 @@ class Run:
     timeout: int
     time_s: float
     metric: float  # as run.py computes it
-    score: float  # with the time clipped at 8 optimal times, as run.py does since 2025
-    score_2024: float  # at 4 optimal times, as until then
+    score: float  # with no less than 2 optimal times counted, as run.py does since 2025
+    score_2024: float  # no less than 4, as until then
     optimal_s: float
 
     @property
@@ -42,9 +42,9 @@ class Run:
         return "succeeded" if self.success else "collided" if self.collided else "timeout"
 
 
-def score(success: bool, seconds: float, optimal: float, most: float) -> float:
-    """The Challenge's score of a run: success x OT / clip(AT, 2 OT, `most` OT), 0 to .5; times in seconds."""
-    return float(success) * optimal / float(np.clip(seconds, 2.0 * optimal, most * optimal))
+def score(success: bool, seconds: float, optimal: float, least: float) -> float:
+    """The Challenge's score of a run: success x OT / clip(AT, `least` OT, 8 OT), 0 to 1 / `least`; times in seconds."""
+    return float(success) * optimal / float(np.clip(seconds, least * optimal, 8.0 * optimal))
 
 
 def run_of(line: str, trial: int, route: float) -> Run:
@@ -56,7 +56,7 @@ def run_of(line: str, trial: int, route: float) -> Run:
     except ValueError:
         raise ResultsError("the runner wrote %r: no line of six numbers" % line[:80]) from None
     optimal = route / SPEED
-    scores = [round(score(bool(success), seconds, optimal, most), 4) for most in (8.0, 4.0)]
+    scores = [round(score(bool(success), seconds, optimal, least), 4) for least in (2.0, 4.0)]
     return Run(world, trial, success, collided, timeout, seconds, metric, scores[0], scores[1], round(optimal, 4))
 
 

@@ -2,6 +2,9 @@
 
 Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
 them through. If the node dies no command reaches the base any more, and the base's own time-out stops it.
+
+Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~fixed_frame, ~base_frame,
+~transform_tolerance [s], and the fields of monitor/settings.py.
 """
 
 from __future__ import annotations

@@ -79,6 +79,7 @@ def main(words=None):
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             say("interrupted: ending every process")
             stack.stop()
+            os.unlink(log.name)
             return 130
         except DemoError as problem:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -195,9 +196,10 @@ class Stack:
             ROS_HOSTNAME="localhost",
             PYTHONUNBUFFERED="1",
         )
-        environment.pop("ROS_IP", None)
         os.environ.update(ROS_MASTER_URI=environment["ROS_MASTER_URI"], ROS_HOSTNAME="localhost")
-        os.environ.pop("ROS_IP", None)
+        for name in ("ROS_IP", "ROS_NAMESPACE"):  # of another robot
+            environment.pop(name, None)
+            os.environ.pop(name, None)
         self.process = processes.start(
             [
                 "roslaunch",

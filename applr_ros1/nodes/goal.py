@@ -1,4 +1,9 @@
-"""Sends a goal to move_base, ours or the C++ one, through its action. Used by scripts/send_goal.py and the demo."""
+"""Sends a goal to move_base, ours or the C++ one, through its action, and waits until it ends.
+
+Used by scripts/send_goal.py and the demo. Parameters: ~goal ("x y yaw" [m, m, rad], auto for the course's, or none),
+~world and ~start for auto, ~robot (jackal; name or folder of a description), and ~frame or ~tf_prefix for the frame in
+which a goal is given, that of the odometry.
+"""
 
 import dataclasses
 import time
@@ -58,7 +63,11 @@ def main():
 def _send():
     require_master()
     rospy.init_node("send_goal")
-    pose = arguments.goal(rospy.get_param("~goal", "auto"))
+    given = str(rospy.get_param("~goal", "auto"))
+    if given == "none":
+        rospy.loginfo("goal is none: nothing is sent")
+        return
+    pose = arguments.goal(given)
     robot = load(str(rospy.get_param("~robot", "jackal")))
     given_in = frame(robot)
     if pose is None:

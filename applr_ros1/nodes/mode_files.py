@@ -6,6 +6,7 @@ Called by arguments.py, which checks what this returns and hands it to the launc
 from __future__ import annotations
 
 import os
+import sys
 from importlib.machinery import PathFinder
 
 from applr_ros1.policy.methods.registry import FILES, METHODS, MODES, OWN
@@ -41,8 +42,10 @@ def _file(module: str) -> str:
     if module.endswith(".py"):
         return os.path.abspath(module)
     path = module.replace(".", os.sep) + ".py"
-    here = os.path.isfile(path) and PathFinder.find_spec(module.partition(".")[0]) is None
-    return os.path.abspath(path) if here else module
+    here = os.path.realpath(os.curdir)  # whoever made the method before may have put it on sys.path
+    elsewhere = [folder for folder in sys.path if os.path.realpath(folder or os.curdir) != here]
+    only_here = os.path.isfile(path) and PathFinder.find_spec(module.partition(".")[0], elsewhere) is None
+    return os.path.abspath(path) if only_here else module
 
 
 def _text(text: str) -> str:

@@ -1,7 +1,8 @@
 """The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
 
 Started by scripts/move_base.py. Subscribers and services hand their messages to one thread (planner_thread.py), which
-steps the planner and publishes.
+steps the planner and publishes. Parameters: ~robot (name or folder of a description, whose files are then read), ~map
+and ~tf_prefix for it, and those in docs/parameters.md.
 """
 
 from __future__ import annotations
@@ -369,9 +370,6 @@ class _OwnFootprints(logging.Filter):
 
 def main() -> int:
     """Exit status 1, with a line per problem, for parameters that cannot be run."""
-    if rospy.myargv()[1:]:
-        print("move_base: unknown arguments %s: parameters are given under ~" % rospy.myargv()[1:], file=sys.stderr)
-        return 1
     require_master()
     rospy.init_node("move_base")
     given = rospy.get_param("~", {})

@@ -65,8 +65,16 @@ def main() -> int:
 def _record(words: List[str]) -> None:
     parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
     parser.add_argument("bag", help="Bag file (.bag) to write.")
-    parser.add_argument("--costmaps", default="false", help="Whether to record costmaps and sampled trajectories.")
-    parser.add_argument("--robot", default=JACKAL.name, help="Name or folder of the robot's description.")
+    parser.add_argument(
+        "--costmaps",
+        default="false",
+        help="Whether to record costmaps and sampled trajectories, too: true or false, the default.",
+    )
+    parser.add_argument(
+        "--robot",
+        default=JACKAL.name,
+        help="Robot whose topics are recorded: a name or a folder. Default: %(default)s.",
+    )
     options = parser.parse_args(without_remappings(words))
     bag = options.bag if options.bag.endswith(".bag") else options.bag + ".bag"
     recording(bag)  # rosbag would write over it

@@ -32,10 +32,19 @@ def main() -> int:
 def _replay(words: List[str]) -> None:
     parser = argparse.ArgumentParser(prog="replay.py", description="Play a bag back with its time on /clock.")
     parser.add_argument("bag", help="Bag file that was recorded, for instance with record:=drive.bag.")
-    parser.add_argument("--rate", type=float, default=1.0, help="Recorded seconds per second.")
-    parser.add_argument("--start", type=float, default=0.0, help="Seconds of the bag that are left out at its start.")
-    parser.add_argument("--delay", type=float, default=0.2, help="Seconds to wait before the bag begins.")
-    parser.add_argument("--loop", default="false", help="Whether to begin again at the end (true or false).")
+    parser.add_argument("--rate", type=float, default=1.0, help="Recorded seconds per second. Default: %(default)s.")
+    parser.add_argument(
+        "--start",
+        type=float,
+        default=0.0,
+        help="Seconds of the bag that are left out at its start. Default: %(default)s.",
+    )
+    parser.add_argument(
+        "--delay", type=float, default=0.2, help="Seconds to wait before the bag begins. Default: %(default)s."
+    )
+    parser.add_argument(
+        "--loop", default="false", help="Whether to begin again at the end: true or false, the default."
+    )
     options = parser.parse_args(without_remappings(words))
     if not 0.0 < options.rate <= 1000.0:
         raise ReplayError("rate is %g: give a number above 0, at most 1000" % options.rate)

@@ -1,7 +1,8 @@
 """The velocity node: a method that commands velocities drives the robot in the place of move_base's local planner.
 
 Run by scripts/velocity.py beside a move_base whose own commands go nowhere; launch/velocity_method.launch starts both.
-It commands while move_base pursues a goal, and stands otherwise. docs/extending.md describes such methods.
+It commands while move_base pursues a goal, and stands otherwise. docs/extending.md describes such methods. Parameters:
+~method (my_file.py:Class or module:Class) and ~seed.
 """
 
 import rospy

@@ -6,4 +6,4 @@ import sys
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("applr_ros1.nodes.applr_main"))
+    sys.exit(run_script("applr_ros1.nodes.applr_main", node=True))

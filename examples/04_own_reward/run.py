@@ -7,8 +7,6 @@ metre of free space. A term that is to be an option of train.py is added in trai
 import argparse
 from dataclasses import dataclass
 
-import numpy as np
-
 from training.mdp.env import ApplrEnv
 from training.mdp.reward import Reward
 
@@ -55,7 +53,7 @@ def main() -> None:
     standard = drive(Reward(), options.world, options.decisions)
     ours = drive(Considerate(), options.world, options.decisions)
     for name in ours:
-        print("%-12s %8.2f %8.2f" % (name, standard.get(name, np.nan), ours[name]))
+        print("%-12s %8s %8.2f" % (name, "%.2f" % standard[name] if name in standard else "-", ours[name]))
     print("%-12s %8.2f %8.2f" % ("total", sum(standard.values()), sum(ours.values())))
 
 

@@ -1,4 +1,4 @@
-"""Writes the report of an evaluation again: `python -m training.report FOLDER [--training RUN] [--beside FOLDER]`."""
+"""Writes the report of an evaluation, anew or for the first time: `python -m training.report FOLDER`."""
 
 import argparse
 import sys

@@ -94,5 +94,16 @@ def write(path: str) -> None:
         file.write(before + tables() + after)
 
 
+def main() -> int:
+    """Exit status 1 and one line where the file cannot be written."""
+    if sys.argv[1:2] in (["-h"], ["--help"]):
+        print(
+            "usage: python -m applr_ros1.planner.parameters.table [FILE]\n\nWrites the lists of parameters into a "
+            "Markdown file, docs/parameters.md by default."
+        )
+        return 0
+    return run_main(lambda: write(*sys.argv[1:2] or ["docs/parameters.md"]), "table")
+
+
 if __name__ == "__main__":
-    sys.exit(run_main(lambda: write(*sys.argv[1:2] or ["docs/parameters.md"]), "table"))
+    sys.exit(main())
