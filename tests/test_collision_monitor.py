@@ -282,7 +282,7 @@ def test_an_episode_has_the_robots_monitor_or_the_one_that_it_is_given():
 
     own, husky = CollisionMonitor(MonitorSettings(margin=0.2)), load("husky")
     monitors = [
-        Episode(None, MoveBase(husky.parameters()), husky, monitor=given).monitor for given in (True, own, None)
+        Episode(None, MoveBase(husky.parameters()), husky, monitor=given).monitor for given in (True, own, False)
     ]
     assert monitors[0].settings == MonitorSettings.of(husky)
     assert monitors[1:] == [own, None]

@@ -138,6 +138,17 @@ def test_files_of_a_mode_get_their_folder(mode, becomes, tmp_path, monkeypatch):
     assert mode_files.absolute(expected) == expected
 
 
+def test_a_module_that_the_nodes_find_stays_a_module(tmp_path, monkeypatch):
+    """Its file by itself would be in no package."""
+    (tmp_path / "package").mkdir()
+    (tmp_path / "package" / "own.py").touch()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*sys.path, str(tmp_path)])
+    assert mode_files.absolute("package.own:Own") == "%s/package/own.py:Own" % tmp_path
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert mode_files.absolute("package.own:Own") == "package.own:Own"
+
+
 def test_the_demo_hands_the_mode_on_with_its_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     started, environments = [], [os.environ]

@@ -277,7 +277,7 @@ def test_damage_amid_a_segment_is_said_and_loses_no_more(tmp_path, caplog, field
     assert list(again.read(since=[0, places[0]])) == [bytes([2]) * 60] + more
     left = "damaged at byte %d: the %d bytes from there on are not read" % (places[1], len(damaged) - places[1])
     (record,) = caplog.records
-    assert record.getMessage().startswith("%s: %s; put a copy" % (path, left))
+    assert record.getMessage().startswith("%s: %s; a copy of" % (path, left))
     again.append(b"more", {"rows": 2})
     place = again.place
     again.close()

@@ -177,7 +177,10 @@ def test_exec_starts_programs_and_has_no_options(quick):
         "-c",
         "usage",
     ):  # neither an option of the shell's exec nor a function of the script
-        assert quick("exec", word) == (127, ["applr: exec %s: there is no such program" % word])
+        assert quick("exec", word) == (
+            127,
+            ["applr: exec %s: there is no such program, or it is not executable" % word],
+        )
 
 
 def test_without_root_the_missing_packages_are_named(clone):

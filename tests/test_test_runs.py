@@ -8,6 +8,7 @@ import sys
 
 import pytest
 from ros_harness import ROOT, wait_for
+from test_launch import is_alive
 
 pytest.importorskip("rospy")
 pytestmark = pytest.mark.ros
@@ -22,10 +23,6 @@ def test_that_lasts():
         pathlib.Path("pids").write_text("%d %d end" % (master._master.pid, child.pid))
         time.sleep(60.0)
 """
-
-
-def is_alive(pid):
-    return os.path.exists("/proc/%d" % pid)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

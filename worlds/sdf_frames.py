@@ -74,7 +74,7 @@ class Scope:
                 )
             what = "%s %r of %s" % (found[0].tag, name[:60], self.what)
             way[name] = pose_of(found[0], what)
-            name = frame_of(found[0]) or found[0].get("attached_to") or found[0].findtext("child") or ""
+            name = frame_of(found[0]) or found[0].get("attached_to") or (found[0].findtext("child") or "").strip()
         known = self._known[name]
         for name, pose in reversed(list(way.items())):
             known = self._known[name] = known @ pose

@@ -33,8 +33,13 @@ def one_line(error: BaseException) -> str:
     """What went wrong, for people: the text of this package's own errors, the kind and the text of all others."""
     if isinstance(error, ApplrError):
         return str(error)
+    return "%s: %s" % (type(error).__name__, _with_file(error))
+
+
+def _with_file(error: BaseException) -> str:
+    """The reason, after the file that it is about, where there is one."""
     where = "%s: " % error.filename if isinstance(error, OSError) and error.filename else ""
-    return "%s: %s%s" % (type(error).__name__, where, reason(error))
+    return where + reason(error)
 
 
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
@@ -56,8 +61,7 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         print("%s: %s" % (program, "\\n".join(str(error).splitlines())), file=sys.stderr)  # a path may hold newlines
         return error.exit_status
     except OSError as error:
-        where = "%s: " % error.filename if error.filename else ""
-        print("%s: %s%s" % (program, where, reason(error)), file=sys.stderr)
+        print("%s: %s" % (program, _with_file(error)), file=sys.stderr)
         return 1
 
 
@@ -92,8 +96,10 @@ def run_script(module: str, node: bool = False) -> int:
 
 
 def _main_of(module: str, node: bool) -> Optional[int]:
+    from applr_ros1.common.arguments import without_remappings
+
     loaded = importlib.import_module(module)
-    words = [word for word in sys.argv[1:] if ":=" not in word] if node else []
+    words = without_remappings() if node else []
     if {"-h", "--help"} & set(words):
         print(loaded.__doc__)
         return 0

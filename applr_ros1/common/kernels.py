@@ -169,7 +169,7 @@ def cache_folder() -> str | None:
         os.path.join(tempfile.gettempdir(), "applr_ros1-kernels-%d" % os.getuid()),
     ]
     if os.environ.get("NUMBA_CACHE_DIR"):
-        candidates.insert(0, os.path.join(os.environ["NUMBA_CACHE_DIR"], "applr_ros1"))
+        candidates.insert(0, os.path.abspath(os.path.join(os.environ["NUMBA_CACHE_DIR"], "applr_ros1")))
     for folder in filter(os.path.isabs, candidates):  # "~" stays where neither HOME nor the user's entry names a folder
         try:
             os.makedirs(folder, mode=0o700, exist_ok=True)

@@ -285,9 +285,10 @@ def _check_names(command_line):
     before, file = command_line[files[0] - 1], command_line[files[0]]
     path_of_ours = os.path.isfile(file) and os.path.samefile(file, launch_file())
     if path_of_ours or (before, file) == ("applr_ros1", os.path.basename(launch_file())):
+        known = declared()
         for name in (word.partition(":=")[0] for word in command_line if ":=" in word):
             if not name.startswith("_"):  # ROS's own
-                _check_name(name, declared())
+                _check_name(name, known)
 
 
 def _check_folder(here, values):
@@ -300,7 +301,8 @@ def _check_folder(here, values):
         return
     for name in ("robot", "world", "policy", "parameters", "record"):
         text = path(values[name])
-        if text and text not in NAMES and not os.path.isabs(text) and (name == "record" or os.path.exists(text)):
+        is_file = text not in (*NAMES, "", "published") and (name != "world" or text.endswith(".world"))
+        if is_file and not os.path.isabs(text) and (name == "record" or os.path.exists(text)):
             told = name, text, here.rstrip("/") or "not set", os.getcwd()
             raise ArgumentError("%s is %s: PWD is %s and the current folder is %s; give the path from the root" % told)
 

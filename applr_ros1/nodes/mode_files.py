@@ -43,7 +43,10 @@ def _file(module: str) -> str:
         return os.path.abspath(module)
     path = module.replace(".", os.sep) + ".py"
     here = os.path.realpath(os.curdir)  # whoever made the method before may have put it on sys.path
-    elsewhere = [folder for folder in sys.path if os.path.realpath(folder or os.curdir) != here]
+    given = [
+        os.path.realpath(folder) for folder in os.environ.get("PYTHONPATH", "").split(":") if os.path.isabs(folder)
+    ]
+    elsewhere = [folder for folder in sys.path if here in given or os.path.realpath(folder or os.curdir) != here]
     only_here = os.path.isfile(path) and PathFinder.find_spec(module.partition(".")[0], elsewhere) is None
     return os.path.abspath(path) if only_here else module
 

@@ -186,8 +186,8 @@ class Journal:
             return
         self._damaged.add(segment)
         log.warning(
-            "%s: damaged at byte %d: the %d bytes from there on are not read; put a copy of the file there, or go on "
-            "without them",
+            "%s: damaged at byte %d: the %d bytes from there on are not read; a copy of the file put there brings them "
+            "back",
             self._path(segment),
             offset,
             len(rest),

@@ -70,12 +70,14 @@ class Episode:
         end_on_contact: bool = False,
         record: bool = False,
         period: float = PERIOD,
-        monitor: Union[CollisionMonitor, bool, None] = False,
+        monitor: Union[CollisionMonitor, bool] = False,
     ):
         self.simulator, self.move_base = simulator, move_base
-        if not isinstance(monitor, CollisionMonitor):
-            monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
-        self.monitor = monitor
+        self.monitor: Optional[CollisionMonitor] = None
+        if isinstance(monitor, CollisionMonitor):
+            self.monitor = monitor
+        elif monitor:
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         # what the distance weights of the coming trials' sets count (Method.weights); None: whatever the planner's do
