@@ -98,10 +98,11 @@ def test_keyboard_of_a_terminal():
 
 def test_help_names_every_parameter(monkeypatch, capsys):
     pytest.importorskip("rospy")
+    from applr_ros1.common.errors import run_script
     from applr_ros1.nodes import teleop
 
     monkeypatch.setattr("sys.argv", ["teleop.py", "--help"])
-    assert teleop.main() == 0  # and starts no node
+    assert run_script("applr_ros1.nodes.teleop", node=True) == 0  # and starts no node
     shown = capsys.readouterr().out
     with open(teleop.__file__, encoding="utf-8") as file:
         source = file.read()

@@ -74,7 +74,7 @@ def run_script(module: str, node: bool = False) -> int:
     Args:
         module: such as "training.evaluate".
         node: whether it is a ROS node, which takes nothing but NAME:=VALUE. Other words end it with one line, before
-            it does what nobody asked for; --help prints the module's docstring.
+            it does what nobody asked for; --help prints the module's USAGE, else its docstring.
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
@@ -101,7 +101,7 @@ def _main_of(module: str, node: bool) -> Optional[int]:
     loaded = importlib.import_module(module)
     words = without_remappings() if node else []
     if {"-h", "--help"} & set(words):
-        print(loaded.__doc__)
+        print(getattr(loaded, "USAGE", loaded.__doc__))
         return 0
     if words:
         raise UsageError("%s: give parameters as _NAME:=VALUE; --help says which there are" % " ".join(words))

@@ -19,7 +19,7 @@ from geometry_msgs.msg import Twist
 from sensor_msgs.msg import Joy
 from std_msgs.msg import String
 
-from applr_ros1.common.arguments import check_new_bag, number_within, without_remappings
+from applr_ros1.common.arguments import check_new_bag, number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_master import require_master
 from applr_ros1.nodes.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
@@ -211,11 +211,6 @@ def _input_device():
 
 def main():
     """Exit status 0; 1 and one line for a mistake."""
-    if {"-h", "--help"} & set(sys.argv[1:]):
-        print(USAGE)
-        return 0
-    if without_remappings():
-        raise TeleopError("%s: give parameters as _NAME:=VALUE; see --help" % " ".join(without_remappings()))
     require_master()
     rospy.init_node("teleop", disable_signals=True)  # rospy's own would shut the topics before the robot stands
     for number in ENDING:

@@ -6,4 +6,4 @@ import sys
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("applr_ros1.nodes.teleop"))
+    sys.exit(run_script("applr_ros1.nodes.teleop", node=True))
