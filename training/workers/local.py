@@ -17,7 +17,8 @@ from training.workers.tasks import Task, WorkerSettings, encode_settings, encode
 
 ROOT = str(Path(__file__).resolve().parents[2])
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-HALF_A_MESSAGE = 10  # [s] that a message may stop in the middle before its worker counts as dead
+STARTING = 60  # [s] that a worker may take to read its first message, which can be larger than the socket's buffer
+HALF_A_MESSAGE = 10  # [s] that an answer may stop in the middle before its worker counts as dead
 
 
 class ChildProcesses(ParallelPool):
@@ -37,8 +38,8 @@ class ChildProcesses(ParallelPool):
                 env=dict(os.environ, **environment()),
                 start_new_session=True,  # Ctrl-C is for this process to answer
             )
-        for side in (socket.SO_SNDTIMEO, socket.SO_RCVTIMEO):
-            ours.setsockopt(socket.SOL_SOCKET, side, struct.pack("ll", HALF_A_MESSAGE, 0))
+        for side, seconds in ((socket.SO_SNDTIMEO, STARTING), (socket.SO_RCVTIMEO, HALF_A_MESSAGE)):
+            ours.setsockopt(socket.SOL_SOCKET, side, struct.pack("ll", seconds, 0))
         slot.link, slot.known = Connection(ours.detach()), -1
         slot.link.send_bytes(encode_settings(self.settings))
 
