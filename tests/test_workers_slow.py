@@ -1,8 +1,8 @@
 """Workers on a machine that is slow: one that is long in starting is waited for, whatever it is sent."""
 
 import safetensors.numpy
-from tests.test_workers import TOY, collect, scheduler, trajectories
 
+from tests.test_workers import TOY, collect, scheduler, trajectories
 from training.td3.td3 import TD3, TD3Config
 from training.workers import local
 from training.workers.local import ChildProcesses
