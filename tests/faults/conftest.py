@@ -121,6 +121,10 @@ class Stack:
             self.send()
         self.until(lambda: self.relay.speed > speed, 15.0, "motion")
 
+    def longest_gap(self):
+        """The longest time between two of the commands that the relay still has [s]."""
+        return np.diff([t for t, _, _ in self.relay.commands]).max()
+
     def stands_after(self, break_it, within=2.0):
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""
         broken = self.relay.now
