@@ -162,6 +162,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     card = (tmp_path / "mine.md").read_text()
     assert "scripted" in card
     assert "| occdist_scale |" in card
+    assert "The distance weights of its sets count per cell." in card
     assert str(tmp_path) not in card
     method = methods.make("appld:%s" % out)
     mode = methods.make_mode("appld", str(out))

@@ -92,5 +92,5 @@ def test_what_a_file_states_and_what_it_means_when_it_states_nothing(tmp_path):
     with pytest.raises(SpaceError, match="weights is 'heavy': give per_metre, per_cell or drawn"):
         methods.make(str(path))
     kinds = {name: methods.make(name).weights for name in ("dwa", "random", "appld:published", "appld")}
-    assert kinds == {"dwa": None, "random": None, "appld:published": None, "appld": "per_metre"}
+    assert kinds == {"dwa": None, "random": None, "appld:published": None, "appld": "per_cell"}
     assert methods.make("frozen:vx_samples:applr").weights == methods.make("applr").weights

@@ -63,8 +63,8 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
     make_folder(Path(out).parent)
-    short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
-    runtime.save(out, sets, weights, {"training": json.dumps(dict(short, weights=options.weights))}, space, layout)
+    short = {key: log[key] for key in ("command", "weights", "demonstrations", "classifier")}
+    runtime.save(out, sets, weights, {"training": json.dumps(short)}, space, layout)
     stem = str(Path(out).with_suffix(""))
     write_json(stem + "_log.json", log)
     write_bytes(stem + ".md", card(log).encode())
@@ -108,6 +108,7 @@ def _short(space, theta) -> Dict[str, float]:
 def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str, Any]:
     return {
         "command": "python -m training.appld " + " ".join(options.given),
+        "weights": options.weights,
         "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
         "segments": [
             {

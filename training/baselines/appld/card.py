@@ -24,6 +24,7 @@ def card(log) -> str:
     lines += (
         ["", "from:", ""] + [line for d in log["demonstrations"] for line in _wrapped("- " + _shown(d), "  ")] + [""]
     )
+    lines += ["The distance weights of its sets count %s." % log["weights"].replace("_", " "), ""]
     lines += [SCRIPTED, ""] if scripts else []
     names = list(log["contexts"][0]["parameters"])
     lines += ["| context | %s | rms of v, w (θ₀) |" % " | ".join(names), "|---" * (len(names) + 2) + "|"]
