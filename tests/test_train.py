@@ -266,7 +266,10 @@ def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], 1, "another train.py works")
     lock.close()
     stored = json.loads((whole / "config.json").read_text())
-    for change, pattern in (({"colour": 1}, "unknown option 'colour'"), ({"steps": "x"}, 'steps is "x", int needed')):
+    for change, pattern in (
+        ({"colour": 1}, "unknown option 'colour'"),
+        ({"steps": "x"}, 'steps is "x"; give a whole number'),
+    ):
         other = tmp_path / ("stored%d" % len(pattern))
         other.mkdir()
         (other / "config.json").write_text(json.dumps({**stored, **change}))

@@ -95,7 +95,7 @@ def read(path: str) -> Comparison:
     for name, value in values.items():
         kind = getattr(hints[name], "__origin__", hints[name])
         if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool):
-            raise VariantsError("%s: %s is %r, a %s is needed" % (path, name, value, kind.__name__))
+            raise VariantsError("%s: %s is %r; give %s" % (path, name, value, options.KINDS[kind]))
     found = Comparison(**values)
     if not found.variants or not found.seeds or found.minutes <= 0:
         raise VariantsError("%s: variants, seeds and minutes must not be empty" % path)

@@ -29,6 +29,14 @@ from training.td3.td3 import TD3Config
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 MOST_ROWS = 10**8
+KINDS = {  # of values in a file of options, in words
+    str: "a text, in quotes where YAML or JSON would read it as something else",
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    list: "a list",
+    dict: "names with values",
+}
 PROVENANCE = "provenance"  # in config.json, beside the options (training/provenance.py)
 MOST = {"scan_noise": 1000.0, "latency": 2.0, "friction": 100.0, "slip": 10.0}  # of what is randomised
 
@@ -366,5 +374,5 @@ def from_dict(values: Any, where: str) -> Dict[str, Any]:
         if name not in types:
             raise ConfigError("%s: unknown option %r" % (where, name))
         if type(value) is not types[name] and not (types[name] is float and type(value) is int):
-            raise ConfigError("%s: %s is %s, %s needed" % (where, name, json.dumps(value), types[name].__name__))
+            raise ConfigError("%s: %s is %s; give %s" % (where, name, json.dumps(value), KINDS[types[name]]))
     return dict(values)
