@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import Any, Type, Union
 
-from applr_ros1.common.errors import ApplrError, one_line
+from applr_ros1.common.errors import ApplrError, with_place
 from applr_ros1.robots import Robot, load
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
@@ -53,7 +53,7 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
         found = getattr(importlib.import_module(module), kind)
     except expected as error:
         raise SimulatorError(
-            "simulator %s cannot be imported (%s): check module and class" % (name, one_line(error))
+            "simulator %s cannot be imported (%s): check module and class" % (name, with_place(error))
         ) from error
     if not (isinstance(found, type) and issubclass(found, Simulator)):
         raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
@@ -69,5 +69,5 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
     except Exception as error:
         if name in _CLASSES:
             raise
-        raise SimulatorError("simulator %s cannot be made: %s" % (name, one_line(error))) from error
+        raise SimulatorError("simulator %s cannot be made: %s" % (name, with_place(error))) from error
     return made

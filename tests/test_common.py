@@ -4,6 +4,7 @@ import ast
 import builtins
 import math
 import os
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,7 +13,7 @@ import pytest
 
 from applr_ros1.common import angles, files
 from applr_ros1.common.arguments import number_within, without_remappings
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError, run_main, with_place
 
 PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
 
@@ -148,3 +149,23 @@ def test_a_newline_in_a_path_leaves_the_error_on_one_line(tmp_path, capsys):
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "it's\\nhere" in error
+
+
+def test_an_error_in_a_persons_own_code_names_the_line(tmp_path, monkeypatch):
+    """The last line of theirs, also where a library that they called raised it; none where it is not in their code."""
+    text = "import json\nfrom applr_ros1.common.errors import ApplrError\n\n\ndef a(): return json.loads('{')\n"
+    (tmp_path / "persons_own.py").write_text(text + "def b(): a()\ndef c(): raise ApplrError('9 is not 8')\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import persons_own
+
+    def place(call):
+        try:
+            call()
+        except Exception as error:
+            error.__traceback__ = error.__traceback__.tb_next  # without this file's own frame
+            return with_place(error)
+
+    assert place(persons_own.b).startswith("JSONDecodeError: Expecting property name")
+    assert place(persons_own.b).endswith("(persons_own.py, line 5)")
+    assert place(partial(int, "x")) == "ValueError: invalid literal for int() with base 10: 'x'"
+    assert place(persons_own.c) == "9 is not 8"

@@ -128,12 +128,15 @@ class IsBroken(KinematicSimulator):
         raise RuntimeError("no physics\nin several lines")
 
 
+HERE = r" \(test_simulator_check\.py, line \d+\)"
+
+
 @pytest.mark.parametrize(
     ("kind", "words"),
     [
-        (NeedsAFile, "FileNotFoundError: terrain.stl: No such file or directory"),
+        (NeedsAFile, "FileNotFoundError: terrain.stl: No such file or directory" + HERE),
         (NeedsMore, r"TypeError: .*__init__\(\) missing 1 required positional argument: 'terrain'"),
-        (IsBroken, "RuntimeError: no physics"),
+        (IsBroken, "RuntimeError: no physics" + HERE),
     ],
 )
 def test_a_constructor_that_raises_is_one_line(kind, words):

@@ -6,9 +6,15 @@ import importlib
 import os
 import signal
 import sys
+import traceback
 from typing import Callable, Optional
 
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
+_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
+_LIBRARIES = tuple(
+    os.path.join(folder, "")
+    for folder in (os.path.dirname(os.path.realpath(os.__file__)), *(os.path.join(_ROOT, name) for name in OURS))
+)
 
 
 class ApplrError(ValueError):
@@ -34,6 +40,21 @@ def one_line(error: BaseException) -> str:
     if isinstance(error, ApplrError):
         return str(error)
     return "%s: %s" % (type(error).__name__, _with_file(error))
+
+
+def with_place(error: BaseException) -> str:
+    """As one_line(), with the file and line in a person's own code that raised it: "KeyError: 'v' (FILE, line 9)".
+
+    Files of this package, of Python and of installed libraries are not a person's own: the last other one is named.
+    """
+    text = one_line(error)
+    if isinstance(error, (ApplrError, SyntaxError)):  # the latter says so itself
+        return text
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        folder, file = os.path.split(os.path.realpath(frame.filename))
+        if not (frame.filename.startswith("<") or (folder + os.sep).startswith(_LIBRARIES) or "-packages" in folder):
+            return "%s (%s, line %d)" % (text, file, frame.lineno or 0)
+    return text
 
 
 def _with_file(error: BaseException) -> str:

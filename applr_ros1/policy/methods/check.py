@@ -11,7 +11,7 @@ from typing import Any, List
 
 import numpy as np
 
-from applr_ros1.common.errors import one_line, reason
+from applr_ros1.common.errors import reason, with_place
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method, MethodError
@@ -79,7 +79,7 @@ def _decide(method: Method, context: Any, name: str) -> bytes:
     except MethodError:
         raise
     except Exception as error:
-        raise MethodError("%s: %s(context) raised %s" % (name, asked, one_line(error))) from None
+        raise MethodError("%s: %s(context) raised %s" % (name, asked, with_place(error))) from None
     size = 2 if method.commands else len(method.space)
     _need(decided.shape == (size,), name, "%s has shape %s, not (%d,)" % (asked, decided.shape, size))
     _need(bool(np.isfinite(decided).all()), name, "%s is not finite" % asked)

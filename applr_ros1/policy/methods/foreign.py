@@ -8,7 +8,7 @@ from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Tuple
 import numpy as np
 
 from applr_ros1 import robots
-from applr_ros1.common.errors import one_line
+from applr_ros1.common.errors import with_place
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import PERIOD, Context
@@ -85,7 +85,7 @@ class ForeignActor(Method):
         try:
             given = np.asarray(self.inputs(context), dtype=np.float32)
         except Exception as error:
-            raise MethodError("%s: inputs(context) raised %s" % (name, one_line(error))) from error
+            raise MethodError("%s: inputs(context) raised %s" % (name, with_place(error))) from error
         if given.shape != (self.size,):
             raise MethodError("%s: inputs(context) gave shape %s, not (%d,)" % (name, given.shape, self.size))
         output = type(self).activation(forward(self.layers, given)).astype(np.float64)

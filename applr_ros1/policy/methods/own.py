@@ -13,7 +13,7 @@ from typing import Any, Dict, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.arguments import number_within
-from applr_ros1.common.errors import one_line
+from applr_ros1.common.errors import with_place
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method, MethodError
@@ -85,7 +85,7 @@ class OwnMethod(Method):
         return {"class": rest, "file": os.path.basename(file), "sha256": sha256(read_bytes(file))}
 
     def _failed(self, what: str, error: Exception) -> MethodError:
-        return MethodError("method %s %s: %s" % (self.spec, what, one_line(error)))
+        return MethodError("method %s %s: %s" % (self.spec, what, with_place(error)))
 
 
 def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
@@ -97,7 +97,7 @@ def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
     except MethodError:
         raise
     except Exception as error:  # whatever a person's module does wrong is theirs to hear in one line
-        raise MethodError("method %s cannot be made: %s" % (spec, one_line(error))) from None
+        raise MethodError("method %s cannot be made: %s" % (spec, with_place(error))) from error
 
 
 def _load(module: str) -> ModuleType:
