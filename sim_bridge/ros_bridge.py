@@ -37,6 +37,7 @@ from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.common.ros_shutdown import until_shutdown
 from applr_ros1.robots import load
 
 from . import make
@@ -179,11 +180,8 @@ class Bridge:
 
     def spin_until_shutdown(self) -> None:
         """As spin(), without an error where a topic is closed by the shutdown."""
-        try:
+        with until_shutdown():
             self.spin()
-        except rospy.ROSException:
-            if not rospy.core.is_shutdown_requested():  # a topic closed under its publisher: a shutdown begins
-                raise
 
     def _take_command(self):
         with self.arrived:

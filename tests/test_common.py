@@ -169,3 +169,18 @@ def test_an_error_in_a_persons_own_code_names_the_line(tmp_path, monkeypatch):
     assert place(persons_own.b).endswith("(persons_own.py, line 5)")
     assert place(partial(int, "x")) == "ValueError: invalid literal for int() with base 10: 'x'"
     assert place(persons_own.c) == "9 is not 8"
+
+
+@pytest.mark.ros
+def test_a_topic_that_a_shutdown_closes_is_no_error(monkeypatch):
+    rospy = pytest.importorskip("rospy")
+    from applr_ros1.common.ros_shutdown import until_shutdown
+
+    def publish():
+        with until_shutdown():
+            raise rospy.ROSException("publish() to a closed topic")
+
+    with pytest.raises(rospy.ROSException):
+        publish()
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
+    publish()

@@ -65,6 +65,7 @@ LEARNING = NUMBERS | {
 SHARED = {"applr_ros1.common"}  # what every package may import
 # first match wins: folder or file -> modules that it may import beside the standard library, SHARED and itself
 MAY_KNOW = (
+    ("applr_ros1/common/ros_shutdown", {"rospy"}),  # for the nodes and the bridge
     ("applr_ros1/common/", {"numpy", "numba", "safetensors"}),
     ("worlds/", {"numpy", "scipy", "defusedxml", "matplotlib", "PIL", "capstone"}),
     ("applr_ros1/planner/", NUMBERS | {"dynamic_reconfigure"}),  # the latter when catkin runs cfg_generator.py
@@ -74,7 +75,6 @@ MAY_KNOW = (
     ("applr_ros1/nodes/", None),
     ("applr_ros1/scripts/", None),
     ("applr_ros1/", {"gymnasium"}),
-    ("sim_bridge/ros_bridge", None),
     ("sim_bridge/gazebo/", None),
     ("sim_bridge/ros_", None),
     ("sim_bridge/", NUMBERS | {"scipy", "pybullet", "pybullet_utils", "matplotlib", "worlds", "applr_ros1.robots"}),

@@ -14,6 +14,7 @@ import rospy
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.common.ros_shutdown import until_shutdown
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_node import ApplrNode
 from applr_ros1.nodes.applr_services import Services
@@ -85,5 +86,6 @@ def main():
     rospy.loginfo("applr: ready, mode %s, a decision every %g s", method.name, node.period)
     gc.collect()
     gc.freeze()  # what is loaded by now stays; it need not be looked through again
-    node.spin()
+    with until_shutdown():
+        node.spin()
     return 0

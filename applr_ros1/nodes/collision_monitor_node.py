@@ -23,6 +23,7 @@ from std_msgs.msg import Bool, String
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.common.ros_shutdown import until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
@@ -104,7 +105,7 @@ class CollisionMonitorNode:
             self.monitor.see(scan, pose)
 
     def _take_command(self, message: Twist) -> None:
-        with self._lock:
+        with self._lock, until_shutdown():
             self._commanded = time.monotonic()
             self._take_scans()
             verdict = self._judge(message)
@@ -208,5 +209,7 @@ def _run() -> int:
     prefix = str(parameters.get("tf_prefix", "")).strip("/") + "/" if parameters.get("tf_prefix") else ""
     fixed = parameters.get("fixed_frame", prefix + frames.odom)
     base = parameters.get("base_frame", prefix + frames.base)
-    CollisionMonitorNode(settings, fixed, base, float(tolerance), topics).spin()
+    node = CollisionMonitorNode(settings, fixed, base, float(tolerance), topics)
+    with until_shutdown():
+        node.spin()
     return 0

@@ -28,6 +28,7 @@ from std_srvs.srv import Empty, EmptyResponse
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.common.ros_shutdown import until_shutdown
 from applr_ros1.planner.costmap.static_layer import MapError
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.check import remark
@@ -143,7 +144,8 @@ class MoveBaseNode:
             rospy.resolve_name("move_base/goal"),
             ", ".join(map(self.sensors.resolved, self.move_base.sources)) or "no topic",
         )
-        self.thread.run()
+        with until_shutdown():
+            self.thread.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
     def _cycle(self, stamp) -> None:

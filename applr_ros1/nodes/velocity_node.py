@@ -12,6 +12,7 @@ from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import one_line, run_main
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.common.ros_shutdown import until_shutdown
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.policy import methods
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
@@ -104,5 +105,6 @@ def _run():
     inputs = Inputs(plan=move_base + "/NavfnROS/plan", move_base=move_base)
     node = VelocityNode(method, inputs, int(seed))
     rospy.loginfo("velocity: ready, method %s, a command every %g s", spec, method.period)
-    node.spin()
+    with until_shutdown():
+        node.spin()
     return 0
