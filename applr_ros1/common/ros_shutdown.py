@@ -1,4 +1,8 @@
-"""A shutdown of rospy closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile."""
+"""A shutdown of rospy closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile.
+
+It raises ROSException, and where the topic is closed in the middle of it what happens to come of that, such as
+AttributeError.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +14,9 @@ import rospy
 
 @contextmanager
 def until_shutdown() -> Iterator[None]:
-    """Ends its block without an error where a shutdown closed a topic in the middle of it."""
+    """Ends its block without an error where something in it raises while rospy shuts down."""
     try:
         yield
-    except rospy.ROSException:
+    except Exception:
         if not rospy.core.is_shutdown_requested():
             raise
