@@ -74,10 +74,10 @@ def _cell(value: Any) -> str:
 def draw_curves(
     path: Path, episodes: EpisodeLog, evaluation: PeriodicEvaluation, period: float, window: int = 100
 ) -> None:
-    """The paper's figure: episode length and return averaged over `window` episodes.
+    """The paper's figure: episode length and return averaged over `window` episodes, or a hundredth of them if more.
 
-    Default DWA is a dashed red line, the evaluations on held-out worlds are dots. Does nothing where matplotlib is
-    missing. period: decision period [s], which the label of the length names.
+    The evaluations are dots, that of default DWA is a dashed red line. Does nothing where matplotlib is missing.
+    period: decision period [s], which the label of the length names.
     """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -93,13 +93,13 @@ def draw_curves(
         figure.subplots(1, 2), (("length", 2, length), ("return", 1, "episode return"))
     ):
         if len(rows):
-            n = min(window, 1 + len(rows) // 5)
+            n = min(max(window, len(rows) // 100), 1 + len(rows) // 5)
             smooth = np.convolve(rows[:, column], np.ones(n) / n, "valid")
             axes.plot(rows[n - 1 :, 0], smooth, lw=1.2, label="training, mean of %d episodes (with noise)" % n)
         if dots:
-            axes.plot([r["step"] for r in dots], [r[name] for r in dots], "o-", ms=3.5, lw=0.8, label="held-out worlds")
+            axes.plot([r["step"] for r in dots], [r[name] for r in dots], "o-", ms=3.5, lw=0.8, label="evaluations")
         if evaluation.default:
-            axes.axhline(evaluation.default[name], color="tab:red", ls="--", label="default DWA, held-out worlds")
+            axes.axhline(evaluation.default[name], color="tab:red", ls="--", label="default DWA, evaluation")
         axes.set(xlabel="transitions", ylabel=label)
         axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:,.0f}"))
