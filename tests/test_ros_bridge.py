@@ -295,6 +295,7 @@ def test_factor_zero_keeps_step_with_who_commands():
         message.angular.z = 2 * pi / 10
         robot.command.publish(message)
         time.sleep(0.1)
+        robot.wait(lambda: robot.heard["/clock"])
         began, start = time.monotonic(), robot.heard["/clock"][-1].clock.to_sec()
         last = start
         while time.monotonic() - began < 2.0:
