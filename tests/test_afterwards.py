@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 from applr_ros1.common.files import sha256
 from applr_ros1.policy.actor import Actor
 from training import refine_policy, train
-from training.afterwards import partner_of, refine
+from training.afterwards import partner_of, refine, what_follows
 from training.gorila.config import parse
 
 OPTIONS = ["--steps", "12", "--hidden", "8", "--worlds", "generated:0", "--eval-worlds", "none", "--period", "1"]
@@ -53,7 +53,9 @@ def partner(tmp_path):
 def test_a_training_run_refines_its_last_policy(tmp_path, monkeypatch, capsys, short):
     out = tmp_path / "run"
     assert train.main([*OPTIONS, "--refine", "1", "--out", str(out)]) == 0, capsys.readouterr().err
-    assert "refining: python -m training.refine_policy %s/actor.safetensors" % out in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "refining: python -m training.refine_policy %s/actor.safetensors" % out in said
+    assert said.index("after this training: a refinement of 1 step") < said.index("refining:")
     refined = Actor.load(out / "refined.safetensors")
     told = refined.metadata["training"]["refined"]
     assert (told["step"], told["weights"], told["simulator"]) == (1, "per_metre", "kinematic")
@@ -112,6 +114,8 @@ def test_the_recipe_of_the_included_policy_and_its_partner_fit(tmp_path):
     config = parse(["--recipe", "applr", "--out", str(tmp_path / "run")])
     found = partner_of(config)
     assert (found.period, found.symmetric, found.seed, found.refine) == (config.period, True, config.seed + 1, 0)
+    assert "with the recipe applr_first_form (44 min), then a refinement of 8 steps" in what_follows(config, found)
+    assert what_follows(parse(["--out", str(tmp_path / "run")]), None) == ""
 
 
 @pytest.mark.parametrize(("address", "workers"), [([], "500"), (["--ray-address", "auto"], "2")])

@@ -53,6 +53,21 @@ def partner_of(config: TrainConfig) -> Optional[TrainConfig]:
     return partner
 
 
+def what_follows(config: TrainConfig, partner: Optional[TrainConfig]) -> str:
+    """A line that says what comes after the training, which --minutes and --steps do not count; "" for nothing."""
+    parts = []
+    if partner:
+        limit = " (%g min)" % partner.minutes if partner.minutes else ""
+        parts.append("a second one with the recipe %s%s" % (config.partner, limit))
+    if config.refine:
+        parts.append(
+            "a refinement of %d step%s with 1,000 drives each" % (config.refine, "" if config.refine == 1 else "s")
+        )
+    if not parts:
+        return ""
+    return 'after this training: %s; --partner "" --refine 0 leaves out what follows' % ", then ".join(parts)
+
+
 def last_policy(config: TrainConfig, partner: Optional[TrainConfig]) -> str:
     """The file of the policy that training ended with; with a partner that of the mean, which is written here."""
     policies = [each.out + "/actor.safetensors" for each in (config, partner) if each]

@@ -13,7 +13,7 @@ import sys
 from typing import List, Optional
 
 from applr_ros1.common.errors import run_main
-from training.afterwards import last_policy, partner_of, refine
+from training.afterwards import last_policy, partner_of, refine, what_follows
 from training.gorila.config import TrainConfig, parse
 from training.gorila.run import TrainingRun
 
@@ -26,6 +26,8 @@ def main(arguments: Optional[List[str]] = None) -> int:
 def train(config: TrainConfig) -> int:
     """Trains, with a partner and a refinement where they are asked for. Returns the exit status."""
     partner = partner_of(config)
+    if following := what_follows(config, partner):
+        print(following, flush=True)
     status = TrainingRun(config).run()
     if status == 0 and partner:
         print("training the partner: %s" % partner.out, flush=True)

@@ -49,7 +49,8 @@ class Options:
     steps: int = option(PAPER_STEPS,
         "Number of transitions to collect in all, one per decision. The paper used 5 million.")
     minutes: float = option(0.0,
-        "Wall time [min] after which the run ends even before --steps, interruptions not counted. 0 sets no limit.")
+        "Wall time [min] after which the run ends even before --steps, interruptions not counted. 0 sets no limit. "
+        "What --partner and --refine do afterwards is not part of it.")
     seed: int = option(0,
         "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
     device: str = option("auto",
