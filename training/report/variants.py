@@ -24,6 +24,8 @@ AXES = {
 def draw_variants(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
     """A dot for each variant: its mean time against each figure of AXES, joined where names differ in a number.
 
+    The dot of the first variant is black.
+
     Args:
         path: of the PNG file.
         rows: with "variant", "time_s" and AXES. Variants such as switch_2 and switch_5 are one curve, in their order,
@@ -38,11 +40,13 @@ def draw_variants(path: Path, rows: Sequence[Dict[str, Any]]) -> None:
         for color, (family, line) in zip(COLORS * len(families), families.items()):
             x, y = [row[name] for row in line], [row["time_s"] for row in line]
             ax.plot(x, y, "o-", ms=4, lw=1, color=color, label=family)
+        ax.plot(rows[0][name], rows[0]["time_s"], "ko", ms=4)
         for row in rows:
             ax.annotate(
                 row["variant"], (row[name], row["time_s"]), fontsize=7, xytext=(3, 3), textcoords="offset points"
             )
         ax.set(xlabel=label)
+        ax.margins(x=0.3)  # for the names, which stand at the right of their dots
         ax.grid(alpha=0.25)
     axes[0][0].set(ylabel="mean time of successful trials [s]")
     buffer = io.BytesIO()
