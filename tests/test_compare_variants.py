@@ -135,3 +135,6 @@ def test_what_a_comparison_gives_each_run():
     assert found.of("regressing_critics", 0)["bins"] == 0
     found = dataclasses.replace(found, recipe="applr", options={})
     assert (found.of("applr", 0)["partner"], found.of("applr", 0)["refine"]) == ("", 0)  # no part of an equal wall time
+    assert (
+        compare_variants.read(str(compare_variants.VARIANTS / "smoothness.yaml")).of("switch_5", 0)["c_switch"] == 5.0
+    )

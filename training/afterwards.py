@@ -60,9 +60,7 @@ def what_follows(config: TrainConfig, partner: Optional[TrainConfig]) -> str:
         limit = " (%g min)" % partner.minutes if partner.minutes else ""
         parts.append("a second one with the recipe %s%s" % (config.partner, limit))
     if config.refine:
-        parts.append(
-            "a refinement of %d step%s with 1,000 drives each" % (config.refine, "" if config.refine == 1 else "s")
-        )
+        parts.append("a refinement of %d step%s" % (config.refine, "" if config.refine == 1 else "s"))
     if not parts:
         return ""
     return 'after this training: %s; --partner "" --refine 0 leaves out what follows' % ", then ".join(parts)
