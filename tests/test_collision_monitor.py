@@ -112,6 +112,30 @@ def test_a_long_time_before_edges_does_not_fill_the_memory():
     assert counts[-1] < 1.5 * counts[0]
 
 
+TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}  # a TurtleBot3's laser, whose ends meet ahead
+
+
+@pytest.mark.parametrize("geometry", [{}, TURN], ids=["270 degrees", "a full turn"])
+def test_the_ends_of_a_scan_do_not_fill_the_memory(geometry):
+    rng, memory, pose = np.random.default_rng(0), ObstacleMemory(), (0.0, 0.0, 0.0)
+    counts = []
+    for step in range(100):
+        ranges = rng.normal(2.0, 0.003, 360 if geometry else BEAMS).astype(np.float32)
+        memory.update(scan_of([], pose, 0.1 * step, ranges=ranges, **geometry), pose)
+        counts.append(len(memory.points))
+    assert counts[-1] < 1.1 * counts[0]
+
+
+def test_what_has_gone_where_the_ends_of_a_scan_meet_is_forgotten():
+    memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
+    empty = np.full(360, 3.0, np.float32)
+    post = empty.copy()
+    post[[-2, -1, 0, 1]] = 1.0
+    for stamp, ranges, left in ((0.0, post, 4), (0.1, empty, 0)):
+        memory.update(scan_of([], pose, stamp, ranges=ranges, **TURN), pose)
+        assert np.sum(np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1]) < 1.5) == left
+
+
 def test_a_full_memory_forgets_the_oldest(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1000)
     memory, newest = ObstacleMemory(), ObstacleMemory()

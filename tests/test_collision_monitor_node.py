@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from fake_jackal import FakeJackal
 from geometry_msgs.msg import Twist
 from ros_harness import ROOT, session, wait_for
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 pytestmark = pytest.mark.ros
 
@@ -52,6 +52,11 @@ def test_drives_to_the_wall_and_stands_before_it(stack):
     x, _, _ = drive(stack, 1.0, 2.5)
     assert 1.5 - 0.075 - 0.229 - 0.15 < x < 1.5 - 0.075 - 0.229
     assert actions[-1].startswith("stop: an obstacle")
+    said = []
+    subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: said.append(m.data))
+    drive(stack, 1.0, 0.5)
+    assert said.count(True) > 3, "with each command, so that a new goal does not lose it"
+    subscriber.unregister()
 
 
 def test_says_which_node_sends_commands_past_it(stack):

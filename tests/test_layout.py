@@ -60,6 +60,13 @@ def test_zeros_of_older_drivers_are_no_measurement():
     assert np.isnan(JACKAL.resample(ranges, JACKAL.angle_min, JACKAL.step)[5])
 
 
+@pytest.mark.parametrize("kind", SCANNERS)
+def test_a_zero_hides_no_obstacle_beside_it(kind):
+    ranges, first, step = scan_of(kind)
+    zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
+    np.testing.assert_array_equal(JACKAL.resample(zeros, first, step), JACKAL.resample(ranges, first, step))
+
+
 @pytest.mark.parametrize(
     ("count", "first", "last", "line"),
     [

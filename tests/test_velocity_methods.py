@@ -146,6 +146,14 @@ def test_the_launch_file_loads_files_that_are_there():
     assert all((ROOT / "applr_ros1" / "scripts" / name).is_file() for name in started)
 
 
+def test_the_launch_file_keeps_what_is_held_back_of_the_method_from_move_base():
+    """With it move_base would count it as its own commands being held back, and give the goal up."""
+    launch = ElementTree.parse(ROOT / "applr_ros1" / "launch" / "velocity_method.launch").getroot()
+    (planner,) = (node for node in launch.iter("node") if node.get("type") == "move_base.py")
+    moved = {remap.get("from"): remap.get("to") for remap in planner.iter("remap")}
+    assert moved["collision_monitor/held_back"].startswith("move_base/")
+
+
 @pytest.mark.ros
 def test_the_node_commands_while_there_is_a_goal(tmp_path):
     import rospy

@@ -112,13 +112,17 @@ def _is_measured(x, y, ranges, beams, sensor):
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < range_min:
         return False
-    i = int(math.floor(beam_at(angle_min, increment, math.atan2(dy, dx) - sensor[2]) + 0.5))
-    if i < 1 or i >= ranges.shape[0] - 1:
+    n = ranges.shape[0]
+    i = int(math.floor(beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])))
+    if i >= n:
         return False
     if abs(ranges[i] - distance) < SPACING:
         return True
+    full_turn = (n + 0.5) * abs(increment) >= 2.0 * math.pi
+    if (i == 0 or i == n - 1) and not full_turn:
+        return False
     for j in range(i - 1, i + 2):
-        r = ranges[j]
+        r = ranges[j % n]
         if not r >= range_min or r < distance - TOLERANCE:
             return False
     return True

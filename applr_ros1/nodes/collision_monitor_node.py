@@ -68,7 +68,7 @@ class CollisionMonitorNode:
         self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
         self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
-        self._held = rospy.Publisher("~held_back", Bool, queue_size=5, latch=True)
+        self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
         self._others = OtherPublishers(self._out.resolved_name, self._warn_of_others)
@@ -113,8 +113,7 @@ class CollisionMonitorNode:
             answer.linear.x, answer.angular.z = verdict.command
             self._out.publish(answer)
             self._counts[verdict.action] += 1
-            if verdict.held != self._verdict.held:
-                self._held.publish(verdict.held)
+            self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
             if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
                 self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
             self._verdict = verdict
@@ -145,7 +144,7 @@ class CollisionMonitorNode:
         values.update(self._counts)
         status = DiagnosticStatus(
             level=DiagnosticStatus.OK if fine else DiagnosticStatus.WARN,
-            name="collision_monitor: commands",
+            name=(rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands",
             hardware_id="none",
             message="%s; unchecked commands come from %s" % (message, others) if others else message,
             values=[KeyValue(key, str(value)) for key, value in values.items()],

@@ -20,9 +20,10 @@ from applr_ros1.common.angles import compose, yaw_of
 
 from . import conversions
 from .conversions import MessageError, Pose
+from .transforms import MAX_AHEAD
 
 WAITING = 20  # scans kept until their transform comes
-AHEAD = 1.0  # s by which a stamp may be ahead of the clock
+AHEAD = 1.0  # s by which the stamp of a scan or of odometry may be ahead of the clock
 BEAMS_HELD = 2.0  # s without a usable scan after which the scanner may have another number of beams
 TF_ERRORS = (
     tf2_ros.LookupException,
@@ -104,26 +105,29 @@ class Sensors:
 
     def pose(self, now, tolerance: float) -> Optional[Pose]:
         """The robot's newest pose in the local frame; None if there is none within `tolerance` [s] of now."""
-        return self._newest_pose(self.local, self.base, now, tolerance)
+        return self._newest_pose(self.local, self.base, now, tolerance, tolerance)
 
     def frame(self, now, tolerance: float) -> Optional[Pose]:
-        """The newest pose of the local frame in the global one; None if there is none within `tolerance` [s] of now."""
-        return self._newest_pose(self.globe, self.local, now, tolerance)
+        """The newest pose of the local frame in the global one; None if there is none of the last `tolerance` [s].
 
-    def _newest_pose(self, target, source, now, tolerance):
+        Localisation stamps it ahead of the clock, so that it is good until the next one comes (amcl by 0.1 to 2 s).
+        """
+        return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD))
+
+    def _newest_pose(self, target, source, now, oldest, most_ahead):
         transform, self.pose_trouble = self._look_up(target, source, rospy.Time(0))
         if transform is None:
             return None
         age = (now - transform.header.stamp).to_sec()
-        if abs(age) > tolerance and not transform.header.stamp.is_zero():  # stamp 0: a static transform
-            self.pose_trouble = "transform %s <- %s is %.2f s %s, transform_tolerance is %g s" % (
+        if not -most_ahead <= age <= oldest and not transform.header.stamp.is_zero():  # stamp 0: a static transform
+            late = "old, transform_tolerance is %g s" % oldest
+            self.pose_trouble = "transform %s <- %s is %.2f s %s" % (
                 target,
                 source,
                 abs(age),
-                "old" if age > 0.0 else "ahead of the clock",
-                tolerance,
+                late if age > 0.0 else "ahead of the clock, at most %g s can be used" % most_ahead,
             )
-            if age < -AHEAD:
+            if age < -max(AHEAD, most_ahead):
                 self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
             return None
         return conversions.pose_of(transform.transform)

@@ -11,7 +11,7 @@ from applr_ros1.nodes.conversions import uprightness
 from applr_ros1.policy.observation import ObservationError
 
 LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
-MAX_AHEAD = 1.0  # [s] that a transform's stamp may lie ahead of the clock
+MAX_AHEAD = 3.0  # [s] that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
 
 
 class Transforms:

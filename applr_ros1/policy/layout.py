@@ -114,11 +114,13 @@ class Layout:
             ObservationError: The scan does not cover the layout, is coarser than COARSEST, or has no geometry.
         """
         ranges = np.asarray(ranges, dtype=np.float32)
+        zero = ranges == 0.0
+        if zero.any():  # before the smallest is taken: 0 would be it
+            ranges = np.where(zero, np.float32(np.nan), ranges)
         source, starts = _sectors(self, len(ranges), float(angle_min), float(angle_increment))
         if len(source):
             ranges = np.fmin.reduceat(ranges[source], starts)
-        zero = ranges == 0.0
-        return np.where(zero, np.float32(np.nan), ranges) if zero.any() else ranges
+        return ranges
 
 
 @lru_cache(maxsize=32)
