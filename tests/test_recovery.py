@@ -49,6 +49,7 @@ def test_listed_recoveries_replace_the_usual():
     built = recovery.build(complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0})))
     assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
     assert built[1].side == 6.0
+    assert recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []  # not the usual ones, as in C++
 
 
 @pytest.mark.parametrize("types", [(0, 1), (1, 0), (0, 0)])

@@ -92,14 +92,14 @@ class RotateRecovery:
 def build(parameters: dict, like_cpp: bool = False) -> list:
     """The behaviours in order, from a complete parameter tree. Read at start-up only, as in C++.
 
-    Without `recovery_behaviors`: conservative reset, rotation, aggressive reset, rotation; no rotations
-    without `clearing_rotation_allowed`. like_cpp: as the C++ behaviours, which clear nothing on the Jackal.
+    The default ones have no rotations without `clearing_rotation_allowed`; a list given instead of them is taken as it
+    is (move_base.cpp, loadRecoveryBehaviors). like_cpp: as the C++ behaviours, which clear nothing on the Jackal.
     """
     listed = parameters["recovery_behaviors"]
-    usual = not listed
+    usual = listed == DEFAULT_RECOVERIES
     made = {}
     behaviours = []
-    for entry in listed or DEFAULT_RECOVERIES:
+    for entry in listed:
         name, clears = entry["name"], entry["type"] == RECOVERY_TYPES[0]
         if usual and not clears and not parameters["clearing_rotation_allowed"]:
             continue

@@ -233,7 +233,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
             here.update({name: value for name in (p.name,) + p.aliases})
     names = _behaviours(tree)
     if _repeated(names):  # C++ says so and takes the defaults (move_base.cpp, loadRecoveryBehaviors)
-        names, full["recovery_behaviors"] = [], []
+        names, full["recovery_behaviors"] = [], DEFAULT_RECOVERIES
     _check_behaviours(full, names)
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
@@ -268,8 +268,9 @@ def _check_whole(full):
             raise ParameterError("%s is %s: give %s" % (name, full[name], " or ".join(plugins)))
     planner = namespace(full["base_local_planner"])
     check_together(planner, full[planner])
-    for name in ["rotate_recovery", *_behaviours(full)]:
-        check_turn(name, full[name])
+    for name in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
+        if "sim_granularity" in full[name]:
+            check_turn(name, full[name])
     types: Dict[str, str] = {}
     for name in COSTMAPS:
         costmap = full[name]

@@ -60,9 +60,9 @@ MOVE_BASE = (
 
 # Read once, when the node starts
 STATIC_MOVE_BASE = (
-    listing("recovery_behaviors", [], None,
-        "Names and types of the recovery behaviours in the order in which they are tried. An empty list selects the "
-        "four default behaviours."),
+    listing("recovery_behaviors", DEFAULT_RECOVERIES, None,
+        "Names and types of the recovery behaviours in the order in which they are tried; an empty list: none. Of the "
+        "default ones, and only of these, clearing_rotation_allowed leaves out the rotations."),
     real("scan_timeout", 1.0, 0.0, INF, None, "s",
         "Age of the newest scan at which the robot is stopped. 0 switches this check off."),
     flag("latch_xy_goal_tolerance", False, None,
