@@ -44,10 +44,13 @@ DRIFTS = [
 
 
 class Scene:
-    """Obstacles about the origin, and what to drive there: of the size of a robot, within its limits."""
+    """Obstacles about the origin, and what to drive there: of the size of a robot, within its limits.
+
+    seed: of the scene, and of the unevenness of its ground and of the robot's wheels.
+    """
 
     def __init__(self, seed: int, robot: Robot):
-        rng = np.random.default_rng(seed)
+        self._seed, rng = seed, np.random.default_rng(seed)
         scale, self._base = robot.world_scale, robot.base
         spots = rng.uniform(-1.1, 1.1, (16, 2))
         cylinders = np.array([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
@@ -67,9 +70,9 @@ class Scene:
             return v * rng.uniform(0.1, 1.2), w * rng.uniform(-1.5, 1.5)
         return (v * -0.5, 0.0) if rng.random() < 0.3 else (0.0, w * rng.uniform(-2.0, 2.0))
 
-    def drive(self, simulator: Simulator, seed: int) -> Tuple[np.ndarray, np.ndarray]:
+    def drive(self, simulator: Simulator) -> Tuple[np.ndarray, np.ndarray]:
         """Poses (k, 3) every 50 ms, whether there was contact (k,)."""
-        simulator.reset(self.world, seed)
+        simulator.reset(self.world, self._seed)
         poses, touched = [], []
         for v, w in self.commands:
             for _ in range(self._steps):
@@ -83,8 +86,8 @@ def compare(robot: Robot, scenes: Sequence[Scene], recorded: Recordings) -> np.n
     """A row per scene: how far [m, rad] the robots are apart at the end and on average, and which of them touched."""
     simulator = KinematicSimulator(robot)
     rows = []
-    for seed, (scene, (poses, touched)) in enumerate(zip(scenes, recorded)):
-        mine, mine_touched = scene.drive(simulator, seed)
+    for scene, (poses, touched) in zip(scenes, recorded):
+        mine, mine_touched = scene.drive(simulator)
         apart = np.hypot(*(mine[:, :2] - poses[:, :2]).T)
         turn = np.abs(wrapped_modulo(mine[:, 2] - poses[:, 2]))
         rows.append((apart[-1], turn[-1], apart.mean(), turn.mean(), touched.any(), mine_touched.any()))
@@ -194,7 +197,7 @@ def _print_fit(arguments: argparse.Namespace) -> None:
     responses(pair)
     drifts(pair)
     scenes = [Scene(seed, robot) for seed in range(2 * arguments.scenes)]
-    recorded = [scene.drive(bullet, seed) for seed, scene in enumerate(scenes)]
+    recorded = [scene.drive(bullet) for scene in scenes]
     half = arguments.scenes
     way = np.mean([np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() for poses, _ in recorded])
     print("a scene's drive is %.2f m long on average" % way)

@@ -244,6 +244,18 @@ def test_gymnasiums_checker(env):
     check_env(env.unwrapped, skip_render_check=True)
 
 
+def test_the_picture_shows_the_robot_in_its_size():
+    black = []
+    for robot in ("jackal", "husky"):
+        made = gymnasium.make(
+            "applr_ros1:applr_ros1/Navigation-v0", worlds="generated:7", robot=robot, render_mode="rgb_array"
+        )
+        made.reset(seed=1)
+        black.append((made.render() < 40).all(axis=2).sum())
+        made.close()
+    assert black[1] > 2 * black[0]
+
+
 def test_made_by_the_packages_name_it_renders_and_passes_the_check():
     from gymnasium.utils.env_checker import check_env
 

@@ -313,7 +313,7 @@ def test_kinematic_drives_like_pybullet():
 def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
     scenes = [fit_kinematic.Scene(seed, JACKAL) for seed in range(1000, 1030)]
-    recorded = [scene.drive(pybullet, i) for i, scene in enumerate(scenes)]
+    recorded = [scene.drive(pybullet) for scene in scenes]
     rows = fit_kinematic.compare(JACKAL, scenes, recorded)
     pybullet.close()
     hit = rows[:, 4] > 0

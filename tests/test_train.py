@@ -385,6 +385,8 @@ def test_another_simulator_begins_anew_with_default_and_best(tmp_path):
     assert again.best["step"] == 130
     assert again.default["time_s"] == 20.0
     assert again.due(299) is None
+    again.every = 150  # changed at a --resume: the rounds so far were counted otherwise
+    assert [again.due(step) for step in (299, 300)] == [None, 2]
     other = PeriodicEvaluation(
         tmp_path, [("w0", "w0"), ("w1", "w1")], 2, 100, 0, contact_seconds=4.0, setting="pybullet"
     )

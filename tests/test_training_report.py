@@ -90,6 +90,7 @@ def test_welch_is_scipys_and_edges_are_told():
     assert math.isnan(statistics.welch_p(a[:1], b))
     assert statistics.welch_p(np.ones(3), np.ones(3)) == 1.0
     assert statistics.welch_p(np.ones(3), np.zeros(3)) == 0.0
+    assert statistics.welch_p(np.full(2, 5.05), np.full(20, 5.05)) == 1.0  # whose means differ in their last bit
 
 
 def test_identical_methods_win_as_often_as_the_paper_page_says():
@@ -248,6 +249,18 @@ def test_ablation(results):
     table = tables_more.ablation(results)
     assert [row[:2] for row in table.rows] == [["applr", "max_vel_x"]]
     assert 25 < float(table.rows[0][-1]) < 55  # .10 of the .25 that applr saves
+
+
+def test_means_are_compared_over_the_same_worlds(folder):
+    """Where a method was driven in some of the worlds only, as after --join."""
+    joined = data.Results(folder)
+    easy = joined.of_set("Test")[:4]
+    joined.cells[METHODS[2]] = {world: joined.cells[METHODS[2]][world] for world in easy}
+    base, whole, without = (statistics.mean_time(joined, method, easy)[0] for method in METHODS)
+    (row,) = tables_more.ablation(joined).rows
+    assert float(row[-1]) == pytest.approx(100 * (without - whole) / (base - whole), abs=0.6)
+    row = next(row for row in tables.table_1(joined).rows if row[:2] == ["Test", METHODS[2]])
+    assert float(row[6]) == pytest.approx(base - without, abs=0.006)
 
 
 def test_formats_escape():

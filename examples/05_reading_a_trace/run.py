@@ -1,8 +1,8 @@
 """Drives one trial, reads its trace, and draws the path over the map with the speed and a parameter over time.
 
 evaluate.py keeps the traces of the first trial of each world and method in OUT/traces (`--traces N` for more). A trace
-has an instant every 50 ms: `time` (n,) s, `pose` (n, 3) x, y [m], yaw [rad], `twist` (n, 2) v [m/s], w [rad/s]; and a
-row of parameters for every decision: `theta` (k, 8).
+has an instant every 50 ms: `time` (n,) s, `pose` (n, 3) x, y [m], yaw [rad], `twist` (n, 2) v [m/s], w [rad/s]; and for
+every decision its time and a row of parameters: `decided` (k,) s, `theta` (k, 8).
 """
 
 import argparse
@@ -30,8 +30,7 @@ def picture(trace: dict, world, parameter: str, path: str) -> None:
     left.set_aspect("equal")
     right.plot(trace["time"], trace["twist"][:, 0], label="speed [m/s]")
     values = trace["theta"][:, SPACE.names.index(parameter)]
-    decided = np.linspace(trace["time"][0], trace["time"][-1], len(values) + 1)[:-1]
-    right.step(decided, values, where="post", label=parameter)
+    right.step(trace["decided"], values, where="post", label=parameter)
     right.set_xlabel("time [s]")
     right.legend()
     figure.savefig(path, dpi=100)

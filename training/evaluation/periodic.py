@@ -64,7 +64,8 @@ class PeriodicEvaluation:
         if self.default is None:
             return THETA0
         number = step // self.every
-        return number if number > max([0] + [r["round"] for r in self.history]) else None
+        driven = [r["step"] // self.every for r in self.here if r["round"] != THETA0]  # `every` may have changed
+        return number if number > max([0] + driven) else None
 
     def begin(self, number: int, step: int, version: int) -> List[Trial]:
         """The trials of round `number`, begun at `step` with the policy of `version` gradient steps."""

@@ -137,7 +137,8 @@ class ApplrEnv(gymnasium.Env):
         angles = yaw + np.linspace(layout.angle_min, layout.angle_max, layout.beams)
         near = np.isfinite(ranges) & (ranges <= layout.range_cap)  # what the policy sees
         points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])[near]
-        return top_view(episode.world, state.pose, episode.trace.pose, points, state.time)
+        length, width, _ = episode.robot.body.size
+        return top_view(episode.world, state.pose, episode.trace.pose, points, state.time, (length, width))
 
     def close(self):
         """Close the simulator."""

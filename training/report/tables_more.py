@@ -148,19 +148,18 @@ def ablation(results: Results) -> Table:
         "Ablation: one parameter at a time held at θ₀",
         ["method", "parameter held", "time [s]", "success [%]", "share of the gain lost [%]"],
     )
-    everything = results.worlds
-    base = statistics.mean_time(results, results.baseline, everything)[0]
     for name in results.methods:
         method, found, parameter = name.partition("-without-")
         if not found or method not in results.methods:
             continue
-        whole, without = (statistics.mean_time(results, m, everything)[0] for m in (method, name))
+        worlds = results.both(method, results.both(name, results.worlds))
+        base, whole, without = (statistics.mean_time(results, m, worlds)[0] for m in (results.baseline, method, name))
         lost = 100.0 * (without - whole) / (base - whole) if base != whole else np.nan
         table.rows.append(
-            [method, parameter, _number(without), _rate(results.pooled(name, everything, "success")), _number(lost, 0)]
+            [method, parameter, _number(without), _rate(results.pooled(name, worlds, "success")), _number(lost, 0)]
         )
     table.notes = [
-        "Means over successful trials in all worlds of this evaluation. Shares need not add up to "
+        "Means over successful trials in all worlds that all three have driven. Shares need not add up to "
         "100: parameters act together, and one that is held may be made up for by the others."
     ]
     return table

@@ -139,6 +139,10 @@ def for_weights(spec: str, weights: str, robot: Robot = JACKAL) -> str:
         weights: per_cell, per_metre or drawn; sets for planners that draw are those for per_cell.
         robot: Whose sets; one that has a single set has it for both kinds.
     """
+    kind, _, rest = spec.partition(":")
+    if kind in ("frozen", "period") and ":" in rest:
+        what, _, inner = rest.partition(":")
+        return "%s:%s:%s" % (kind, what, for_weights(inner, weights, robot))
     if (spec, weights) == ("static", PER_METRE) and os.path.exists(shipped("static_per_metre.json", robot)):
         return "static_per_metre"
     return spec
