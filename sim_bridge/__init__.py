@@ -1,20 +1,20 @@
 """The simulated robot: one interface (simulator.py), a pybullet and a kinematic implementation, and their laser.
 
 Only ros_*.py and the folder gazebo know ROS. A simulator of your own derives from Simulator, passes
-`python -m sim_bridge.check module:Class`, and is then given by that name wherever a simulator is named.
+`python -m sim_bridge.check my_file.py:Class`, and is then given by that name wherever a simulator is named.
 """
 
 from __future__ import annotations
 
-import importlib
 from typing import Any, Type, Union
 
+from applr_ros1.common import own_module
 from applr_ros1.common.errors import ApplrError, with_place
 from applr_ros1.robots import Robot, load
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
 
-__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "is_name", "make"]
+__all__ = ["NAMES", "Randomisation", "RobotState", "Simulator", "SimulatorError", "find", "is_name", "make"]
 
 # name -> where the class is. They are imported on first use, so that the kinematic one needs no pybullet.
 _CLASSES = {
@@ -25,15 +25,45 @@ NAMES = tuple(_CLASSES)
 
 
 def is_name(text: str) -> bool:
-    """Whether a simulator can be named so: one of NAMES, or the "module:Class" of your own, which is not imported."""
+    """Whether a simulator can be named so: one of NAMES, or the my_file.py:Class or module:Class of your own.
+
+    It is not imported.
+    """
     return text in NAMES or ":" in text
+
+
+def find(name: str) -> Type[Simulator]:
+    """The class of a simulator.
+
+    Args:
+        name: One of NAMES, or my_file.py:Class or module:Class for a Simulator of your own.
+
+    Raises:
+        SimulatorError: There is none, or it cannot be imported; one line says what to give.
+    """
+    module, colon, kind = _CLASSES.get(name, str(name)).rpartition(":")
+    if not (module and colon and kind):
+        raise SimulatorError(
+            "simulator %r is not known: give %s, or my_file.py:Class or module:Class" % (name, " or ".join(NAMES))
+        )
+    # whatever a person's own class raises is theirs to hear in one line
+    expected: Type[Exception] = ImportError if name in _CLASSES else Exception
+    try:
+        found = getattr(own_module.load(module), kind)
+    except expected as error:
+        raise SimulatorError(
+            "simulator %s cannot be imported (%s): check module and class" % (name, with_place(error))
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Simulator)):
+        raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
+    return found
 
 
 def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **randomisation: Any) -> Simulator:
     """A simulator by name.
 
     Args:
-        name: One of NAMES, or "module:Class" for a Simulator of your own.
+        name: As for find().
         gui: Whether to open the simulator's window; only pybullet has one.
         robot: Description of the robot, or its name or folder; the Jackal without one.
         **randomisation: Fields of Randomisation, such as latency=0.05 or slip=(0.5, 1.5).
@@ -42,21 +72,9 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
         SimulatorError: An argument cannot be used; one line says which and what to give.
         RobotError: There is no such robot, or its description cannot be used.
     """
-    module, colon, kind = _CLASSES.get(name, str(name)).partition(":")
-    if not (module and colon and kind):
-        raise SimulatorError("simulator %r is not known: give %s, or module:Class" % (name, " or ".join(NAMES)))
     if gui and name != "pybullet":
         raise SimulatorError("gui is true but the simulator %s has no window: take pybullet" % name)
-    # whatever a person's own class raises is theirs to hear in one line
-    expected: Type[Exception] = ImportError if name in _CLASSES else Exception
-    try:
-        found = getattr(importlib.import_module(module), kind)
-    except expected as error:
-        raise SimulatorError(
-            "simulator %s cannot be imported (%s): check module and class" % (name, with_place(error))
-        ) from error
-    if not (isinstance(found, type) and issubclass(found, Simulator)):
-        raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
+    found = find(name)
     options = dict(randomisation)
     if gui:
         options["gui"] = True

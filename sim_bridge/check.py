@@ -307,7 +307,9 @@ PROMISES: Tuple[Callable[[Factory], None], ...] = (
 def main() -> int:
     """Print a line for every promise. Exit status 1 where one is not kept, or there is no such simulator."""
     parser = argparse.ArgumentParser(prog="python -m sim_bridge.check", description=(__doc__ or "").split("\n\n")[0])
-    parser.add_argument("simulator", help="Simulator to check: %s, or module:Class." % ", ".join(NAMES))
+    parser.add_argument(
+        "simulator", help="Simulator to check: %s, or my_file.py:Class or module:Class." % ", ".join(NAMES)
+    )
     name = parser.parse_args().simulator
     return run_main(lambda: _print_results(name), "check")
 

@@ -351,7 +351,7 @@ def _parameter(name, default, most):
 def _start(text):
     """(x, y, yaw) of a parameter such as "1 2 1.57"; None for an empty one."""
     try:
-        numbers = tuple(float(word) for word in text.split())
+        numbers = tuple(float(word) for word in text.replace(",", " ").split())
     except ValueError:
         numbers = (float("nan"),)
     if text.strip() and not (len(numbers) == 3 and all(map(isfinite, numbers))):

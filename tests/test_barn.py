@@ -15,6 +15,7 @@ import rospy  # noqa: F401
 from worlds_sdf import as_barn, moving, sdf
 
 import worlds
+from applr_ros1.common.errors import UsageError
 from applr_ros1.nodes import barn, barn_results
 from applr_ros1.nodes.barn_checkout import CheckoutError, Overlay
 from worlds import builtin, movers_table
@@ -126,6 +127,17 @@ def test_mistakes_are_one_line(checkout, tmp_path, arguments, words, capsys):
     assert words in line
 
 
+def test_two_methods_do_not_share_a_folder(checkout, tmp_path, monkeypatch):
+    """What the environment gives to a controller of this package is a setting; its files are taken from here."""
+    options = barn.parser().parse_args([str(checkout), "--out", str(tmp_path / "results"), "--worlds", "2"])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("APPLR_MODE", "mine.safetensors")
+    assert barn.Evaluation(options).given == {"APPLR_MODE": str(tmp_path / "mine.safetensors")}
+    monkeypatch.setenv("APPLR_MODE", "dwa")
+    with pytest.raises(UsageError, match="holds runs with APPLR_MODE .*mine.safetensors, not dwa: give another --out"):
+        barn.Evaluation(options)
+
+
 def test_a_folder_that_is_no_checkout(tmp_path):
     with pytest.raises(CheckoutError, match=r"no checkout of the BARN Challenge: it has no run\.py"):
         Overlay(tmp_path, tmp_path / "overlay", None)
@@ -164,6 +176,7 @@ def test_a_run_is_in_no_namespace_of_another_robot(tmp_path, monkeypatch):
     evaluation = barn.Evaluation.__new__(barn.Evaluation)
     evaluation.out, evaluation.overlay = tmp_path, SimpleNamespace(package="p", checkout=tmp_path, runner="run.py")
     evaluation.options = SimpleNamespace(simulator="kinematic", seed=0, real_time_factor=1.0)
+    evaluation.given = {}
     evaluation._start((0, 0), ())
     assert "ROS_NAMESPACE" not in started[0]
     assert started[0]["ROS_MASTER_URI"].startswith("http://127.0.0.1:")

@@ -149,6 +149,23 @@ def test_a_module_that_the_nodes_find_stays_a_module(tmp_path, monkeypatch):
     assert mode_files.absolute("package.own:Own") == "package.own:Own"
 
 
+def test_a_start_is_read_alike_by_the_check_and_the_simulator():
+    from sim_bridge import ros_bridge
+
+    for text in ("-3.0,1.2,1.57", "-3 1.2 1.57"):
+        assert refusal(start=text) == ""
+        assert ros_bridge._start(text) == arguments.pose("start", text) == (-3.0, 1.2, 1.57)
+
+
+def test_a_simulator_of_ones_own_is_looked_at_before_anything_starts(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text("from sim_bridge.kinematic_simulator import KinematicSimulator as Mine\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", sys.path[:])
+    assert refusal(simulator="mine.py:Mine") == ""
+    assert refusal(simulator="mine:Mine").endswith("its node runs in another folder; give mine.py:Mine")
+    assert "cannot be imported" in refusal(simulator="mine.py:Yours")
+
+
 def test_the_demo_hands_the_mode_on_with_its_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     started, environments = [], [os.environ]

@@ -69,7 +69,10 @@ def test_files_given_from_the_current_folder_reach_the_nodes_that_run_in_another
     assert given["/applr/policy"] == str(tmp_path / "mine.safetensors")
     given = found("parameters:=set.json", "mode:=fixed")
     assert given["/applr/parameters"] == str(tmp_path / "set.json")
-    given = found("robot:=mine", "world:=w.world", "mode:=period:1:own.py:Own", "rviz:=true")
+    (tmp_path / "sim.py").write_text("from sim_bridge.kinematic_simulator import KinematicSimulator as Sim\n")
+    words = "robot:=mine", "world:=w.world", "mode:=period:1:own.py:Own", "rviz:=true", "simulator:=sim.py:Sim"
+    given = found(*words)
+    assert given["/sim_bridge/simulator"] == str(tmp_path / "sim.py") + ":Sim"
     assert given["/applr/mode"] == "period:1:" + str(tmp_path / "own.py") + ":Own"
     for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal", "parameter_panel"):
         assert given["/%s/robot" % node] == str(tmp_path / "mine")

@@ -107,10 +107,24 @@ def test_a_class_of_ones_own_is_taken_by_name():
         ("test_simulator_check:check_simulator", "is no sim_bridge.Simulator"),
         ("test_simulator_check:Missing", "cannot be imported"),
         ("no_such_module:Missing", "cannot be imported"),
-        ("gazebo", "is not known: give pybullet or kinematic, or module:Class"),
+        ("gazebo", "is not known: give pybullet or kinematic, or my_file.py:Class"),
     ):
         with pytest.raises(sim_bridge.SimulatorError, match=words):
             sim_bridge.make(name)
+
+
+def test_a_class_of_ones_own_may_stand_in_a_file(tmp_path, monkeypatch):
+    text = (
+        "from sim_bridge.kinematic_simulator import KinematicSimulator\n\n\nclass Mine(KinematicSimulator):\n    pass\n"
+    )
+    (tmp_path / "my_simulator.py").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", sys.path[:])
+    assert type(sim_bridge.make("my_simulator:Mine")).__name__ == "Mine"  # also without the folder on PYTHONPATH
+    assert type(sim_bridge.make("my_simulator.py:Mine")).__name__ == "Mine"
+    assert sim_bridge.find("%s/my_simulator.py:Mine" % tmp_path) is sim_bridge.find("my_simulator.py:Mine")
+    with pytest.raises(sim_bridge.SimulatorError, match="cannot be imported"):
+        sim_bridge.find("no_simulator.py:Mine")
 
 
 class NeedsAFile(KinematicSimulator):

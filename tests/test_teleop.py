@@ -89,7 +89,10 @@ def test_keyboard_of_a_terminal():
 
     master, slave = pty.openpty()
     with os.fdopen(slave, "rb") as terminal, Keyboard(terminal) as keyboard:
-        for typed, heard in ((b"ik", "ik"), (b"\x1b[A", ""), (b"\x1b", "\x1b")):
+        for typed, heard in (
+            *((b"ik", "ik"), (b"\x1b[A", ""), (b"\x1b", "\x1b")),
+            *((b"i\x1b[A", "i"), (b"\x1b[1;5Cik", "ik"), (b"\x1bOP", ""), (b"i\x1b[3~\x1b[Bk", "ik")),
+        ):
             os.write(master, typed)
             assert keyboard.read() == heard
         assert keyboard.read() == ""

@@ -121,16 +121,17 @@ def test_the_commands_reach_the_base_and_the_planner_never_gives_up(episode):
     assert episode.decide(episode.space.theta0).path_length_m > 0.0  # the planner drives again
 
 
-def test_the_monitor_checks_the_commands(episode):
+@pytest.mark.parametrize("turn", [0.6, 0.0], ids=["in circles", "held back for long"])
+def test_the_monitor_checks_the_commands(episode, turn):
     import worlds
 
     episode.monitor = CollisionMonitor()
     episode.time_limit, episode.end_on_contact = 30.0, True
-    outcome = episode.reset(worlds.load("generated:0"), 0)
+    outcome = episode.reset(worlds.load("generated:42"), 0)
     episode.take_over()
     while not outcome.over:
-        outcome = episode.drive(0.5, 0.6)  # in circles, into whatever is there
-    assert outcome.reason == "time limit"
+        outcome = episode.drive(0.5, turn)  # into whatever is there
+    assert outcome.reason == "time limit"  # nor does the planner, of which nothing is held back, give the goal up
 
 
 def test_the_launch_file_loads_files_that_are_there():
@@ -163,7 +164,7 @@ def test_the_node_commands_while_there_is_a_goal(tmp_path):
 
     ros, robot, heard = session(), Robot(), []
     (tmp_path / "teller.py").write_text(
-        "import json\n\n\nclass Teller:\n    period = 0.1\n\n    def command(self, context):\n"
+        "import json\n\n\nclass Teller:\n    period = 0.4\n\n    def command(self, context):\n"
         "        told = *context.pose, *context.twist, *context.goal, len(context.plan), context.phi\n"
         "        print(json.dumps(told), flush=True)\n"
         "        return 0.3, context.phi\n"
@@ -184,6 +185,7 @@ def test_the_node_commands_while_there_is_a_goal(tmp_path):
         told = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
         assert told[-1][:9] == pytest.approx([*robot.pose, *robot.twist, 5.0, 0.0, 0.0, len(robot.path)])
         assert heard[-1] == pytest.approx((0.3, told[-1][9]))
+        assert len(heard) > 2 * len(told)  # again and again: the base stops where commands cease
         robot.ranges = None  # the laser falls silent: it stands
         wait_for(lambda: heard[-1] == (0.0, 0.0), 5.0, "stop")
         assert "standing: scan on /front/scan" in node.text

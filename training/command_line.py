@@ -80,7 +80,7 @@ def number(low: float, high: float) -> Callable[[str], float]:
 
 
 def simulator(text: str) -> str:
-    """A type for add_argument: a simulator's name, or the module:Class of a person's own."""
+    """A type for add_argument: a simulator's name, or the my_file.py:Class or module:Class of a person's own."""
     if not sim_bridge.is_name(text):
         raise argparse.ArgumentTypeError("%r is no simulator: give %s" % (text, ", ".join(sim_bridge.NAMES)))
     return text
@@ -149,7 +149,8 @@ def add_simulator(parser: argparse.ArgumentParser, default: str) -> None:
         "--simulator",
         type=simulator,
         default=default,
-        help="Simulator to drive in: pybullet, kinematic, or the module:Class of your own. Default: %(default)s.",
+        help="Simulator to drive in: pybullet, kinematic, or my_file.py:Class or module:Class of your own. Default: "
+        "%(default)s.",
     )
 
 

@@ -99,8 +99,7 @@ def check(values):
     boolean("rviz", values["rviz"])
     boolean("record_costmaps", values["record_costmaps"])
     boolean("monitor", values["monitor"])
-    if not sim_bridge.is_name(values["simulator"]):
-        one_of("simulator", values["simulator"], sim_bridge.NAMES)
+    _simulator(values["simulator"])
     one_of("move_base", values["move_base"], MOVE_BASES)
     with_map = boolean("map", values["map"])
     if values["move_base"] == "python":  # a move_base that runs already has its own files
@@ -134,6 +133,20 @@ def usable_mode(values, robot):
     """
     missing = values["policy"] == "shipped" and not os.path.isfile(methods.shipped(robot=robot))
     return "dwa" if values["mode"] == "applr" and missing else values["mode"]
+
+
+def _simulator(text):
+    """One of the included simulators, or a class of a person's own that the simulator's node finds, too."""
+    if not sim_bridge.is_name(text):
+        one_of("simulator", text, sim_bridge.NAMES)
+    if text not in sim_bridge.NAMES:
+        module, _, kind = text.rpartition(":")
+        if mode_files.from_the_root(module) != module and not module.endswith(".py"):
+            raise ArgumentError(
+                "simulator is %s: its node runs in another folder; give %s.py:%s"
+                % (text, module.replace(".", "/"), kind)
+            )
+        sim_bridge.find(text)
 
 
 def _interface(values, robot):
@@ -299,8 +312,8 @@ def _check_folder(here, values):
     """
     if os.path.isdir(here) and os.path.samefile(here, "."):
         return
-    for name in ("robot", "world", "policy", "parameters", "record"):
-        text = path(values[name])
+    for name in ("robot", "world", "policy", "parameters", "record", "simulator"):
+        text = path(values[name]).rpartition(":")[0] if name == "simulator" else path(values[name])
         is_file = text not in (*NAMES, "", "published") and (name != "world" or text.endswith(".world"))
         if is_file and not os.path.isabs(text) and (name == "record" or os.path.exists(text)):
             told = name, text, here.rstrip("/") or "not set", os.getcwd()

@@ -21,11 +21,12 @@ import sim_bridge
 from applr_ros1.common.errors import ApplrError, UsageError, run_main
 from applr_ros1.common.files import write_bytes
 
-from . import barn_run, processes
+from . import barn_run, mode_files, processes
 from .barn_checkout import STATIC_WORLDS, WORLDS, Overlay
 from .barn_results import LIMIT, Results, Run, run_of, summary
 
 START_UP = 150.0  # wall seconds that a run may take beside the drive
+GIVEN = ("APPLR_MODE", "APPLR_METHOD")  # variables of the environment that this package's controllers read
 ATTEMPTS = 2  # a run whose runner fails is started so often
 Job = Tuple[int, int]  # world, trial
 
@@ -91,6 +92,7 @@ class Evaluation:
             raise UsageError("--real-time-factor %g: give a number above 0" % options.real_time_factor)
         self.out = options.out.resolve()
         (self.out / "logs").mkdir(parents=True, exist_ok=True)
+        self.given = {name: mode_files.absolute(os.environ[name]) for name in GIVEN if os.environ.get(name)}
         self.overlay = Overlay(options.checkout, self.out / "overlay", options.controller)
         self._check_settings()
         self.results = Results(self.out)
@@ -108,6 +110,7 @@ class Evaluation:
             "controller": str(options.controller.resolve()) if options.controller else None,
             "simulator": options.simulator,
             "seed": options.seed,
+            **{name: self.given.get(name) for name in GIVEN},
         }
         path = self.out / "settings.json"
         if path.exists():
@@ -184,6 +187,7 @@ class Evaluation:
                 [str(self.overlay.package), str(self.overlay.checkout), os.environ.get("ROS_PACKAGE_PATH", "")]
             ),
             PYTHONUNBUFFERED="1",
+            **self.given,
             APPLR_SIMULATOR=options.simulator,
             APPLR_SEED=str(zlib.crc32(b"%d %d %d" % (options.seed, *job)) & 0x7FFFFFFF),
             APPLR_REAL_TIME_FACTOR=repr(options.real_time_factor),

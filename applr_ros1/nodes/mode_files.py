@@ -33,11 +33,11 @@ def absolute(mode: str) -> str:
     own = OWN.match(mode)
     if own:
         module, name, text = own.groups()
-        return _file(module) + ":" + name + ("" if text is None else ":" + _text(text))
+        return from_the_root(module) + ":" + name + ("" if text is None else ":" + _text(text))
     return os.path.abspath(mode) if mode.endswith((".safetensors", ".json")) else mode
 
 
-def _file(module: str) -> str:
+def from_the_root(module: str) -> str:
     """The absolute path of a .py file; a module's name where Python finds it without the current folder."""
     if module.endswith(".py"):
         return os.path.abspath(module)

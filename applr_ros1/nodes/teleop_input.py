@@ -4,12 +4,14 @@ Nothing here knows ROS; time is an argument.
 """
 
 import os
+import re
 import select
 import struct
 import sys
 import termios
 import tty
 
+SPECIAL_KEY = re.compile(r"\x1b(\[[0-9;?]*[ -/]*[@-~]|O[@-~])")  # what an arrow or function key sends; Esc alone is not
 KEYS = {
     "i": (1, 0),
     "u": (1, 1),
@@ -108,8 +110,7 @@ class Keyboard:
             if not more:
                 return QUIT[0]  # the terminal is gone
             typed += more
-        text = typed.decode("ascii", "ignore")
-        return "" if text.startswith("\x1b[") else text  # an arrow key is not Esc
+        return SPECIAL_KEY.sub("", typed.decode("ascii", "ignore"))
 
 
 class Joystick:

@@ -1,8 +1,9 @@
 """The velocity node: a method that commands velocities drives the robot in the place of move_base's local planner.
 
 Run by scripts/velocity.py beside a move_base whose own commands go nowhere; launch/velocity_method.launch starts both.
-It commands while move_base pursues a goal, and stands otherwise. docs/extending.md describes such methods. Parameters:
-~method (my_file.py:Class or module:Class) and ~seed.
+It commands while move_base pursues a goal, and stands otherwise. A command holds until the method's next one: since the
+base stops by itself when commands cease, it is sent again and again. docs/extending.md describes such methods.
+Parameters: ~method (my_file.py:Class or module:Class) and ~seed.
 """
 
 import rospy
@@ -15,6 +16,7 @@ from applr_ros1.common.ros_master import require_master
 from applr_ros1.common.ros_shutdown import until_shutdown
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.policy import methods
+from applr_ros1.policy.decision import COMMAND_PERIOD
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 
 
@@ -30,36 +32,51 @@ class VelocityNode:
     def __init__(self, method, inputs, seed=0):
         self.method, self.inputs, self.seed = method, inputs, seed
         self._goal, self._began = None, None  # the goal's id, and when it was first seen
+        self._command, self._due = (0.0, 0.0), None  # the method's newest command, and when the next one is due
         self._warn = Throttled(rospy.logwarn)
         self._out = rospy.Publisher("cmd_vel", Twist, queue_size=1)
 
     def spin(self):
-        """A command every period of ROS time until shutdown, which ends with a stop."""
+        """A decision every period of ROS time, and its command as often as a planner's, until shutdown with a stop."""
         rospy.on_shutdown(self._stop)
+        turn = min(self.method.period, COMMAND_PERIOD)
         while not rospy.is_shutdown():
             try:
                 now = rospy.Time.now()
                 self._turn(now)
-                left = self.method.period - (rospy.Time.now() - now).to_sec()
+                left = turn - (rospy.Time.now() - now).to_sec()
                 rospy.sleep(max(left, 0.001))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
                 self._warn("velocity: the clock jumped back; starting afresh")
+                self._stop()
                 self.inputs.clear()
                 self._goal = None
             except rospy.exceptions.ROSInterruptException:
                 return
 
     def _turn(self, now):
-        """One decision, where there is a goal; a stop where the goal has ended or no decision can be made."""
+        """The command, where there is a goal; a stop where the goal has ended or no decision can be made."""
         goal = self.inputs.goal(now)
         try:
             if goal != self._goal:
                 self._begin(goal, now)
             if goal is not None:
-                self._publish(*self.method.command(self._context(now)))
+                context = self._context(now)  # the robot stands without it, whether a decision is due or not
+                if self._is_due(now):
+                    self._command = self.method.command(context)
+                self._publish(*self._command)
         except Exception as problem:  # a method is exchangeable: whatever it does, the node goes on
             self._warn("velocity: standing: %s" % one_line(problem))
+            self._command = 0.0, 0.0
             self._stop()
+
+    def _is_due(self, now):
+        """Whether the method is to decide now; then its next decision is due a period later."""
+        early = (self._due - now).to_sec()
+        due = early < 0.5 * min(COMMAND_PERIOD, self.method.period)
+        if due:
+            self._due = max(self._due, now) + rospy.Duration(self.method.period)
+        return due
 
     def _begin(self, goal, now):
         if goal is None:
@@ -67,7 +84,7 @@ class VelocityNode:
         else:
             self.method.reset(self.seed)
             self.seed += 1
-        self._goal, self._began = goal, now
+        self._goal, self._began, self._due = goal, now, now
 
     def _context(self, now):
         layout = self.method.layout

@@ -262,7 +262,8 @@ class Episode:
             if command is not None:
                 verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
                 command = verdict.command
-                self.move_base.report_held(verdict.held)
+                if self._command is None:  # what is held back of a method's commands is none of the planner's
+                    self.move_base.report_held(verdict.held)
         if command is not None:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)

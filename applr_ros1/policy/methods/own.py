@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
 import math
 import os
-import sys
-from types import ModuleType
 from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.common import own_module
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import with_place
 from applr_ros1.common.files import read_bytes, sha256
@@ -91,33 +88,10 @@ class OwnMethod(Method):
 def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
     """The class `name` of a module or of a .py file, made with `text` where there is one. Raises MethodError."""
     try:
-        made = getattr(_load(module), name)
+        made = getattr(own_module.load(module), name)
         made = made(text) if text is not None else made()
         return made if isinstance(made, Method) else OwnMethod(made, spec)
     except MethodError:
         raise
     except Exception as error:  # whatever a person's module does wrong is theirs to hear in one line
         raise MethodError("method %s cannot be made: %s" % (spec, with_place(error))) from error
-
-
-def _load(module: str) -> ModuleType:
-    """A module by its name, the current folder included, or by its file. Both may import what lies beside them."""
-    path = os.path.realpath(module) if module.endswith(".py") else ""
-    folder = os.path.dirname(path) if path else os.getcwd()
-    if folder not in sys.path:
-        sys.path.append(folder)
-    if not path:
-        return importlib.import_module(module)
-    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")  # hides no other module
-    if name not in sys.modules:
-        found = importlib.util.spec_from_file_location(name, path)
-        assert found is not None
-        assert found.loader is not None
-        made = importlib.util.module_from_spec(found)
-        sys.modules[name] = made
-        try:
-            found.loader.exec_module(made)
-        except BaseException:
-            del sys.modules[name]
-            raise
-    return sys.modules[name]
