@@ -58,6 +58,11 @@ def test_each_variant_is_trained_judged_and_gets_a_row(tmp_path, monkeypatch, ca
     (out / "plain-3" / "config.json").write_text(json.dumps(config))
     assert compare_variants.main(command) == 0
     assert "minutes of training" not in capsys.readouterr().out  # nothing is left to do
+    policy = out / "plain-3" / "actor.safetensors"
+    assert compare_variants.trials_of(out / "plain-3").is_dir()
+    policy.write_bytes((out / "quick_0.5-3" / "actor.safetensors").read_bytes())  # as after longer training
+    assert not compare_variants.trials_of(out / "plain-3").exists()
+    assert compare_variants.main(command) == 0  # judges the other policy
     file.write_text(TINY.replace("n: 0.5", "n: 0.7"))
     assert compare_variants.main(command) == 1
     assert "updates_per_transition 0.5, not 0.7" in capsys.readouterr().err

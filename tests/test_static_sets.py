@@ -15,6 +15,20 @@ def test_each_kind_of_weights_has_its_set():
     assert (sets[PER_CELL].values != sets[PER_METRE].values).any()
     assert methods.for_weights("static", DRAWN) == "static"
     assert methods.for_weights("dwa", PER_METRE) == "dwa"
+    for form in ("frozen:vx_samples:%s", "period:1:%s", "frozen:vx_samples:period:.5:%s"):
+        assert methods.for_weights(form % "static", PER_METRE) == form % "static_per_metre"
+        assert methods.for_weights(form % "applr", PER_METRE) == form % "applr"
+
+
+def test_a_training_begins_with_the_set_of_its_weights():
+    pytest.importorskip("torch")
+    from training.gorila.config import ConfigError, TrainConfig
+
+    begun = {kind: TrainConfig(weights=kind, start="static").start_action() for kind in (PER_CELL, PER_METRE, DRAWN)}
+    assert begun[PER_CELL] == begun[DRAWN] != begun[PER_METRE]
+    assert TrainConfig(weights=PER_METRE, start="static_per_metre").start_action() == begun[PER_METRE]
+    with pytest.raises(ConfigError, match="count per_metre, those of the run per_cell"):
+        TrainConfig(weights=PER_CELL, start="static_per_metre").start_action()
 
 
 def test_an_evaluation_drives_and_names_the_set_of_its_weights():

@@ -24,7 +24,7 @@ import numpy as np
 import yaml
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.files import read_bytes, read_json, write_bytes
+from applr_ros1.common.files import read_bytes, read_json, sha256, write_bytes
 from applr_ros1.robots import load
 from training.afterwards import NOTHING
 from training.command_line import Parser, add_simulator, add_trials, add_worlds, continuable, end_at_sigterm, whole
@@ -153,6 +153,17 @@ def folder_of(out: Path, name: str, seed: int) -> Path:
     return out / ("%s-%d" % (name, seed))
 
 
+def policy_of(folder: Path) -> Path:
+    """The policy of a run that is judged: its best one, or the newest where nothing was evaluated."""
+    best = folder / "best.safetensors"
+    return best if best.exists() else folder / "actor.safetensors"
+
+
+def trials_of(folder: Path) -> Path:
+    """Where the trials of a run's policy lie: another policy of the run, after longer training, has another folder."""
+    return folder / ("validation-" + sha256(read_bytes(policy_of(folder)))[:8])
+
+
 def beside(folder: Path, end: str) -> Path:
     """The file that lies beside a run's folder and is called like it."""
     return folder.parent / (folder.name + end)
@@ -197,16 +208,14 @@ def judge(comparison: Comparison, out: Path, worlds: str, simulator: str, trials
     """
     for name, seed in comparison.runs():
         folder = folder_of(out, name, seed)
-        best = folder / "best.safetensors"
-        policy = best if best.exists() else folder / "actor.safetensors"
         evaluate(
             EvaluationOptions(
                 worlds=worlds,
-                methods="policy=%s" % policy,
+                methods="policy=%s" % policy_of(folder),
                 trials=trials,
                 simulator=simulator,
                 workers=workers,
-                out=str(folder / "validation"),
+                out=str(trials_of(folder)),
                 traces=0,
                 robot=load(comparison.of(name, seed)["robot"]),
             )
@@ -234,8 +243,8 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _figures(folder: Path) -> Dict[str, float]:
-    trials = read_rows(folder / "validation" / TRIALS, COLUMNS)
-    measures = read_rows(folder / "validation" / MEASURES_FILE, MEASURES)
+    driven = trials_of(folder)
+    trials, measures = read_rows(driven / TRIALS, COLUMNS), read_rows(driven / MEASURES_FILE, MEASURES)
     success = np.array([flag(row["success"]) for row in trials])
     saved, found = Learner.saved(folder) or {}, summary_of_rows(trials)
 

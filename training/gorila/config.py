@@ -18,7 +18,7 @@ import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json
-from applr_ros1.planner.variant import PER_METRE
+from applr_ros1.planner.variant import PER_CELL, PER_METRE
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
@@ -131,9 +131,14 @@ class TrainConfig(Options):
                 raise ConfigError("--start is %r: give %s" % (self.start, known))
             return ()
         robot = load(self.robot)
-        method = methods.make(self.start, robot)
+        method = methods.make(methods.for_weights(self.start, self.weights, robot), robot)
         if not isinstance(method, methods.FixedParameters):
             raise ConfigError("--start is %r: give %s" % (self.start, known))
+        if {method.weights, self.weights} == {PER_CELL, PER_METRE}:
+            raise ConfigError(
+                "--start %s: its distance weights count %s, those of the run %s: give a set of the same kind"
+                % (self.start, method.weights, self.weights)
+            )
         return tuple(space_of(robot).to_action(method.values).tolist())
 
     def resolved(self) -> "TrainConfig":
