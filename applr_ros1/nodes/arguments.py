@@ -142,10 +142,8 @@ def _simulator(text):
     if text not in sim_bridge.NAMES:
         module, _, kind = text.rpartition(":")
         if mode_files.from_the_root(module) != module and not module.endswith(".py"):
-            raise ArgumentError(
-                "simulator is %s: its node runs in another folder; give %s.py:%s"
-                % (text, module.replace(".", "/"), kind)
-            )
+            file = module.replace(".", "/") + ".py"
+            raise ArgumentError("simulator is %s: its node runs in another folder; give %s:%s" % (text, file, kind))
         sim_bridge.find(text)
 
 
