@@ -37,7 +37,7 @@ from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import until_shutdown
+from applr_ros1.common.ros_shutdown import init_node, until_shutdown
 from applr_ros1.robots import load
 
 from . import make
@@ -370,7 +370,7 @@ def _gazebos_front(bridge):
 def main() -> int:
     """Runs until shutdown. Exit status 1 and one line if it cannot start."""
     require_master()
-    rospy.init_node("sim_bridge")
+    init_node("sim_bridge")
     try:
         bridge = Bridge()
     except (ValueError, OSError) as error:

@@ -130,3 +130,23 @@ def test_ctrl_c_during_the_import(delay):
     _, text = process.communicate(timeout=30)
     assert "Traceback" not in text, text
     assert len(text.splitlines()) <= 1, text
+
+
+HANGS = """
+import threading, rospy
+from applr_ros1.common import ros_shutdown
+ros_shutdown.LONGEST = 0.5
+ros_shutdown.init_node("hangs")
+rospy.on_shutdown(lambda: threading.Event().wait())
+print("ready", flush=True)
+rospy.spin()
+"""
+
+
+def test_a_node_that_hangs_while_it_shuts_down_ends_itself_and_says_where():
+    with ros_harness.RosMaster() as master:
+        child = master.python("-c", HANGS)
+        ros_harness.wait_for(lambda: "ready" in child.text, 20.0, "the node")
+        os.kill(child.pid, signal.SIGINT)
+        assert child.process.wait(10.0) == 1
+        assert 'File "<string>", line 6 in <lambda>' in child.text

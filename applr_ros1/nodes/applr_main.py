@@ -14,7 +14,7 @@ import rospy
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import until_shutdown
+from applr_ros1.common.ros_shutdown import init_node, until_shutdown
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.nodes.applr_node import ApplrNode
 from applr_ros1.nodes.applr_services import Services
@@ -51,7 +51,7 @@ def _text(name, default):
 def main():
     """Reads the private parameters and runs until shutdown. Returns the exit status."""
     require_master()
-    rospy.init_node("applr")
+    init_node("applr")
     try:
         period, seed, namespace = (
             _number("period", 0, 0, 60.0),

@@ -23,7 +23,7 @@ from std_msgs.msg import Bool, String
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import until_shutdown
+from applr_ros1.common.ros_shutdown import init_node, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorError, MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
@@ -195,7 +195,7 @@ def main() -> int:
 
 def _run() -> int:
     require_master()
-    rospy.init_node("collision_monitor")
+    init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
     if not isinstance(parameters, dict):
         raise MonitorError("parameters are %r: give them under ~" % (parameters,))

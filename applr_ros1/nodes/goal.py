@@ -19,6 +19,7 @@ from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_master import require_master
+from applr_ros1.common.ros_shutdown import init_node
 from applr_ros1.robots import load
 
 from . import arguments
@@ -62,7 +63,7 @@ def main():
 
 def _send():
     require_master()
-    rospy.init_node("send_goal")
+    init_node("send_goal")
     given = str(rospy.get_param("~goal", "auto"))
     if given == "none":
         rospy.loginfo("goal is none: nothing is sent")

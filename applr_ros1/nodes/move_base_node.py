@@ -28,7 +28,7 @@ from std_srvs.srv import Empty, EmptyResponse
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import until_shutdown
+from applr_ros1.common.ros_shutdown import init_node, until_shutdown
 from applr_ros1.planner.costmap.static_layer import MapError
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.check import remark
@@ -373,7 +373,7 @@ class _OwnFootprints(logging.Filter):
 def main() -> int:
     """Exit status 1, with a line per problem, for parameters that cannot be run."""
     require_master()
-    rospy.init_node("move_base")
+    init_node("move_base")
     given = rospy.get_param("~", {})
     tree, robot, problems = {}, None, []
     try:

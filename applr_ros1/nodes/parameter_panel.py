@@ -21,7 +21,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Float64MultiArray, String
 
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import until_shutdown
+from applr_ros1.common.ros_shutdown import init_node, until_shutdown
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -122,7 +122,7 @@ def _lines(seen: Dict[str, Any], topic: str) -> Tuple[str, ...]:
 def main() -> int:
     """Runs until shutdown. Raises RobotError, one line, where ~robot is none."""
     require_master()
-    rospy.init_node("parameter_panel")
+    init_node("parameter_panel")
     panel = ParameterPanel(load(str(rospy.get_param("~robot", JACKAL.name))))
     with until_shutdown():
         panel.spin()

@@ -11,7 +11,7 @@ from typing import Callable, Optional
 
 import numpy as np
 
-from applr_ros1.nodes.reconfigure_client import ApplyReport, ReconfigureClient
+from applr_ros1.nodes.reconfigure_client import DEADLINE, ApplyReport, ReconfigureClient
 
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
@@ -72,7 +72,7 @@ class ReconfigureWorker:
         with self._condition:
             self._stopped = True
             self._condition.notify_all()
-        self._thread.join(3.0)
+        self._thread.join(2 * DEADLINE + 0.1)  # an attempt that is under way takes no longer
 
     @property
     def busy(self) -> bool:

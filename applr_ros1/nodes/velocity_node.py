@@ -13,7 +13,7 @@ from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import one_line, run_main
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import until_shutdown
+from applr_ros1.common.ros_shutdown import init_node, until_shutdown
 from applr_ros1.nodes.applr_inputs import Inputs
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import COMMAND_PERIOD
@@ -111,7 +111,7 @@ def main():
 
 def _run():
     require_master()
-    rospy.init_node("velocity")
+    init_node("velocity")
     spec, seed = str(rospy.get_param("~method", "")), number_within("seed", rospy.get_param("~seed", 0), 0, 2**31 - 1)
     if not spec:
         raise methods.MethodError("~method is empty: give my_file.py:Class or module:Class of a method that commands")

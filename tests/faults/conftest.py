@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -154,15 +155,19 @@ def running(tmp_path_factory):
     import rospy
     from ros_harness import session
 
+    from applr_ros1.common.ros_shutdown import LONGEST
+
     stack = Stack(session(), tmp_path_factory.mktemp("stack"))
     yield stack
     rospy.set_param("/use_sim_time", False)
     for child in stack.nodes.values():  # all at once, as roslaunch does
         child.thaw()
         os.kill(child.pid, signal.SIGINT)
+    began = time.monotonic()
     for name, child in stack.nodes.items():
-        status = child.process.wait(5.0)
-        assert status == 0, "%s ended with %d after Ctrl-C:\n%s" % (name, status, child.text)
+        status = child.process.wait(LONGEST + 2.0)  # a node that hangs ends itself, and prints where
+        took = time.monotonic() - began
+        assert status == 0, "%s ended with %d, %.1f s after Ctrl-C:\n%s" % (name, status, took, child.text)
 
 
 @pytest.fixture
