@@ -11,7 +11,7 @@ from applr_ros1.common.files import sha256
 from applr_ros1.policy.actor import Actor
 from training import refine_policy, train
 from training.afterwards import partner_of, refine, what_follows
-from training.gorila.config import parse
+from training.gorila.config import ConfigError, parse
 
 OPTIONS = ["--steps", "12", "--hidden", "8", "--worlds", "generated:0", "--eval-worlds", "none", "--period", "1"]
 OPTIONS += ["--weights", "per_metre", "--no-tensorboard"]
@@ -126,3 +126,14 @@ def test_a_clusters_actors_do_not_count_where_the_refinement_drives(tmp_path, mo
     options = ["--actors", "500", "--refine", "8", "--pool", "ray", "--out", str(tmp_path), *address]
     refine(parse(options), "actor.safetensors")
     assert asked[asked.index("--workers") + 1] == workers
+
+
+def test_a_resumed_partner_takes_over_what_concerns_the_machine_and_keeps_its_recipe(tmp_path, partner, capsys):
+    out = tmp_path / "run"
+    options = [*OPTIONS, "--partner", partner(), "--out", str(out)]
+    assert train.main(options) == 0, capsys.readouterr().err
+    resumed = ["--resume", "--out", str(out), "--actors", "2", "--threads", "1"]
+    found = partner_of(parse(resumed))
+    assert (found.actors, found.threads, found.hidden, found.seed) == (2, 1, "6", 1)
+    with pytest.raises(ConfigError, match="was begun with the recipe .*other.yaml, which cannot be changed"):
+        partner_of(parse([*resumed, "--partner", "paper"]))

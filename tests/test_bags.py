@@ -13,6 +13,7 @@ from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from training import bags_to_dataset
 from training.bags.episodes import BagReport, trajectories
+from training.bags.goals import goals
 from training.bags.reader import BagError, find, read
 from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
 from training.experience.dataset import Dataset
@@ -170,6 +171,21 @@ def test_several_courses_of_one_bag(tmp_path):
     assert [t.info["goal"] for t in found] == ["g0", "g1", "g2"]
     for trajectory, drive in zip(found, drives):
         assert_equal(trajectory, drive)
+
+
+def test_a_goal_without_a_result_ends_where_the_next_is_sent(tmp_path):
+    """Of a bag that holds neither the action's status nor the first goal's result."""
+    with BagWriter(tmp_path / "a.bag") as writer:
+        Drive(writer, begin=10.0, seconds=9.0, goal="g0", without=("status", "result"))
+        Drive(writer, begin=20.0, seconds=9.0, goal="g1", seed=1)
+    recording = read(tmp_path / "a.bag")
+    recording.status = []
+    recording.sent = [(nanoseconds(10.0), "g0"), (nanoseconds(20.0), "g1")]
+    found = goals(recording, lambda reason: None)
+    assert [(g.id, g.start, g.end, g.status) for g in found] == [
+        ("g0", nanoseconds(10.0), nanoseconds(20.0), None),
+        ("g1", nanoseconds(20.0), nanoseconds(29.0), SUCCEEDED),
+    ]
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])

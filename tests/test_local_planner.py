@@ -99,6 +99,15 @@ def test_follows_the_plan_and_shows_it():
     assert not made.goal_reached
 
 
+def test_a_cycle_without_a_command_shows_nothing_of_the_one_before():
+    made = local_planner()
+    assert made.compute_velocity((0.0, 0.0, 0.0), (0.0, 0.0), costmap())[0]
+    assert min(len(made.local_plan), len(made.cropped_plan)) > 1
+    made.set_plan(np.zeros((0, 3)))
+    assert not made.compute_velocity((0.0, 0.0, 0.0), (0.0, 0.0), costmap())[0]
+    assert len(made.local_plan) == len(made.cropped_plan) == 0
+
+
 def test_no_valid_control_is_a_standing_robot():
     walled = costmap()
     walled.cells[:, 130] = 254

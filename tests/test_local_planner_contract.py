@@ -26,7 +26,7 @@ def make(plugin, **changes):
     tree["DWAPlannerROS"] = dict(DWA)
     tree[namespace(plugin)].update(xy_goal_tolerance=0.2, yaw_goal_tolerance=0.15, **changes)
     full = complete(tree)
-    return parts.make_local_planner(full, Configuration(full), FOOT, True)
+    return parts.make_local_planner(full, Configuration(full), True)
 
 
 def costmap(*lethal):

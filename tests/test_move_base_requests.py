@@ -105,8 +105,24 @@ def test_footprint_follows_its_server_and_its_topic():
     assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
     made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
     assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
+    made.reconfigure("local_costmap", {"footprint_padding": 0.2})  # of the outline that the topic gave, as in C++
+    assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
+    made.reset(0.0, restore=False)  # the clock jumped; the robot is as large as before
+    assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
     made.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
-    assert made.local_costmap.circumscribed_radius == pytest.approx(0.4)
+    assert made.local_costmap.circumscribed_radius == pytest.approx(0.4 + 0.2 * math.sqrt(2.0))
+    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
+    made.reset(0.0)
+    assert made.local_costmap.footprint[2] == pytest.approx((0.31, 0.265))
+
+
+def test_what_a_planner_reads_once_keeps_its_start_up_value_after_a_reset():
+    made = MoveBase(quick())
+    begun = made.local_planner._acceleration, made.local_planner._slowest_turn
+    made.reconfigure(PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3})
+    made.reset(0.0, restore=False)
+    assert (made.local_planner._acceleration, made.local_planner._slowest_turn) == begun
+    assert made.local_planner.planner._params["max_vel_x"][0] == 1.3
 
 
 def test_make_plan_frees_the_robots_place_and_looks_near_the_goal():

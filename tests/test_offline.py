@@ -1,26 +1,31 @@
 """Learning from a dataset, alone or beside driving: what counts, and runs that are resumed."""
 
 import csv
+import json
+import shutil
+from dataclasses import asdict
 
 import numpy as np
 import pytest
 from test_train import one_line, state_of, toy
+from toy_env import Line
 
 from training.experience.dataset import Writer
 from training.experience.trajectory import Layout, Trajectory
 from training.gorila.config import ConfigError, TrainConfig, parse
 from training.gorila.learner import Learner
 from training.gorila.preparation import dataset_of
-from training.gorila.run import TrainingRun
+from training.gorila.run import MANY_ERRORS, TrainingRun
+from training.mdp.reward import Reward
 from training.train import main
 
 LAYOUT = Layout(0, 1, 1)
 NO_EVALUATION = ["--eval-worlds", "none"]
 
 
-def write(folder, source=None, episodes=40):
+def write(folder, source=None, episodes=40, seed=0):
     """A dataset of ten transitions an episode; its folder as text."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     writer = Writer(folder, LAYOUT, source)
     for number in range(episodes):
         observations, actions = rng.uniform(-1, 1, (11, 1)), rng.uniform(-1, 1, (10, 1))
@@ -144,10 +149,16 @@ def test_a_dataset_of_another_period_is_refused(source, given, line, tmp_path, c
     [
         ({"weights": "per_metre"}, "--weights is per_cell, but the dataset .* driven with per_metre: give --weights"),
         ({"robot": "husky"}, "--robot is jackal, but the dataset .* driven with husky: give --robot husky"),
-        ({"period": 2.0, "weights": "per_cell", "robot": "jackal"}, ""),
+        (
+            {"reward": {"exact_time": True}},
+            "--exact-time is False, but the .* with True: give --exact-time, or",
+        ),
+        ({"reward": {"c_c": 0.06}}, "--c-c is 0.05, but the rewards of the dataset .* with 0.06: give --c-c 0.06, or"),
+        ({"reward": "unknown"}, ""),
+        ({"period": 2.0, "weights": "per_cell", "robot": "jackal", "reward": asdict(Reward())}, ""),
     ],
 )
-def test_a_dataset_of_other_weights_or_of_another_robot_is_refused(source, line, tmp_path):
+def test_a_dataset_of_other_weights_or_rewards_or_of_another_robot_is_refused(source, line, tmp_path):
     layout = Layout()
     writer = Writer(tmp_path, layout, source)
     zeros = np.zeros((3, layout.size)), np.zeros((2, layout.action)), np.zeros(2)
@@ -159,3 +170,54 @@ def test_a_dataset_of_other_weights_or_of_another_robot_is_refused(source, line,
             dataset_of(config, layout)
     else:
         assert dataset_of(config, layout).transitions == 2
+
+
+def test_a_run_is_not_resumed_with_another_dataset(data, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(toy(out, "--dataset", data, "--updates", "20", *NO_EVALUATION)) == 0
+    other = write(tmp_path / "other", seed=1)
+    again = ["--resume", "--out", str(out), "--updates", "40"]
+    one_line(capsys, [*again, "--dataset", other], 2, "other: the run in .*run was begun with another dataset")
+    assert json.loads((out / "config.json").read_text())["dataset"] == data
+    moved = shutil.copytree(data, tmp_path / "moved")
+    assert main([*again, "--dataset", str(moved)]) == 0
+    assert Learner.saved(out)["updates"] == 40
+
+
+def test_the_gradient_steps_for_a_dataset_obey_time_and_checkpoints(data, tmp_path, monkeypatch):
+    """They may take hours: --minutes ends them, they are saved now and then, and a resumed run makes the rest."""
+    out = tmp_path / "run"
+    options = ["--dataset", data, "--mix", "--steps", "20", "--updates-per-transition", "10", "--checkpoint-every", "0"]
+    saved = []
+    with monkeypatch.context() as patch:
+        patch.setattr(TrainingRun, "save", lambda run: saved.append(run.learner.td3.updates) or save(run))
+        patch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.learner.td3.updates >= 100)))
+        assert main(toy(out, *options, "--minutes", "0.5", *NO_EVALUATION)) == 0
+    assert saved[:4] == [0, 10, 20, 30]
+    assert Learner.saved(out)["updates"] == 100
+    run = TrainingRun(parse(["--resume", "--out", str(out), "--minutes", "0"]))
+    assert (run.learner.td3.updates, run.learner.updates_due) == (100, 3900)  # made in run(), which signals reach
+    run.pool.close()
+    run.lock.close()
+
+
+save = TrainingRun.save
+
+
+class Uneven(Line):
+    """Fails in one trial of ten."""
+
+    def reset(self, *, seed=None, options=None):
+        result = super().reset(seed=seed)
+        if self.np_random.uniform() < 0.1:
+            raise RuntimeError("the wheels came off")
+        return result
+
+
+def test_failures_in_a_row_are_counted_from_the_last_success(data, tmp_path, capsys):
+    out = tmp_path / "run"
+    options = ["--env", "test_offline:Uneven", "--dataset", data, "--updates", "60", "--eval-every", "10"]
+    assert main(toy(out, *options, "--eval-trials", "150")) == 0, capsys.readouterr().err
+    rounds = [json.loads(line) for line in (out / "evaluations.jsonl").read_text().splitlines()]
+    assert sum(150 - r["trials"] for r in rounds) > MANY_ERRORS
+    assert not any(r["best"] for r in rounds if r["trials"] < 150)  # what failed may have been the hard ones

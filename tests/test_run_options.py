@@ -89,3 +89,46 @@ def test_a_best_policy_that_was_not_kept_is_driven_again(tmp_path, monkeypatch):
         assert json.loads(header["result"]) == json.loads(expected["result"]) == best[-1]
         assert all(np.array_equal(weights[name], theirs[name]) for name in theirs)
         assert state_of(out) == state_of(whole)
+
+
+def test_the_exploration_noise_goes_from_its_start_to_its_end_and_stays():
+    def noise(**options):
+        return [round(TrainConfig(noise_steps=100, **options).noise(n), 9) for n in (0, 50, 100, 400)]
+
+    assert noise(noise_start=0.5, noise_end=0.1) == [0.5, 0.3, 0.1, 0.1]
+    assert noise(noise_start=0.0, noise_end=0.1) == [0.0, 0.05, 0.1, 0.1]
+
+
+def test_policies_that_grow_too_old_before_there_is_a_new_one_are_refused(tmp_path, capsys):
+    out = tmp_path / "run"
+    given = ["--actors", "1", "--max-staleness", "10"]
+    one_line(capsys, toy(out, *given), 2, "--max-staleness is 10, .*: give 25 or more")
+    assert not out.exists()
+    assert TrainConfig(actors=0, max_staleness=10).max_staleness == 10
+
+
+def test_a_run_of_which_every_episode_is_refused_ends(tmp_path, capsys):
+    options = ["--capacity", "4", "--eval-worlds", "none"]  # fewer than the rows of one episode
+    one_line(capsys, toy(tmp_path / "run", *options), 1, "200 episodes in a row were refused: ")
+
+
+@pytest.mark.parametrize("device", ["meta", "mps"])
+def test_a_device_that_nothing_is_learnt_on_is_refused(device, tmp_path, capsys):
+    one_line(capsys, toy(tmp_path / "run", "--device", device), 1, "device %s: this program learns on" % device)
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (
+            ["--layer-norm"],
+            "its critics were trained with layer_norm True, this run has False; give the same --layer-norm",
+        ),
+        (["--bins", "21"], "its critics were trained with bins 21, this run has 0; give the same --bins"),
+    ],
+)
+def test_a_run_does_not_begin_with_critics_of_another_kind(options, line, tmp_path, capsys):
+    first, few = tmp_path / "first", ["--steps", "20", "--eval-worlds", "none"]
+    assert main(toy(first, *few, *options)) == 0
+    one_line(capsys, toy(tmp_path / "second", *few, "--start", first), 1, line)
+    assert main(toy(tmp_path / "third", *few, *options, "--start", str(first))) == 0

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Dict, Optional
 
@@ -14,7 +15,7 @@ from applr_ros1.robots import load
 from training import refine_policy
 from training.choose_policy import write_mean
 from training.command_line import end_at_sigterm
-from training.gorila.config import ConfigError, TrainConfig, parse, recipe
+from training.gorila.config import FIXED, ConfigError, TrainConfig, parse, recipe
 from training.gorila.preparation import prepare
 
 SHARED = ("device", "threads", "actors", "pool", "ray_address", "robot", "symmetric", "tensorboard")
@@ -33,7 +34,14 @@ def partner_of(config: TrainConfig) -> Optional[TrainConfig]:
         return None
     out = str(Path(config.out) / "partner")
     if config.resume and (Path(out) / "config.json").exists():
-        partner = parse(["--resume", "--out", out])
+        begun = parse(["--resume", "--out", out])
+        partner = replace(begun, **{name: getattr(config, name) for name in SHARED if name not in FIXED})
+        recipe_then = parse(["--resume", "--out", config.out]).partner or config.partner
+        if config.partner != recipe_then:
+            raise ConfigError(
+                "--partner %s: the partner in %s was begun with the recipe %s, which cannot be changed"
+                % (config.partner, out, recipe_then)
+            )
     else:
         given = {**recipe(config.partner), **{name: getattr(config, name) for name in SHARED}}
         partner = TrainConfig(**{**given, "out": out, "seed": config.seed + 1, **NOTHING})

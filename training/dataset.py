@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Dict, List, Optional
 
@@ -12,6 +13,7 @@ from applr_ros1.common.files import read_json
 from applr_ros1.robots import JACKAL, load
 from training.command_line import Parser, number
 from training.experience.dataset import DatasetError, export_replay
+from training.mdp.reward import Reward
 from training.mdp.rollout import NAVIGATION
 
 
@@ -48,7 +50,10 @@ def _export(options: argparse.Namespace) -> None:
 def _driven(config: Dict[str, Any], ours: bool) -> Dict[str, Any]:
     """What a run's options say about its driving: of an environment that is not ours no more than the period."""
     found = {name: config[name] for name in ("period", *["weights"] * ours) if name in config}
-    return {**found, "robot": load(config.get("robot", JACKAL.name)).name} if ours else found
+    if not ours:
+        return found
+    reward = {f.name: config[f.name] for f in fields(Reward) if f.name in config}
+    return {**found, "robot": load(config.get("robot", JACKAL.name)).name, "reward": reward}
 
 
 if __name__ == "__main__":

@@ -17,3 +17,8 @@ class Tally(Dict[str, int]):
         new = key not in self
         self[key] = self.get(key, 0) + count
         return new
+
+    @property
+    def commonest(self) -> str:
+        """The reason that was counted most often; "" where nothing was counted."""
+        return max(self, key=self.__getitem__, default="")

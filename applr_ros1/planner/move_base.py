@@ -48,6 +48,7 @@ class MoveBase:
         self._wanted = Variant(weights or own["weights"] or None, planner).checked()
         self._seed = own["seed"] if seed is None else seed
         self._maps: Dict[str, StaticMap] = {}
+        self._outlines: Dict[str, np.ndarray] = {}  # unpadded (n, 2) [m], of costmaps that were given one by topic
         self._build()
 
     # -- the parts -------------------------------------------------------------------------------------------
@@ -62,9 +63,7 @@ class MoveBase:
             weights=drawn.weights or (PER_METRE if static["meter_scoring"] else PER_CELL)
         )  # what is in force
         like_cpp = self.variant.planner == CPP_LIKE
-        self.local_planner = make_local_planner(
-            self.parameters, self._config, self.local_costmap.footprint, self.variant.weights == PER_METRE
-        )
+        self.local_planner = make_local_planner(self.parameters, self._config, self.variant.weights == PER_METRE)
         self.navfn = Navfn()
         self.recoveries = recovery.build(self.parameters, like_cpp)
         self._machine = StateMachine(self, generator(self._seed, 3) if like_cpp else None)
@@ -74,6 +73,8 @@ class MoveBase:
         self.frame: Optional[Pose] = None  # of the last step
         for topic, given in self._maps.items():
             self._show_map(topic, given)
+        for name in self._outlines:
+            self._show_footprint(name)
 
     def _take_frequencies(self) -> None:
         own = self._config[""]
@@ -126,6 +127,7 @@ class MoveBase:
         self._seed = self._seed if seed is None else seed
         if restore:
             self._config.restore()
+            self._outlines.clear()
         self._build()
 
     def clear_costmaps(self) -> None:
@@ -363,10 +365,21 @@ class MoveBase:
         return self._config.start_up(server)
 
     def set_footprint(self, name: str, vertices) -> None:
-        """An unpadded outline (n, 2) [m] for one costmap, as its footprint topic gives it."""
-        vertices = footprint.parse([list(map(float, point)) for point in vertices])
-        padding = self._config[name]["footprint_padding"]
-        getattr(self, name).set_footprint(footprint.pad(vertices, padding))
+        """An unpadded outline (n, 2) [m] for one costmap, as its footprint topic gives it.
+
+        It holds until `footprint` or `robot_radius` is changed, as in C++, or until the start-up parameters are
+        restored.
+        """
+        self._outlines[name] = footprint.parse([list(map(float, point)) for point in vertices])
+        self._show_footprint(name)
+
+    def _show_footprint(self, name: str) -> None:
+        """Has a costmap use its outline: the one given by topic, else that of its parameters."""
+        if name in self._outlines:
+            outline = footprint.pad(self._outlines[name], self._config[name]["footprint_padding"])
+        else:
+            outline = padded_footprint(self._config[name])
+        self.costmaps[name].set_footprint(outline)
 
     def _check_size(self, name, new) -> None:
         tree = dict(self.parameters)
@@ -380,5 +393,7 @@ class MoveBase:
             self.costmaps[name].resize(
                 now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"])
             )
+        if changed & {"footprint", "robot_radius"}:
+            self._outlines.pop(name, None)
         if changed & {"footprint", "robot_radius", "footprint_padding"}:
-            getattr(self, name).set_footprint(padded_footprint(self._config[name]))
+            self._show_footprint(name)

@@ -56,7 +56,7 @@ def goals(recording: Recording, skip: Callable[[str], None]) -> List[Goal]:
         for at, goal in recording.sent:
             if spans and spans[-1][3]:
                 spans[-1][2:] = [at, False]
-            spans.append([goal, at, recording.results.get(goal, (recording.end, 0))[0], False])
+            spans.append([goal, at, recording.results.get(goal, (recording.end, 0))[0], goal not in recording.results])
     found = []
     for goal, start, end, _ in spans:
         targets = [g for g in recording.goals if g[0] <= start + SECOND and g[0] >= start - 2 * SECOND] or [

@@ -4,10 +4,10 @@ bags_to_dataset makes it from bags, python -m training.dataset from a training r
 hold plain arrays: nothing is pickled.
 
 manifest.json: {"format", "layout": {scan, rest, action}, "scan_step", "source", "transitions", "skipped",
-"shards": [{file, sha256, episodes, transitions}]}. source says where the experience comes from, and by period, weights
-and robot what it was driven with, where these are known. A shard: scan (rows, 720) uint8 and rest (rows, 9) of its
-episodes one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length (episodes,) of T, terminated
-(episodes,), info: JSON of the episodes' infos as bytes.
+"shards": [{file, sha256, episodes, transitions}]}. source says where the experience comes from, and by period, weights,
+robot and reward (the coefficients) what it was driven with, where these are known. A shard: scan (rows, 720) uint8 and
+rest (rows, 9) of its episodes one after the other, T + 1 rows each; action (sum T, 8), reward (sum T,), length
+(episodes,) of T, terminated (episodes,), info: JSON of the episodes' infos as bytes.
 """
 
 from __future__ import annotations
@@ -143,6 +143,11 @@ class Dataset:
         return int(self.manifest["transitions"])
 
     @property
+    def digest(self) -> str:
+        """SHA-256 of the checksums of its shards: another one means other experience."""
+        return sha256("".join(shard["sha256"] for shard in self.manifest["shards"]).encode())
+
+    @property
     def source(self) -> Dict[str, Any]:
         """Where the experience comes from, and as far as known its period, weights and robot."""
         source = self.manifest.get("source")
@@ -245,7 +250,7 @@ def export_replay(
         layout: what observations and actions consist of; None: as in the first episode.
         c_switch: added to the price of such changes that the run had (reward per unit of mean change, in units of the
             action).
-        driven: for the manifest's source: the run's period, weights and robot.
+        driven: for the manifest's source: the run's period, weights, robot and reward; c_switch is added to the latter.
 
     Raises:
         DatasetError, StorageError, TrajectoryError: with one line.
@@ -258,7 +263,10 @@ def export_replay(
         if first is None:
             raise DatasetError("%s: no episode is in its journal; train first" % run)
         layout = Trajectory.unpack(first).layout
-    writer = Writer(folder, layout, {"run": Path(run).name, "c_switch": c_switch, **(driven or {})})
+    source: Dict[str, Any] = {"run": Path(run).name, "c_switch": c_switch, **(driven or {})}
+    if "reward" in source:
+        source["reward"] = dict(source["reward"], c_switch=source["reward"].get("c_switch", 0.0) + c_switch)
+    writer = Writer(folder, layout, source)
     for blob in journal.read():
         trajectory = Trajectory.unpack(blob)
         if c_switch:

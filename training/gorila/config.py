@@ -75,6 +75,11 @@ class TrainConfig(Options):
         self.layers()
         for name in ("scan_noise", "latency", "friction", "slip"):
             self._span(name)
+        if self.actors and 0 < self.max_staleness < self.publish_every:  # all episodes would be too old before long
+            raise ConfigError(
+                "--max-staleness is %d, but the actors get a new policy every %d gradient steps only: give %d or more, "
+                "or a smaller --publish-every" % (self.max_staleness, self.publish_every, self.publish_every)
+            )
         if self.mix and not self.dataset:
             raise ConfigError("--mix needs a --dataset")
         if (self.refine or self.partner) and self.env != Options.env:
@@ -175,8 +180,8 @@ class TrainConfig(Options):
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""
-        fall = (self.noise_start - self.noise_end) * transitions / self.noise_steps
-        return max(self.noise_end, self.noise_start - fall)
+        share = min(1.0, transitions / self.noise_steps)
+        return (1.0 - share) * self.noise_start + share * self.noise_end
 
     def _span(self, name):
         text = getattr(self, name)

@@ -211,8 +211,8 @@ class Learner:
     def resume(self, on_trajectory=lambda learner, trajectory: None, offline: bool = False) -> Dict[str, Any]:
         """Back to the last checkpoint, and on through what the journal holds behind it. Returns the checkpoint's extra.
 
-        A folder without a checkpoint but with a journal is gone through from its beginning. A learner without a folder
-        has nothing to go back to.
+        Gradient steps that are due for the last episode are left to train(). A folder without a checkpoint but with a
+        journal is gone through from its beginning. A learner without a folder has nothing to go back to.
 
         Args:
             on_trajectory: called for every episode behind the checkpoint, on_trajectory(learner, trajectory).
@@ -225,15 +225,15 @@ class Learner:
         if checkpoint is not None:
             place, extra = checkpoint["journal"], checkpoint["extra"]
             self._restore(checkpoint)
-            if not offline:
-                self.train()
+        learns = not offline
         for blob in self.journal.read(since=place):
+            if learns:  # what was due had been made before this episode came
+                self.train()
             trajectory = self._take_from_journal(blob)
             if trajectory is not None:
                 self._count(trajectory)
                 on_trajectory(self, trajectory)
-                if not offline and trajectory.info["actor"] != DATASET:  # a dataset is taken whole before it is learnt
-                    self.train()
+                learns = not offline and trajectory.info["actor"] != DATASET  # which is taken whole before it is learnt
         return extra
 
     def _begin_with(self, folder: Path) -> None:
@@ -241,6 +241,13 @@ class Learner:
         checkpoint = self.saved(folder)
         if checkpoint is None:
             raise LearnerError("%s holds no checkpoint: give the folder of a training run" % folder)
+        theirs, own = checkpoint["config"]["td3"], _plain(self.config)["td3"]
+        for name in ("layer_norm", "bins", *("value_low", "value_high") * bool(self.config.td3.bins)):
+            if theirs.get(name, own[name]) != own[name]:  # the same weights would mean other values
+                raise LearnerError(
+                    "%s: its critics were trained with %s %s, this run has %s; give the same --%s"
+                    % (folder, name, theirs[name], own[name], name.replace("_", "-"))
+                )
         self._take_networks(folder, checkpoint)
         self.td3.updates = 0
 

@@ -184,7 +184,7 @@ class Options:
         "transitions of --steps and a tenth more.")
     noise_start: float = option(0.5,
         "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.")
-    noise_end: float = option(0.02, "Standard deviation of the exploration noise after --noise-steps transitions.")
+    noise_end: float = option(0.02, "Standard deviation of the exploration noise from --noise-steps transitions on.")
     noise_mixed: bool = option(False,
         "Draw the standard deviation of the exploration noise anew in each episode, from 0 to twice that of "
         "--noise-start and --noise-end.")
@@ -192,8 +192,8 @@ class Options:
         "Share of the exploration noise's variance, 0 to 1, that is drawn once an episode and held, instead of anew in "
         "each decision.")
     noise_steps: int = option(0,
-        "Number of transitions over which the exploration noise falls. 0 takes the paper's 3.84 million, or "
-        "proportionally fewer where --steps is below 5 million.")
+        "Number of transitions over which the exploration noise goes from --noise-start to --noise-end. 0 takes the "
+        "paper's 3.84 million, or proportionally fewer where --steps is below 5 million.")
 
     dataset: str = option("",
         "Folder of a dataset to learn from offline (written by bags_to_dataset.py or training.dataset). "

@@ -17,7 +17,7 @@ from training.evaluation.trials import TRIAL_RUNNER, evenly_spaced, world_list
 from training.experience.dataset import Dataset
 from training.experience.trajectory import Layout
 from training.gorila.collector import layout_of
-from training.gorila.config import ConfigError, TrainConfig
+from training.gorila.config import ConfigError, TrainConfig, dashed
 from training.gorila.learner import LearnerConfig
 from training.mdp.env import ApplrEnv, load_worlds
 from training.mdp.episode import CONTROL_PERIOD
@@ -110,7 +110,7 @@ def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Dataset]:
     """The dataset --dataset, read and checked; None without one.
 
     Raises:
-        ConfigError: it was driven with another period, kind of weights or robot than the options say.
+        ConfigError: it was driven with another period, kind of weights, robot or reward than the options say.
         DatasetError: it is none, or damaged.
     """
     if not config.dataset:
@@ -127,7 +127,25 @@ def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Dataset]:
                 "--%s is %s, but the dataset %s was driven with %.40s: give --%s %.40s"
                 % (name, value, config.dataset, driven, name, driven)
             )
+    stated = dataset.source.get("reward")
+    if config.env == NAVIGATION and isinstance(stated, dict):
+        _check_reward(config, stated)
     return dataset.check()
+
+
+def _check_reward(config: TrainConfig, stated: Dict[str, Any]) -> None:
+    """Raises ConfigError where the rewards of the dataset were computed with other coefficients than the options."""
+    for name, value in config.reward().items():
+        theirs = stated.get(name, value)
+        if theirs != value:
+            option = dashed(name)
+            give = (
+                ("--" if theirs else "--no-") + option if isinstance(value, bool) else "--%s %.40s" % (option, theirs)
+            )
+            raise ConfigError(
+                "--%s is %s, but the rewards of the dataset %s were computed with %.40s: give %s, or make the dataset "
+                "anew" % (option, value, config.dataset, theirs, give)
+            )
 
 
 def learner_config(config: TrainConfig, dataset: Optional[Dataset]) -> LearnerConfig:

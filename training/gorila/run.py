@@ -40,6 +40,7 @@ from training.workers.pool import PoolError, make_pool
 from training.workers.tasks import Answer, Trial
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
+MANY_REFUSALS = 200  # the same of episodes that the learner does not take; some are normal after a resume
 
 
 class TrainingRun:
@@ -81,7 +82,7 @@ class TrainingRun:
         self.board = TensorBoardLog(self.folder, self.steps, asdict(config)) if config.tensorboard else None
         self.line = ProgressLine()
         self.stopping: Optional[str] = None
-        self.errors = 0
+        self.errors = self.refusals = 0  # in a row
         self._published = -1
         self._saved = time.monotonic()
         self._weights: Dict[str, np.ndarray] = {}  # of the policy that the present evaluation drives
@@ -107,7 +108,14 @@ class TrainingRun:
         self.episodes = EpisodeLog(self.folder, Learner.collected_in(checkpoint) if checkpoint else 0)
         if not self.config.resume:
             return {}
-        return self.learner.resume(self._taken_again, self.offline)
+        extra = self.learner.resume(self._taken_again, self.offline)
+        began_with = extra.get("dataset")  # a run of an earlier version did not note it
+        if self.dataset is not None and began_with not in (None, self.dataset.digest):
+            raise ConfigError(
+                "--dataset %s: the run in %s was begun with another dataset (its checksum differs): give that one, or "
+                "begin a new run with another --out" % (self.config.dataset, self.folder)
+            )
+        return extra
 
     def _taken_again(self, learner: Learner, trajectory: Trajectory) -> None:
         """An episode that the journal holds behind the checkpoint."""
@@ -152,9 +160,7 @@ class TrainingRun:
             handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             self._take_dataset()
-            while not self.offline and self.learner.updates_due and not self.stopping:  # dataset, or after a resume
-                self.learner.train(10)
-                self._show_status()
+            self._catch_up()
             self._publish()
             while not self.finished and not self.stopping:
                 self._one_turn()
@@ -173,6 +179,17 @@ class TrainingRun:
         self._print_the_end()
         return 130 if self.stopping else 0
 
+    def _catch_up(self) -> None:
+        """Makes the gradient steps that are due before anything is driven: for a dataset, or after a resume."""
+        while not self.offline and self.learner.updates_due and not self.stopping and self.seconds_left > 0.0:
+            self.learner.train(10)
+            self._save_now_and_then()
+            self._show_status()
+
+    def _save_now_and_then(self) -> None:
+        if time.monotonic() - self._saved > self.config.checkpoint_every:
+            self.save()
+
     def _one_turn(self) -> None:
         """Take what came in, make the gradient steps that are due for it, and whatever else is due."""
         self._evaluate()
@@ -184,8 +201,7 @@ class TrainingRun:
         else:
             self._collect(0.2)
         self._publish()
-        if time.monotonic() - self._saved > self.config.checkpoint_every:
-            self.save()
+        self._save_now_and_then()
         self._show_status()
 
     def _collect(self, timeout: float) -> None:
@@ -194,15 +210,19 @@ class TrainingRun:
                 return
             if answer.error:
                 self._failed(answer.error)
+            else:
+                self.errors = 0
             if isinstance(answer.task, Trial):
                 self._trial_done(answer)
             elif not answer.error and not self.offline and not self.finished:
                 trajectory = self.learner.take(answer.data)
                 if trajectory is not None:
                     self._taken(trajectory)
+                else:
+                    self._refused()
 
     def _taken(self, trajectory: Trajectory) -> None:
-        self.errors = 0
+        self.refusals = 0
         self.episodes.add(self.learner.collected, trajectory.info)
         self.scheduler.transitions = self.learner.collected
         if self.board:
@@ -218,6 +238,12 @@ class TrainingRun:
         self.errors += 1
         if self.errors >= MANY_ERRORS:
             raise PoolError("%d episodes in a row failed, the last with %s" % (self.errors, text))
+
+    def _refused(self) -> None:
+        """The learner did not take an episode. Too many in a row end the run: it would learn nothing any more."""
+        self.refusals += 1
+        if self.refusals >= MANY_REFUSALS:
+            raise PoolError("%d episodes in a row were refused: %s" % (self.refusals, self.learner.refused.commonest))
 
     def _publish(self) -> None:
         updates = self.learner.td3.updates
@@ -280,7 +306,8 @@ class TrainingRun:
     # -- files -------------------------------------------------------------------------------------------
     def save(self) -> None:
         """A checkpoint, and the newest policy."""
-        self.learner.save({"elapsed": self.elapsed})
+        noted = {} if self.dataset is None else {"dataset": self.dataset.digest}
+        self.learner.save({"elapsed": self.elapsed, **noted})
         self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
         self._saved = time.monotonic()
 

@@ -23,8 +23,8 @@ class Reward:
           gave up, the robot lies on its side) stands still until the limit: what that costs is paid at its end, as at
           most MOST_STANDING decisions.
     c_p   R_p = metres driven towards the goal, (p' - p) . (goal - p) / |goal - p|.
-    c_c   R_c = -1 / d with d the smallest range of the last scan. d is at least .1 m (the laser's own limit), so
-          R_c >= -10, and at most the observation's 2 m, so R_c <= -.5.
+    c_c   R_c = -1 / d with d the smallest range of the last scan. d is at least .1 m (what the Jackal's laser can
+          tell), so R_c >= -10, and at most the observation's 2 m, so R_c <= -.5.
     along_y     R_p along the world's y instead, as the paper simplified it
     exact_time  R_f = - seconds / 2 s, the last decision's included: a course finished a second earlier is worth more.
                 The paper's R_f only counts whole decisions.
@@ -44,6 +44,7 @@ class Reward:
     c_switch: float = 0.0
     c_jerk: float = 0.0
 
+    NEAREST = 0.1
     FARTHEST = 2.0
 
     def __post_init__(self):
@@ -69,7 +70,8 @@ class Reward:
         time = -outcome.seconds / PERIOD if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
             time -= min(MOST_STANDING, (limit - outcome.decisions) * share)
-        near = min(outcome.decision_min if self.lowest else outcome.last_scan_min, self.FARTHEST)
+        near = outcome.decision_min if self.lowest else outcome.last_scan_min
+        near = min(max(near, self.NEAREST), self.FARTHEST)
         terms = {
             "time": self.c_f * time,
             "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress),

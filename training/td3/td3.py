@@ -384,6 +384,10 @@ def _device(name) -> torch.device:
         )
     except RuntimeError:
         raise LearnerError("device %r is unknown; give cpu, cuda or auto" % (name,)) from None
+    if device.type not in ("cpu", "cuda"):
+        raise LearnerError("device %s: this program learns on cpu or cuda; give one of them, or auto" % (name,))
     if device.type == "cuda" and not torch.cuda.is_available():
         raise LearnerError("device cuda: torch finds no GPU here; give --device cpu")
+    if device.type == "cuda" and (device.index or 0) >= torch.cuda.device_count():
+        raise LearnerError("device %s: torch finds %d GPUs here, numbered from 0" % (name, torch.cuda.device_count()))
     return device

@@ -90,7 +90,7 @@ class StopRotate:
         change = limit * self._period
         speed = min(max(self._clamped(abs(error)), abs(w) - change), abs(w) + change)
         speed = self._clamped(min(math.sqrt(float(np.float32(2.0 * limit)) * abs(error)), speed))
-        return speed if error > 0 else -speed
+        return -speed if error < 0 else speed
 
     def _clamped(self, w):
         return min(self._params["max_vel_theta"], max(self._params["min_vel_theta"], w))

@@ -115,7 +115,7 @@ STATIC_NAVFN = (
 APPLR_NODE = (
     real("period", 2.0, 0.0, INF, None, "s",
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
-        "every 2 s. If none arrives for three such times, the start-up parameters are restored."),
+        "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored."),
     real("max_speed", 0.0, 0.0, INF, None, "m/s",
         "Largest max_vel_x that is restored when the applr node has died; 0: the start-up value, whatever it is."),
     text("weights", "", None,

@@ -95,6 +95,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached; it
         holds until the next plan or reconfigure, so it is to be read at once (in C++ a new plan comes in between).
         """
+        self.cropped_plan, self._result = EMPTY, None
         x, y, yaw = (float(v) for v in pose)
         v, w = (float(v) for v in twist)
         if not math.isfinite(x + y + yaw + v + w):
@@ -111,7 +112,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         if at_goal and abs(angle_difference(wrapped(yaw), wrapped(goal_yaw))) <= self._yaw_tolerance:
             self._rotating = self._latched = False
             self.goal_reached = True
-            self.cropped_plan, self._result = cut, None
+            self.cropped_plan = cut
             return True, STANDING
 
         self.planner.set_plan(cut)
@@ -119,7 +120,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         if at_goal:  # the choice is ignored; its floods are needed below, and its flags change as in C++
             ok, command = self._stop_or_turn((x, y, wrapped(yaw)), (v, 0.0, wrapped(w)), wrapped(goal_yaw), costmap)
             if ok:
-                self.cropped_plan, self._result = cut, None
+                self.cropped_plan = cut
             return ok, command
         legal = result.cost >= 0
         self.cropped_plan, self._result = cut, result if legal else None
