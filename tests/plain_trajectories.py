@@ -5,6 +5,7 @@ Used by test_trajectory_planner.py. Every sample is rolled out and scored in ord
 
 import math
 
+from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.costmap.footprint import footprint_cost, line_cost
 from applr_ros1.planner.costmap.grid import map_to_world, world_to_map
 
@@ -94,8 +95,7 @@ class Plain:
             mx, my = self.cell(px, py)
             if mx >= 0 and 0 <= line_cost(self.cells, cx, cy, mx, my) < 253:
                 gx, gy = map_to_world(mx, my, self.ox, self.oy, self.resolution)
-                c, s = math.cos(theta), math.sin(theta)
-                return abs(math.atan2((gx - x) * s - (gy - y) * c, (gx - x) * c + (gy - y) * s))
+                return abs(angle_difference(theta, math.atan2(gy - y, gx - x)))
         return HUGE
 
     def choose(self, start, window, state):

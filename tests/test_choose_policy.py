@@ -58,6 +58,12 @@ def test_the_best_is_written_with_its_result(tmp_path, capsys):
     assert [run["seed"] for run in average.metadata["training"]["mean_of"]] == [-9, 1]
     before = (tmp_path / "choice" / "trials.csv").read_bytes()
     assert choose_policy.main(command) == 0  # nothing is left to do
+    capsys.readouterr()
+    assert choose_policy.main([*command, "--worlds", "generated:14"]) == 1
+    error = capsys.readouterr().err
+    assert "was begun with another worlds" in error
+    assert "give another --results" in error
+    assert "--out" not in error
     assert (tmp_path / "choice" / "trials.csv").read_bytes() == before
 
 

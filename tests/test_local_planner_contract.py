@@ -181,6 +181,13 @@ def test_a_reconfigure_reaches_the_next_command(plugin, planner):
     assert v <= 0.12 + 1e-6
 
 
+def test_a_reconfigure_of_some_values_keeps_the_others(planner):
+    planner.reconfigure({"max_vel_x": 0.2})
+    ok, (v, _) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, costmap())
+    assert ok
+    assert 0.1 < v <= 0.2 + 1e-6
+
+
 def test_a_refused_reconfigure_changes_nothing(plugin, planner):
     before = planner.compute_velocity((0, 0, 0), STANDING, costmap())
     full = dict(Configuration(complete(dict(JACKAL, base_local_planner=plugin, DWAPlannerROS=DWA)))[namespace(plugin)])

@@ -384,3 +384,13 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     assert len(cloud) == 30 * 30 - int(within.sum())
     row = cloud[(np.abs(cloud[:, 0] + 0.45) < 1e-4) & (np.abs(cloud[:, 1] + 0.45) < 1e-4)][0]
     assert np.allclose(row[3:], [path[5, 5], goal[5, 5], 77, 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 7.7])
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"), [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)]
+)
+def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(target, expected):
+    """On the point itself the direction is 0, as C++'s atan2(0, 0) says."""
+    cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
+    found = scoring._heading_difference(cells, 0.0, 0.0, 0.05, plan, 0, 0, 0.025, 0.025, 0.7)
+    assert found == pytest.approx(expected)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.files import read_bytes, sha256
+from applr_ros1.common.files import StorageError, read_bytes, sha256
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.robots import Robot
 from training.command_line import (
@@ -79,8 +79,11 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         traces=0,
         robot=given.robot,
     )
-    with continuable():
-        evaluate(options)
+    try:
+        with continuable():
+            evaluate(options)
+    except StorageError as error:  # the folder is --results here, and --out the file
+        raise ChoiceError(str(error).replace("--out", "--results")) from None
     rows = read_rows(folder / TRIALS, COLUMNS)
     setting = ", ".join((without_folders(given.worlds), given.simulator, options.weights[0], options.planner))
     results = {

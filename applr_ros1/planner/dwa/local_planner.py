@@ -43,6 +43,7 @@ class DWALocalPlanner(LocalPlanner):
         period = 1.0 / frequency if frequency > 0 else 0.05
         self.planner = DWAPlanner(params, period, params["sum_scores"], params["cheat_factor"])
         self.stop_rotate = StopRotate(params, period, params["latch_xy_goal_tolerance"])
+        self._params = dict(params)
         self._prunes = bool(params["prune_plan"])
         self.stored_plan = LocalPlan()
         self.reset()
@@ -61,10 +62,11 @@ class DWALocalPlanner(LocalPlanner):
         self._choice: Optional[Choice] = None
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """New values of the server by name. Flags, latches and the plan stay."""
-        self.planner.reconfigure(params)
-        self.stop_rotate.reconfigure(params)
-        self._prunes = bool(params["prune_plan"])
+        """New values of the server by name, some or all. Flags, latches and the plan stay."""
+        wanted = dict(self._params, **params)
+        self.planner.reconfigure(wanted)
+        self.stop_rotate.reconfigure(wanted)
+        self._params, self._prunes = wanted, bool(wanted["prune_plan"])
 
     def set_plan(self, plan: np.ndarray) -> None:
         """The global plan (n, 3) x, y [m], yaw [rad], from now on."""

@@ -34,7 +34,8 @@ DWA_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, None, "m/s^2",
         "Forward acceleration limit of the dynamic window and of stopping at the goal."),
     real("acc_lim_y", 2.5, 0.0, 20.0, None, "m/s^2",
-        "Sideways acceleration limit of the dynamic window and of stopping at the goal."),
+        "Sideways acceleration limit of the dynamic window and of stopping at the goal. Without effect: the base "
+        "cannot strafe, and a measured sideways velocity counts as 0."),
     real("acc_lim_theta", 3.2, 0.0, 20.0, None, "rad/s^2",
         "Angular acceleration limit of the dynamic window and of the turn to the goal heading."),
     real("acc_lim_trans", 0.1, 0.0, INF, None, "m/s^2",

@@ -17,8 +17,8 @@ TRAJECTORY_PLANNER = (
     real("acc_lim_x", 2.5, 0.0, 20.0, 10.0, "m/s^2",
         "Forward acceleration limit that the trajectory simulation assumes."),
     real("acc_lim_y", 2.5, 0.0, 20.0, 2.5, "m/s^2",
-        "Sideways acceleration limit. It matters only for braking a measured sideways velocity, since the base "
-        "cannot strafe."),
+        "Sideways acceleration limit. Without effect: the base cannot strafe, and a measured sideways velocity counts "
+        "as 0."),
     real("acc_lim_theta", 3.2, 0.0, 20.0, 20.0, "rad/s^2",
         "Angular acceleration limit that the trajectory simulation assumes."),
     real("max_vel_x", 0.55, 0.0, 20.0, 0.5, "m/s", "Largest forward velocity that is sampled."),

@@ -10,6 +10,7 @@ from collections import namedtuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
 from applr_ros1.planner.costmap.outline import outline_cost
@@ -148,7 +149,7 @@ def score_below(p, scene, grids, start, vx, vy, w, ceiling, base, bound):
             path_distance = float(path_steps)
             goal_distance = float(goal_steps)
             if p.heading_scoring:
-                heading_difference = _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, c, s)
+                heading_difference = _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta)
         end_x, end_y, end_theta = x, y, theta
         vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
         vy_i = new_velocity(vy, vy_i, p.acc_lim_y, dt)
@@ -186,7 +187,7 @@ def roll_out(params, start, vx, w, points):
 
 
 @kernel
-def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, c, s):
+def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta):
     """Angle [rad] between the heading and the farthest point of the plan in free sight, HUGE if none is."""
     ny, nx = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
@@ -194,5 +195,5 @@ def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, c, s):
         if mx < 0 or not 0 <= line_cost(cells, cx, cy, mx, my) < INSCRIBED:
             continue
         gx, gy = map_to_world(mx, my, ox, oy, resolution)
-        return abs(math.atan2((gx - x) * s - (gy - y) * c, (gx - x) * c + (gy - y) * s))
+        return abs(angle_difference(theta, math.atan2(gy - y, gx - x)))
     return HUGE
