@@ -16,7 +16,7 @@ from typing import Iterator
 
 import rospy
 
-LONGEST = 8.0  # s from the request to shut down to the end of the process; every node takes less than 5 s by itself
+LONGEST = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
 
 
 def init_node(name: str) -> None:
