@@ -54,7 +54,7 @@ class PeriodicEvaluation:
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None  # of the round under way
         self._results: List[TrialResult] = []
-        self._open = self._planned = 0
+        self._open = 0
 
     # -- when --------------------------------------------------------------------------------------
     def due(self, step: int) -> Optional[int]:
@@ -74,7 +74,7 @@ class PeriodicEvaluation:
         method = ("dwa", "dwa") if number == THETA0 else ("policy", POLICY)
         seed = CHOOSING + self.seed
         trials = plan(self.worlds, [method], self.trials, seed, 0, [self.weights], self.planner)
-        self._open = self._planned = len(trials)
+        self._open = len(trials)
         return trials
 
     def add(self, answer: Answer) -> Optional[Dict[str, Any]]:
@@ -94,7 +94,8 @@ class PeriodicEvaluation:
         found = summary(self._results, self.contact_seconds)
         found.update(round=number, step=self.step, version=self.version, setting=self.setting, **self._judged)
         rivals = [r["score"] for r in self.here if r["round"] != THETA0]
-        whole = len(self._results) == self._planned  # trials that failed by an error may have been the hard ones
+        # of another round the trials that failed by an error may have been the hard ones
+        whole = len(self._results) == len(self.worlds) * self.trials
         found["best"] = whole and number != THETA0 and found["score"] < min(rivals, default=float("inf"))
         self.history.append(found)
         write_bytes(self.path, "".join(json.dumps(line) + "\n" for line in self.history).encode())

@@ -108,14 +108,13 @@ class TrainingRun:
         self.episodes = EpisodeLog(self.folder, Learner.collected_in(checkpoint) if checkpoint else 0)
         if not self.config.resume:
             return {}
-        extra = self.learner.resume(self._taken_again, self.offline)
-        began_with = extra.get("dataset")  # a run of an earlier version did not note it
+        began_with = checkpoint["extra"].get("dataset") if checkpoint else None  # earlier versions did not note it
         if self.dataset is not None and began_with not in (None, self.dataset.digest):
             raise ConfigError(
                 "--dataset %s: the run in %s was begun with another dataset (its checksum differs): give that one, or "
                 "begin a new run with another --out" % (self.config.dataset, self.folder)
             )
-        return extra
+        return self.learner.resume(self._taken_again, self.offline)
 
     def _taken_again(self, learner: Learner, trajectory: Trajectory) -> None:
         """An episode that the journal holds behind the checkpoint."""

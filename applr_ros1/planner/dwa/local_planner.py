@@ -44,7 +44,6 @@ class DWALocalPlanner(LocalPlanner):
         self.planner = DWAPlanner(params, period, params["sum_scores"], params["cheat_factor"])
         self.stop_rotate = StopRotate(params, period, params["latch_xy_goal_tolerance"])
         self._params = dict(params)
-        self._prunes = bool(params["prune_plan"])
         self.stored_plan = LocalPlan()
         self.reset()
 
@@ -66,7 +65,7 @@ class DWALocalPlanner(LocalPlanner):
         wanted = dict(self._params, **params)
         self.planner.reconfigure(wanted)
         self.stop_rotate.reconfigure(wanted)
-        self._params, self._prunes = wanted, bool(wanted["prune_plan"])
+        self._params = wanted
 
     def set_plan(self, plan: np.ndarray) -> None:
         """The global plan (n, 3) x, y [m], yaw [rad], from now on."""
@@ -112,7 +111,7 @@ class DWALocalPlanner(LocalPlanner):
         pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured; frame: as in LocalPlanner.
         """
         self._forget_cycle()
-        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), self._prunes, frame)
+        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), bool(self._params["prune_plan"]), frame)
         goal = self.stored_plan.goal(frame)
         if goal is None or len(cut) == 0:
             return Step(False, STANDING, NO_PLAN, cut)
