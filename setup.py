@@ -10,7 +10,7 @@ setup(
         packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, name + ".*")]),
         package_data={
             "applr_ros1": ["models/*", "robots/*/*", "robots/*/*/*", "robots/*/*/*/*"],
-            "training": ["recipes/*.yaml", "variants/*.yaml", "report/*.html"],
+            "training": ["recipes/*.yaml", "report/*.html"],
             "worlds": ["data/*"],
         },
     )

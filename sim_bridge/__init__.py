@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any, Type, Union
 
-from applr_ros1.common import own_module
-from applr_ros1.common.errors import ApplrError, with_place
+from applr_ros1.common import user_module
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.robots import Robot, load
 
 from .simulator import Randomisation, RobotState, Simulator, SimulatorError
@@ -49,10 +49,10 @@ def find(name: str) -> Type[Simulator]:
     # whatever a person's own class raises is theirs to hear in one line
     expected: Type[Exception] = ImportError if name in _CLASSES else Exception
     try:
-        found = getattr(own_module.load(module), kind)
+        found = getattr(user_module.load(module), kind)
     except expected as error:
         raise SimulatorError(
-            "simulator %s cannot be imported (%s): check module and class" % (name, with_place(error))
+            "simulator %s cannot be imported (%s): check module and class" % (name, one_line(error))
         ) from error
     if not (isinstance(found, type) and issubclass(found, Simulator)):
         raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
@@ -87,5 +87,5 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
     except Exception as error:
         if name in _CLASSES:
             raise
-        raise SimulatorError("simulator %s cannot be made: %s" % (name, with_place(error))) from error
+        raise SimulatorError("simulator %s cannot be made: %s" % (name, one_line(error))) from error
     return made

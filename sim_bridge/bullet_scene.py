@@ -19,7 +19,7 @@ from typing import Any, List, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import quaternion_of
-from applr_ros1.robots import Robot, outline
+from applr_ros1.robots import Robot, geometry
 from worlds import Mover, World
 
 from .mechanics import GRAVITY, mechanics
@@ -99,7 +99,7 @@ def put_mover(p: Any, client: int, body: int, x: float, y: float) -> None:
 
 
 def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int:
-    """The robot at pose (x, y, yaw); its joints are the driven wheels in the order of outline.wheel_places.
+    """The robot at pose (x, y, yaw); its joints are the driven wheels in the order of geometry.wheel_places.
 
     The body's frame is its centre of mass. Casters are spheres that slide on the ground, fixed to the body.
     """
@@ -122,7 +122,7 @@ def build_robot(p: Any, client: int, robot: Robot, pose: Sequence[float]) -> int
         **on,
     )
     n, k = base.wheels, len(base.casters)
-    places = [(x - com_x, y - com_y, base.axle_height - com_z) for x, y in outline.wheel_places(base)]
+    places = [(x - com_x, y - com_y, base.axle_height - com_z) for x, y in geometry.wheel_places(base)]
     shapes = [wheel] * n
     if k:
         radius = max((found.base_height + body.bottom) / 2, 0.1 * base.wheel_radius)

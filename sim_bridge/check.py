@@ -15,9 +15,9 @@ from typing import Callable, Iterator, List, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import wrapped
+from applr_ros1.common.angles import normalize_angle
 from applr_ros1.common.errors import run_main
-from applr_ros1.robots import outline
+from applr_ros1.robots import geometry
 from worlds import Mover, World
 
 from . import NAMES, make
@@ -180,7 +180,7 @@ def _meets_obstacles(factory: Factory) -> None:
     simulator.reset(small_world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
     _need(not drive(simulator, 0.5, 0.0, 0.8).contact, "contact is reported before the wall")
     state = drive(simulator, 0.5, 0.0, 2.0)
-    front = state.pose[0] + outline.extent(simulator.robot)[1]
+    front = state.pose[0] + geometry.bounding_box(simulator.robot)[1]
     _need(state.contact, "no contact is reported at a wall that it pushes against")
     _need(abs(front - 0.9) < 0.05, "its front is at x = %.3f where the wall begins at 0.9", front)
     _need(not drive(simulator, -0.5, 0.0, 1.0).contact, "contact stays after driving back from the wall")
@@ -213,7 +213,7 @@ def _believes_its_odometry(factory: Factory) -> None:
     x, y, yaw = simulator.to_odom(state.pose)
     apart = hypot(x - state.odom_pose[0], y - state.odom_pose[1])
     _need(apart < 0.1, "after 2 m the odometry is %.2f m off", apart)
-    off = wrapped(yaw - state.odom_pose[2])
+    off = normalize_angle(yaw - state.odom_pose[2])
     _need(abs(off) < 0.05, "its heading is off by %.3f rad", off)
     back = simulator.to_world(simulator.to_odom((1.5, -2.0, 3.0)))
     _need(bool(np.allclose(back, (1.5, -2.0, 3.0))), "to_world(to_odom(pose)) is %s, not the pose", back)

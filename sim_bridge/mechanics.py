@@ -13,7 +13,7 @@ from typing import Tuple
 
 import numpy as np
 
-from applr_ros1.robots import Robot, RobotError, outline
+from applr_ros1.robots import Robot, RobotError, geometry
 
 GRAVITY = 9.8
 STEP = 1.0 / 240.0  # both simulators' physics step [s]
@@ -37,7 +37,7 @@ class Mechanics:
 
     mass, yaw_inertia (about the centre of mass), com (x, y) in the base frame; base_height: of the base frame above the
     ground. scalars (SCALARS,): what the kernels take, in the order above. supports (n, COLUMNS): the driven wheels in
-    the order of outline.wheel_places, then the casters; X, Y place, LOAD [N] at rest, SIDE of the wheel or CASTER,
+    the order of geometry.wheel_places, then the casters; X, Y place, LOAD [N] at rest, SIDE of the wheel or CASTER,
     SHARE friction relative to a wheel's, SHIFT_X and SHIFT_Y how the load moves with the acceleration (along LEVER_X,
     LEVER_Y), BASE_X, BASE_Y the place from the body's centre of mass. parts (k, 4): rectangles that meet obstacles, the
     body and then the wheels.
@@ -80,8 +80,8 @@ def mechanics(robot: Robot) -> Mechanics:
     supports, levers = _supports(robot, mass, com)
     supports[:, BASE_X] = supports[:, BASE_X] - body_com[0]
     supports[:, BASE_Y] = supports[:, BASE_Y] - body_com[1]
-    parts = np.array(outline.parts(robot)) - np.array([com[0], com[1], 0.0, 0.0])
-    back, front, right, left = outline.extent(robot)
+    parts = np.array(geometry.parts(robot)) - np.array([com[0], com[1], 0.0, 0.0])
+    back, front, right, left = geometry.bounding_box(robot)
     reach = hypot(max(front, -back), max(left, -right)) + hypot(*com)
     simulation = robot.simulation
     scalars = np.zeros(SCALARS)
@@ -122,7 +122,7 @@ def _wheel_inertia(mass, radius, width):
 def _supports(robot, mass, com):
     """The array of supports, and the levers of the load's shift along x and y [m]."""
     base = robot.base
-    places = np.array(outline.wheel_places(base) + [tuple(place) for place in base.casters])
+    places = np.array(geometry.wheel_places(base) + [tuple(place) for place in base.casters])
     supports = np.zeros((len(places), COLUMNS))
     supports[:, X], supports[:, Y] = places[:, 0] - com[0], places[:, 1] - com[1]
     supports[:, BASE_X], supports[:, BASE_Y] = places.T

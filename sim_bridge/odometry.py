@@ -11,7 +11,7 @@ from typing import Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import wrapped_modulo
+from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.robots.description import OdometryErrors
 
 
@@ -54,12 +54,12 @@ class Odometry:
         )
         x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
-        turn = wrapped_modulo(yaw - old)
+        turn = normalize_angle_modulo(yaw - old)
         ahead = wheel_speed * self._gain * duration
         middle = old + 0.5 * turn
-        self._heading = wrapped_modulo(old + turn)
+        self._heading = normalize_angle_modulo(old + turn)
         seen = self._heading + self.scale * errors.heading_noise * self._normal()
-        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), wrapped_modulo(seen))
+        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), normalize_angle_modulo(seen))
         rate = yaw_rate + self.scale * errors.gyro_noise * self._normal()
         self.twist = (wheel_speed * self._gain + self.scale * errors.speed_noise * self._normal(), rate)
         self.imu = (acceleration + self.scale * errors.accelerometer_noise * self._normal(), rate)

@@ -9,7 +9,7 @@ the odometry's; ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_v
 ~world (changes the world). Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the
 world that the parameter ~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed,
 ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with
-the time standing), ~gazebo (Gazebo's services and topics too: gazebo/front.py); ~odom_frame, ~base_frame, ~tf_prefix
+the time standing), ~gazebo (Gazebo's services too: ros_gazebo.py); ~odom_frame, ~base_frame, ~tf_prefix
 (in front of the names of all frames of the robot), ~map (publish a map of the world on map, latched, and its frame).
 For several robots in one world: ~clock (false follows the /clock that another one makes), ~others (namespaces of robots
 that this one detects and can touch: ros_others.py).
@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-import sys
 import threading
 import time
 from math import isfinite
@@ -34,14 +33,13 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.common.arguments import number_within
+from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.progress import announced
-from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import load
 
 from . import make
-from .pace import Pace
+from .real_time_rate import RealTimeRate
 from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError, warm_up
@@ -73,7 +71,8 @@ class Bridge:
         self.scale = robot.world_scale
         world = self._load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **dict(options, robot=robot))
-        self.start = _start(str(rospy.get_param("~start", "")))
+        start = str(rospy.get_param("~start", ""))
+        self.start = pose("start", start) if start else None
         compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
         with announced(compiling, rospy.loginfo):
             warm_up(self.simulator, world)
@@ -90,7 +89,8 @@ class Bridge:
         self.topics = _topics(robot, self.makes_clock, bool(rospy.get_param("~map", False)))
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
-        self.front = _gazebos_front(self) if rospy.get_param("~gazebo", False) else None
+        if rospy.get_param("~gazebo", False):
+            _offer_gazebo_services(self)
         self._connect()
         if not self.makes_clock:
             self._await_clock()
@@ -113,9 +113,8 @@ class Bridge:
 
     def _connect(self):
         robot = self.simulator.robot
-        heard = (self.front.on_cmd_vel, self.front.on_controller_command) if self.front else (self.on_command,) * 2
-        for topic, callback in zip((robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"), heard):
-            rospy.Subscriber(topic, Twist, callback, queue_size=1, buff_size=2**16, tcp_nodelay=True)
+        for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
+            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
         rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
         rospy.Subscriber("~world", String, self.on_world, queue_size=1)
         rospy.Service("~reset", Empty, self.on_reset)
@@ -144,7 +143,7 @@ class Bridge:
     # -- the simulating thread ---------------------------------------------------------------------
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
-        pace, ticks, robot = Pace(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
+        pace, ticks, robot = RealTimeRate(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
         every, every_scan = (max(1, round(1.0 / TICK / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
             if not self.running.is_set():
@@ -160,8 +159,6 @@ class Bridge:
                 if ticks % every == 0:
                     self.topics.publish_state(state, stamp, self.touched)
                     self.touched = False
-                    if self.front is not None:
-                        self.front.publish()
                 if ticks % every_scan == 0:
                     self.topics.publish_scan(self.simulator.scan(), stamp)
                 if ticks % 10 == 0:
@@ -237,7 +234,7 @@ class Bridge:
         with self.lock:
             self.simulator.set_odometry((p.x, p.y, yaw_of(q)))
 
-    # -- for Gazebo's front ------------------------------------------------------------------------
+    # -- for Gazebo's services ------------------------------------------------------------------------
     def pause(self) -> None:
         """Stop simulated time. Returns when the step under way is over."""
         self.running.clear()
@@ -248,28 +245,12 @@ class Bridge:
         """Let simulated time go on."""
         self.running.set()
 
-    def start_pose(self) -> Any:
-        """Where the robot starts, (x, y, yaw) in the world."""
-        return self.start or self.simulator.world.course.start
-
     def teleport(self, pose: Any) -> None:
         """Put the robot at pose (x, y, yaw) of the world, standing, while time goes on."""
         with self.lock:
             self.simulator.teleport(pose)
             self.touched = False
             self.topics.publish_frames(self.simulator, self.stamp())
-
-    def set_position(self, x: float, y: float) -> None:
-        """Set the position that the odometry states; its heading stays that of the IMU."""
-        with self.lock:
-            true_x, true_y, yaw = self.simulator.state.pose
-            self.simulator.set_odometry((x, y, yaw))
-            self.simulator.odom_origin = (true_x - x, true_y - y)
-            self.topics.publish_frames(self.simulator, self.stamp())
-
-    def restart(self) -> None:
-        """Robot, odometry and moving obstacles back to the start; the costmaps stay as they are."""
-        self._restart(clear=False)
 
     def on_reset(self, _: Any) -> EmptyResponse:
         """Service ~reset: the same world from the start, under the next seed."""
@@ -296,7 +277,7 @@ class Bridge:
         rospy.loginfo("sim_bridge: world %s", world.name)
         return ""
 
-    def _restart(self, world=None, clear=True):
+    def _restart(self, world=None):
         """Begin anew in `world`; without one in the present world, under the next seed."""
         with self.lock:
             if world is None:
@@ -312,9 +293,8 @@ class Bridge:
             self.topics.publish_state(state, self.stamp(), False)
             self.topics.publish_scan(self.simulator.scan(), self.stamp())
             self.topics.publish_clock(self.stamp())
-        if clear:
-            time.sleep(0.05)  # scans from the old place pass before the maps are cleared
-            _clear_costmaps()
+        time.sleep(0.05)  # scans from the old place pass before the maps are cleared
+        _clear_costmaps()
 
 
 def _clear_costmaps(patience=2.0):
@@ -340,42 +320,26 @@ def _clear_costmaps(patience=2.0):
 def _topics(robot, clock, with_map):
     """The publishers, for the frames that ~odom_frame, ~base_frame and ~tf_prefix name."""
     prefix, odom, base = (str(rospy.get_param("~" + name, "")) for name in ("tf_prefix", "odom_frame", "base_frame"))
-    return BridgeTopics(robot, prefix, odom, base, clock, with_map)
+    return BridgeTopics(robot, frame_prefix(prefix), odom, base, clock, with_map)
 
 
 def _parameter(name, default, most):
     """A private parameter of this node, a number from 0 to `most`."""
-    return number_within(name, rospy.get_param("~" + name, default), 0, most, SimulatorError)
+    return number_within(name, rospy.get_param("~" + name, default), 0, most)
 
 
-def _start(text):
-    """(x, y, yaw) of a parameter such as "1 2 1.57"; None for an empty one."""
+def _offer_gazebo_services(bridge):
     try:
-        numbers = tuple(float(word) for word in text.replace(",", " ").split())
-    except ValueError:
-        numbers = (float("nan"),)
-    if text.strip() and not (len(numbers) == 3 and all(map(isfinite, numbers))):
-        raise SimulatorError("start is %r: give 'x y yaw' [m, m, rad] in the world" % text)
-    return numbers or None
-
-
-def _gazebos_front(bridge):
-    try:
-        from .gazebo.front import Front
+        from .ros_gazebo import GazeboInterface
     except ImportError as error:
-        raise SimulatorError("gazebo is true but its messages are missing (%s): run ./applr setup" % error) from None
-    return Front(bridge)
+        raise SimulatorError(f"gazebo is true but its messages are missing ({error}): run ./applr setup") from None
+    GazeboInterface(bridge)
 
 
 def main() -> int:
-    """Runs until shutdown. Exit status 1 and one line if it cannot start."""
-    require_master()
+    """Runs until shutdown."""
     init_node("sim_bridge")
-    try:
-        bridge = Bridge()
-    except (ValueError, OSError) as error:
-        print("sim_bridge: %s" % error, file=sys.stderr, flush=True)
-        return 1
+    bridge = Bridge()
     gc.collect()
     gc.freeze()  # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
     # Not in the main thread: rospy shuts down in the signal's handler there, which would wait for the very lock

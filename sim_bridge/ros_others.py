@@ -12,7 +12,7 @@ import rospy
 from nav_msgs.msg import Odometry
 
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.robots import load, outline
+from applr_ros1.robots import geometry, load
 
 FAR_AWAY = (1e3, 1e3)  # [m], until the robot has been heard of
 AHEAD = 0.1  # s for which a pose is carried on with its velocity
@@ -28,7 +28,7 @@ class OtherRobot:
 
     def __init__(self, namespace: str, sim_time: Callable[[rospy.Time], float]):
         bridge = namespace.rstrip("/") + "/sim_bridge/"
-        back, front, right, left = outline.extent(load(str(rospy.get_param(bridge + "robot", "jackal"))))
+        back, front, right, left = geometry.bounding_box(load(str(rospy.get_param(bridge + "robot", "jackal"))))
         self.radius = hypot(max(front, -back), max(left, -right))
         self._sim_time = sim_time
         self._newest: Any = None  # (ROS time, (x, y), velocity (x, y))

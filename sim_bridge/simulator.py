@@ -138,7 +138,7 @@ class Simulator(ABC):
         pose = (
             place[0] + shift[0] * self.drawn.start_xy,
             place[1] + shift[1] * self.drawn.start_xy,
-            angles.wrapped_modulo(place[2] + shift[2] * self.drawn.start_yaw),
+            angles.normalize_angle_modulo(place[2] + shift[2] * self.drawn.start_yaw),
         )
         new_world = self._lidar is None or world is not self.world
         if new_world:
@@ -175,7 +175,7 @@ class Simulator(ABC):
         if self._lidar is None:
             raise SimulatorError("there is no scan before the first reset(): call reset(world, seed)")
         laser = self.robot.laser
-        place = angles.place(pose, laser.pose[0], laser.pose[1])
+        place = angles.transform_point(pose, laser.pose[0], laser.pose[1])
         ranges = self._lidar.scan(*place, pose[2] + laser.pose[2], self.mover_circles())
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
@@ -203,7 +203,7 @@ class Simulator(ABC):
         pose = tuple(float(value) for value in pose)
         if len(pose) != 3 or not all(map(isfinite, pose)):
             raise SimulatorError("pose %r: give three finite numbers x, y, yaw" % (pose,))
-        x, y, yaw = pose[0], pose[1], angles.wrapped(pose[2])
+        x, y, yaw = pose[0], pose[1], angles.normalize_angle(pose[2])
         self._move_to((x, y, yaw))
         self.state = replace(self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False)
         odom_x, odom_y, _ = self.state.odom_pose

@@ -60,7 +60,7 @@ def dwa(scenario):
     yield "pose_used, vel_used", planner.start, expected["pose_used"] + expected["vel_used"]
     for name, ours in zip(GRIDS, planner.grids()):
         yield name, ours, scenario.array(name)
-    every = planner.every_sample()
+    every = planner.score_all_samples()
     yield "samples", every.velocities, scenario.array("samples")
     yield "accepted", every.counts > 0, scenario.array("accepted")
     yield "npoints", every.counts, scenario.array("npoints")

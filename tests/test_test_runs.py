@@ -1,5 +1,4 @@
-"""What tests/conftest.py promises: a test run that is ended from outside ends what its tests have started, and -k
-chooses among the tests of files that have a process of their own, too."""
+"""What tests/conftest.py promises of a run that is ended from outside, and of one in which no test passed."""
 
 import os
 import signal
@@ -7,14 +6,15 @@ import subprocess
 import sys
 
 import pytest
-from ros_harness import ROOT, wait_for
-from test_launch import is_alive
+
+from tests.support.processes import is_alive
+from tests.support.ros_harness import ROOT, wait_for
 
 pytest.importorskip("rospy")
-pytestmark = pytest.mark.ros
 TEST = """
 import os, pathlib, time
-import ros_harness
+import pytest
+from tests.support import ros_harness
 
 def test_that_lasts():
     assert "ROS_NAMESPACE" not in os.environ
@@ -22,24 +22,29 @@ def test_that_lasts():
         child = master.spawn("sleep", "60")
         pathlib.Path("pids").write_text("%d %d end" % (master._master.pid, child.pid))
         time.sleep(60.0)
+
+def test_that_is_skipped():
+    pytest.skip("always")
 """
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_run_that_is_ended_leaves_nobody(tmp_path, number):
-    (tmp_path / "test_long.py").write_text(TEST)
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT / "tests"), os.environ.get("PYTHONPATH", "")]))
-    environment["ROS_NAMESPACE"] = "robot1"
-    run = subprocess.Popen(
-        [sys.executable, "-m", "pytest", "-q", "-p", "conftest", "-p", "no:cacheprovider", "test_long.py"],
-        env=environment,
-        cwd=tmp_path,
+def start(folder, *options, **environment):
+    """A pytest with this repository's conftest.py in a folder of its own."""
+    (folder / "test_both.py").write_text(TEST)
+    return subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-q", "-p", "tests.conftest", "-p", "no:cacheprovider", *options],
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment),
+        cwd=folder,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),  # under nohup SIGHUP is ignored
     )
+
+
+@pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, "-n0"), (signal.SIGTERM, "-n2")])
+def test_a_run_that_is_ended_leaves_nobody(tmp_path, number, workers):
+    run = start(tmp_path, "-k", "lasts", workers, ROS_NAMESPACE="robot1")
     pids = tmp_path / "pids"
     wait_for(lambda: (pids.exists() and pids.read_text().endswith("end")) or run.poll() is not None, 60.0, "the test")
     assert run.poll() is None, run.communicate()[0]
@@ -51,11 +56,8 @@ def test_a_run_that_is_ended_leaves_nobody(tmp_path, number):
     wait_for(lambda: not any(map(is_alive, started)), 5.0, "the end of what the test has started")
 
 
-def test_chosen_tests_of_several_files_with_nodes_run():
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    command += ["tests/test_barn.py", "tests/test_start_of_nodes.py", "-k", "scores_of_the or is_still_starting"]
-    environment = {name: value for name, value in os.environ.items() if name != "APPLR_TESTS_OF_ONE_FILE"}
-    run = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert run.returncode == 0, run.stdout
-    for name, count in (("test_barn.py", 1), ("test_start_of_nodes.py", 2)):
-        assert "%s: %d passed" % (name, count) in run.stdout, run.stdout
+def test_a_run_in_which_no_test_passed_is_a_failure(tmp_path):
+    run = start(tmp_path, "-k", "skipped")
+    said, _ = run.communicate(timeout=60)
+    assert "1 skipped" in said
+    assert run.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, said

@@ -2,7 +2,7 @@
 
 Started as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
 segments, similar segments form contexts, CMA-ES finds the parameters of each context, and a small network learns to
-recognise the context from the scan. evaluate.py (appld:FILE) and mode:=appld use the file. docs/appld.md describes the
+recognise the context from the scan. evaluate.py (appld:FILE) and method:=appld use it. docs/appld.md describes the
 method.
 """
 
@@ -19,9 +19,8 @@ from typing import Any, Dict, List
 import numpy as np
 
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes, write_json
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, WEIGHTS
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -31,8 +30,8 @@ from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
 from training.baselines.appld.card import card
 from training.baselines.appld.demonstration import Demonstration, read
-from training.command_line import Parser, add_robot, add_seed, number, whole
-from training.storage import make_folder
+from training.common.command_line import Parser, add_robot, add_seed, number, whole
+from training.common.folders import make_folder
 
 
 def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[str, Any]:
@@ -40,7 +39,7 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     began = time.monotonic()
     found = contexts.find(demonstrations, options.contexts, options.penalty)
     if len(found.names) > runtime.MAX_CONTEXTS:
-        raise UsageError(
+        raise ApplrError(
             "--contexts %d: makes %d contexts, a file holds at most %d; give --contexts 1 to %d or a larger --penalty"
             % (options.contexts, len(found.names), runtime.MAX_CONTEXTS, runtime.MAX_CONTEXTS)
         )
@@ -63,7 +62,7 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
     log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
     make_folder(Path(out).parent)
-    short = {key: log[key] for key in ("command", "weights", "demonstrations", "classifier")}
+    short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
     runtime.save(out, sets, weights, {"training": json.dumps(short)}, space, layout)
     stem = str(Path(out).with_suffix(""))
     write_json(stem + "_log.json", log)
@@ -75,7 +74,7 @@ def _fits(demonstrations, found, options, say) -> List[appld_fit.Fit]:
     copies: List[List[appld_fit.Stretch]] = [[] for _ in found.names]
     for index, d in enumerate(demonstrations):
         spans = [s for s in found.segments if s.demonstration == index]
-        for s, stretch in zip(spans, appld_fit.stretches(d, spans, options.longest, options.weights)):
+        for s, stretch in zip(spans, appld_fit.stretches(d, spans, options.longest)):
             copies[s.context].append(stretch)
     fits = []
     for k, (name, own) in enumerate(zip(found.names, copies)):
@@ -108,7 +107,6 @@ def _short(space, theta) -> Dict[str, float]:
 def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str, Any]:
     return {
         "command": "python -m training.appld " + " ".join(options.given),
-        "weights": options.weights,
         "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
         "segments": [
             {
@@ -180,13 +178,6 @@ def parse(arguments=None) -> argparse.Namespace:
         help="Largest number of instants (50 ms each) of a segment that the search uses. Default: %(default)s.",
     )
     p.add_argument(
-        "--weights",
-        default=DEFAULT_WEIGHTS,
-        choices=WEIGHTS,
-        help="What the distance weights of the planner count while parameters are fitted, metres or cells. "
-        "Default: %(default)s.",
-    )
-    p.add_argument(
         "--steps",
         type=whole(1, 10**9),
         default=500,
@@ -217,7 +208,7 @@ def main(arguments=None) -> int:
 def run(options: argparse.Namespace) -> None:
     """Learns from the bags that the options name and writes the file, its log and its card."""
     if not options.out.endswith(".safetensors"):
-        raise UsageError("--out %s: give a name that ends in .safetensors" % options.out)
+        raise ApplrError("--out %s: give a name that ends in .safetensors" % options.out)
     bags = find(options.bags)
     if not bags:
         raise BagError("%s: no bags there" % ", ".join(options.bags))

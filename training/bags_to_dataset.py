@@ -8,20 +8,23 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Dict, List, Set
 
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.tally import Tally
 from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.episodes import BagReport, trajectories
 from training.bags.reader import BagError, TopicNames, find, read
-from training.command_line import Parser, add_robot, number
-from training.experience.dataset import Writer
-from training.experience.trajectory import Layout, TrajectoryError
-from training.mdp.reward import Reward
+from training.common.command_line import Parser, add_robot, number
+from training.common.folders import make_folder
+from training.common.options import checked
+from training.env.reward import Reward
+from training.replay.store import NAME, Store
+from training.replay.trajectory import MAX_NAME, Layout, TrajectoryError
 
 IN_THE_BAGS = {  # option: what it names
     "scan": "Topic of the laser scans in the bags.",
@@ -43,8 +46,8 @@ def convert(
     finish=None,
     say=print,
     robot: Robot = JACKAL,
-) -> dict:
-    """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns its manifest.
+) -> int:
+    """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns how many transitions.
 
     A bag or episode that is damaged or incomplete is skipped, said and counted under its reason. Raises BagError when
     nothing at all could be used, StorageError when the folder cannot be written.
@@ -53,14 +56,18 @@ def convert(
     if not bags:
         raise BagError("%s: no bags there; give .bag or .mcap files or ROS 2 bag folders" % ", ".join(map(str, paths)))
     read_bags: List[Dict[str, Any]] = []
-    source: Dict[str, Any] = {"bags": read_bags, "reward": asdict(reward), "robot": robot.name}
+    source: Dict[str, Any] = {"bags": read_bags, "robot": robot.name, **reward.model_dump()}
     periods: Set[float] = set()
-    writer = Writer(folder, Layout(*sizes_of(robot)), source)
+    skipped, layout = Tally(), Layout(*sizes_of(robot))
+    store = Store(make_folder(folder) / NAME, layout)
+    if store.last:
+        raise ApplrError(f"{folder}: holds trajectories already; give another folder")
     for bag in bags:
         report = BagReport()
         try:
-            for trajectory in trajectories(read(bag, topics, robot), reward, writer.layout, report, finish):
-                writer.add(trajectory)
+            for trajectory in trajectories(read(bag, topics, robot), reward, layout, report, finish):
+                trajectory.info.update(actor=Path(bag).name[-MAX_NAME:], episode=store.last)
+                store.append(trajectory)
         except (BagError, TrajectoryError) as error:
             report.skip(str(error).partition(": ")[2].partition(" (")[0] if isinstance(error, BagError) else str(error))
             say("%s" % error)
@@ -69,7 +76,7 @@ def convert(
             say("%s: damaged inside (%s)" % (bag, (str(error).splitlines() or [type(error).__name__])[0]))
         periods |= report.periods
         for reason, count in report.skipped.items():
-            writer.skipped.add(reason, count)
+            skipped.add(reason, count)
         read_bags.append(
             {
                 "name": Path(bag).name,
@@ -84,12 +91,16 @@ def convert(
             % (bag, report.transitions, report.episodes, report.verified, _reasons(report.skipped))
         )
     if not any(b["transitions"] for b in read_bags):
-        raise BagError("no transition could be used%s" % _reasons(writer.skipped))
+        raise BagError("no transition could be used%s" % _reasons(skipped))
     if len(periods) == 1:
-        source["period"] = periods.pop()
+        source["decision_period"] = round(periods.pop(), 3)
     else:
         say("the decisions' periods differ: %s s" % ", ".join("%g" % period for period in sorted(periods)))
-    return writer.close()
+    store.note("source", source)
+    store.note("skipped", skipped)
+    transitions = store.transitions
+    store.close()
+    return transitions
 
 
 def _reasons(skipped) -> str:
@@ -117,7 +128,7 @@ def parse(arguments) -> argparse.Namespace:
         default=[],
         metavar="NAME=VALUE",
         help="Coefficient of the reward to use instead of its default; can be given several times. Names: %s."
-        % ", ".join(f.name for f in fields(Reward)),
+        % ", ".join(Reward.model_fields),
     )
     add_robot(parser)
     for topic in fields(TopicNames):
@@ -135,26 +146,12 @@ def main(arguments=None) -> int:
 
 def run(options: argparse.Namespace) -> None:
     """Converts the bags that the options name."""
-    reward = Reward(**dict(_coefficient(text) for text in options.reward))
+    coefficients = dict(text.partition("=")[::2] for text in options.reward)
+    reward = checked(Reward, coefficients, "--reward")
     given = {f.name: getattr(options, f.name) for f in fields(TopicNames) if getattr(options, f.name)}
     topics = replace(TopicNames.of(options.robot), **given)
-    manifest = convert(options.bags, options.out, topics, reward, options.finish, robot=options.robot)
-    print("%s: %d transitions in %d shards" % (options.out, manifest["transitions"], len(manifest["shards"])))
-
-
-def _coefficient(text: str):
-    name, _, value = text.partition("=")
-    kinds = {f.name: f.default for f in fields(Reward)}
-    if name not in kinds:
-        raise UsageError("--reward %s: there are %s" % (text, ", ".join(kinds)))
-    if isinstance(kinds[name], bool):
-        if value.lower() not in ("true", "false"):
-            raise UsageError("--reward %s: give true or false" % text)
-        return name, value.lower() == "true"
-    try:
-        return name, number(-1e6, 1e6)(value)
-    except argparse.ArgumentTypeError as error:
-        raise UsageError("--reward %s: %s" % (text, error)) from None
+    transitions = convert(options.bags, options.out, topics, reward, options.finish, robot=options.robot)
+    print(f"{options.out}: {transitions} transitions")
 
 
 if __name__ == "__main__":

@@ -18,13 +18,13 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.check import remark
+from applr_ros1.planner.parameters.check import warnings
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
-from applr_ros1.robots.outline import extent
-from training.command_line import Parser, robot
+from applr_ros1.robots.geometry import bounding_box
+from training.common.command_line import Parser, robot
 
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
@@ -67,15 +67,15 @@ def summary(described: Robot) -> List[str]:
         "  %-24s %-6g %g to %g" % (parameter.name, start, parameter.low, parameter.high)
         for parameter, start in zip(described.space, space.theta0)
     ]
-    lines += ["remark: " + line for line in remark(tree) + traps(planner.parameters)]
+    lines += ["remark: " + line for line in warnings(tree) + traps(planner.parameters)]
     if with_map is not None:
         MoveBase(with_map)
-        lines += ["remark, with a map: " + line for line in remark(with_map) if "remark: " + line not in lines]
+        lines += ["remark, with a map: " + line for line in warnings(with_map) if "remark: " + line not in lines]
     if abs(described.world_scale / fitting - 1.0) > SCALE_OFF:
         lines.append(
             "remark: world_scale is %g; by the footprint's width it is %.3f" % (described.world_scale, fitting)
         )
-    low_x, high_x, low_y, high_y = extent(described)
+    low_x, high_x, low_y, high_y = bounding_box(described)
     beyond = max(*(outline.min(axis=0) - (low_x, low_y)), *((high_x, high_y) - outline.max(axis=0)))
     if beyond > OUTSIDE:
         lines.append(
@@ -107,7 +107,7 @@ def traps(tree: Dict[str, Any]) -> List[str]:
 
 
 def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
-    """The command line. Raises UsageError, also for a description that cannot be used."""
+    """The command line. Raises ApplrError, also for a description that cannot be used."""
     p = Parser("check_robot.py", description=__doc__)
     p.add_argument(
         "robot", type=robot, help="Folder with robot.yaml, or one of the included robots: %s." % ", ".join(NAMES)

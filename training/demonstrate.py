@@ -16,8 +16,8 @@ from applr_ros1.common.errors import ApplrError, run_main
 from training.bags.reader import TopicNames
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import NAME, Demonstrator
-from training.command_line import Parser, add_robot, add_seed, add_simulator
-from training.mdp.episode import CONTROL_PERIOD
+from training.common.command_line import Parser, add_robot, add_seed, add_simulator
+from training.env.episode import CONTROL_PERIOD
 
 
 class DemonstrationError(ApplrError):

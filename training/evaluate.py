@@ -12,9 +12,8 @@ from typing import Optional, Sequence, Tuple
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, DRAWN, WEIGHTS
 from applr_ros1.policy import methods
-from training.command_line import (
+from training.common.command_line import (
     Parser,
     add_monitor,
     add_planner,
@@ -48,7 +47,7 @@ def run(options: EvaluationOptions, report: bool = True) -> None:
 
 
 def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions, bool]:
-    """Checked options, and whether a report is asked for; ROS remapping arguments are ignored. Raises UsageError."""
+    """Checked options, and whether a report is asked for; ROS remapping arguments are ignored. Raises ApplrError."""
     defaults = EvaluationOptions()
     p = Parser(
         "evaluate.py",
@@ -75,23 +74,8 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
         default=defaults.protocol,
         help="Rules of a trial, described below. Default: %(default)s.",
     )
-    p.add_argument(
-        "--weights",
-        type=_kinds,
-        default=defaults.weights,
-        help="What the distance weights of the planner count, metres or cells: %s, or %s for one of them in each world "
-        "and trial. With several, separated by commas, everything is driven with each, and trials.csv gets a column "
-        "weights. Default: %s." % (", ".join(WEIGHTS), DRAWN, DEFAULT_WEIGHTS),
-    )
     add_planner(p)
     add_monitor(p)
-    p.add_argument(
-        "--as-they-are",
-        action="store_true",
-        help="Send every parameter set as it is, even where the planner's distance weights count otherwise than where "
-        "the set was learned. Without it a set is sent so that it means the same to the planner, as the applr node "
-        "does (docs/cpp_move_base.md).",
-    )
     add_workers(p, defaults.workers, ", in processes or Ray actors")
     p.add_argument(
         "--ray-address",
@@ -120,18 +104,6 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
     options = vars(p.parse_args(without_remappings(arguments)))
     report = options.pop("report")
     return EvaluationOptions(**options), report
-
-
-def _kinds(text: str) -> Tuple[str, ...]:
-    kinds = tuple(text.split(","))
-    for kind in kinds:
-        if kind not in WEIGHTS + (DRAWN,):
-            raise argparse.ArgumentTypeError(
-                "%r is no kind of weights: give %s or %s" % (kind, ", ".join(WEIGHTS), DRAWN)
-            )
-    if len(set(kinds)) < len(kinds):
-        raise argparse.ArgumentTypeError("%r names one twice" % text)
-    return kinds
 
 
 if __name__ == "__main__":

@@ -13,21 +13,16 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import Iterator, List, Optional, Tuple
+from typing import List, Optional
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
-from training.command_line import Parser
-from training.experience.dataset import Dataset
-from training.experience.journal import Journal
-from training.experience.trajectory import Layout, Trajectory
+from training.common.command_line import Parser
+from training.replay.store import Store
+from training.replay.trajectory import Trajectory
 
 AT_ONCE = 500  # episodes that are held in memory
-
-
-class MinariError(ApplrError):
-    """A dataset that cannot be exported; one line."""
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -56,8 +51,8 @@ def export(folder: str, name: str):
         name: of the Minari dataset.
 
     Raises:
-        MinariError: Minari is not installed or refuses the name, or there are no episodes.
-        DatasetError, StorageError, TrajectoryError: the folder is none, or damaged.
+        ApplrError: Minari is not installed or refuses the name, or there are no episodes.
+        StorageError: the folder holds no trajectories, or they are damaged.
     """
     try:
         import gymnasium
@@ -65,9 +60,10 @@ def export(folder: str, name: str):
         import minari
         from minari.data_collector import EpisodeBuffer
     except ImportError as missing:
-        raise MinariError('minari is missing (%s): pip install "minari[hdf5]"' % reason(missing)) from None
+        raise ApplrError('minari is missing (%s): pip install "minari[hdf5]"' % reason(missing)) from None
 
-    layout, found = _episodes(Path(folder))
+    store = Store(folder)
+    layout = store.layout
 
     def buffer(number: int, t: Trajectory) -> EpisodeBuffer:
         last = np.arange(len(t)) == len(t) - 1
@@ -80,10 +76,10 @@ def export(folder: str, name: str):
             truncations=last & (not t.terminated),
         )
 
-    episodes = enumerate(found)
+    episodes = enumerate(trajectory for _, trajectory in store.trajectories())
     first = [buffer(*e) for e in itertools.islice(episodes, AT_ONCE)]
     if not first:
-        raise MinariError("%s: holds no episodes" % folder)
+        raise ApplrError("%s: holds no episodes" % folder)
     warnings.filterwarnings("ignore", category=UserWarning, module="minari")  # that author and such are not named
     try:
         made = minari.create_dataset_from_buffers(
@@ -94,30 +90,10 @@ def export(folder: str, name: str):
             description="Decisions over planner parameters, exported from %s." % Path(folder).resolve().name,
         )
     except ValueError as error:
-        raise MinariError("%s: %s" % (name, reason(error))) from None
+        raise ApplrError("%s: %s" % (name, reason(error))) from None
     while more := [buffer(*e) for e in itertools.islice(episodes, AT_ONCE)]:
         made.update_dataset_from_buffer(more)
     return made
-
-
-def _episodes(folder: Path) -> Tuple[Layout, Iterator[Trajectory]]:
-    """What observations and actions of a run or dataset consist of, and its trajectories, checked."""
-    if not (folder / "journal").is_dir():
-        dataset = Dataset(folder, None)
-        return dataset.layout, iter(dataset)
-    blobs = Journal(folder / "journal").read
-    first = next((Trajectory.unpack(blob) for blob in blobs()), None)
-    if first is None:
-        raise MinariError("%s: holds no episodes" % folder)
-    return first.layout, _checked(blobs(), first.layout)
-
-
-def _checked(blobs: Iterator[bytes], layout: Layout) -> Iterator[Trajectory]:
-    """The trajectories of a run's journal. Raises TrajectoryError for one that is malformed."""
-    for blob in blobs:
-        trajectory = Trajectory.unpack(blob)
-        trajectory.check(layout)
-        yield trajectory
 
 
 if __name__ == "__main__":

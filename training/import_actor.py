@@ -17,11 +17,7 @@ import torch
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
 from applr_ros1.common.files import write_bytes
-from training.command_line import Parser
-
-
-class ImportFailure(ApplrError):
-    """A file that no network can be made of; one line."""
+from training.common.command_line import Parser
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -43,18 +39,18 @@ def _import(options: argparse.Namespace) -> None:
 
 
 def read(path: str) -> Dict[str, Any]:
-    """The state dict in a file. Raises ImportFailure; nothing of the file is executed."""
+    """The state dict in a file. Raises ApplrError; nothing of the file is executed."""
     try:
         found = torch.load(path, map_location="cpu", weights_only=True)
     except OSError as error:
-        raise ImportFailure("%s: cannot be read (%s)" % (path, reason(error))) from None
+        raise ApplrError("%s: cannot be read (%s)" % (path, reason(error))) from None
     except (pickle.UnpicklingError, RuntimeError, EOFError, ValueError, KeyError) as error:
-        raise ImportFailure(
+        raise ApplrError(
             "%s: no state dict that can be read safely (%s); where you trust it, load it yourself and torch.save its "
             "state_dict()" % (path, reason(error)[:100])
         ) from None
     if not isinstance(found, dict):
-        raise ImportFailure("%s: holds a %s, not a state dict" % (path, type(found).__name__))
+        raise ApplrError("%s: holds a %s, not a state dict" % (path, type(found).__name__))
     return found
 
 
@@ -62,13 +58,13 @@ def layers(state: Dict[str, Any], prefix: str, path: str) -> Dict[str, np.ndarra
     """{"0.weight": ..., "0.bias": ..., "1.weight": ...} float32 of a state dict's linear layers, in its order.
 
     Raises:
-        ImportFailure: For other tensors than weights and biases, for values that are not finite, and for layers that do
+        ApplrError: For other tensors than weights and biases, for values that are not finite, and for layers that do
             not fit one behind the other.
     """
     unnamed = next((name for name in state if not isinstance(name, str)), None)
     if unnamed is not None:
         kind = type(unnamed).__name__
-        raise ImportFailure("%s: a name in it is of type %s; a state dict has texts for names" % (path, kind))
+        raise ApplrError("%s: a name in it is of type %s; a state dict has texts for names" % (path, kind))
     taken = {name: value for name, value in state.items() if name.startswith(prefix)}
     found: Dict[str, np.ndarray] = {}
     width = None
@@ -77,14 +73,14 @@ def layers(state: Dict[str, Any], prefix: str, path: str) -> Dict[str, np.ndarra
             continue
         bias = taken.get(name[: -len("weight")] + "bias")
         if bias is None or (getattr(value, "ndim", 0), getattr(bias, "ndim", 0)) != (2, 1) or len(bias) != len(value):
-            raise ImportFailure("%s: %s is not the weight of a linear layer with a bias" % (path, name))
+            raise ApplrError("%s: %s is not the weight of a linear layer with a bias" % (path, name))
         if width not in (None, value.shape[1]):
-            raise ImportFailure("%s: %s takes %d inputs behind a layer of %d" % (path, name, value.shape[1], width))
+            raise ApplrError("%s: %s takes %d inputs behind a layer of %d" % (path, name, value.shape[1], width))
         width, number = len(value), len(found) // 2
         found["%d.weight" % number] = _numbers(value, name, path)
         found["%d.bias" % number] = _numbers(bias, name[: -len("weight")] + "bias", path)
     if len(found) != len(taken) or not found:
-        raise ImportFailure(
+        raise ApplrError(
             "%s: %d tensors of linear layers among %d%s; name theirs with --prefix"
             % (path, len(found), len(taken), " that begin with " + prefix if prefix else "")
         )
@@ -92,13 +88,13 @@ def layers(state: Dict[str, Any], prefix: str, path: str) -> Dict[str, np.ndarra
 
 
 def _numbers(tensor: torch.Tensor, name: str, path: str) -> np.ndarray:
-    """A tensor's values as float32. Raises ImportFailure where one is not finite, or where they are none."""
+    """A tensor's values as float32. Raises ApplrError where one is not finite, or where they are none."""
     try:
         values = np.array(tensor.detach().to_dense().float().numpy())
     except (RuntimeError, TypeError, NotImplementedError) as error:
-        raise ImportFailure("%s: %s: its values cannot be read (%s)" % (path, name, reason(error)[:100])) from None
+        raise ApplrError("%s: %s: its values cannot be read (%s)" % (path, name, reason(error)[:100])) from None
     if not np.isfinite(values).all():
-        raise ImportFailure("%s: %s holds values that are not finite" % (path, name))
+        raise ApplrError("%s: %s holds values that are not finite" % (path, name))
     return values
 
 

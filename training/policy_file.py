@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Dict
 
 from applr_ros1.policy.actor import Actor
-from training.td3.averaging import Weights
+from training.td3.symmetry import Weights
 
 
 def weights_of(actor: Actor) -> Weights:
@@ -17,4 +17,4 @@ def weights_of(actor: Actor) -> Weights:
 def stated(actor: Actor) -> Dict[str, Any]:
     """What a policy file says about itself beyond what `save` adds."""
     kept = {key: actor.metadata[key] for key in ("training", "default") if key in actor.metadata}
-    return dict(kept, period_s=actor.period, weights=actor.weights)
+    return dict(kept, period_s=actor.period)

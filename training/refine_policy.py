@@ -18,13 +18,14 @@ from typing import Any, Dict, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.errors import UsageError, run_main
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.common.tensors import checksum
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
-from training.command_line import (
+from training.actors.tasks import RunnerSpec, Trial
+from training.common.command_line import (
     Parser,
     add_contact_seconds,
     add_monitor,
@@ -32,7 +33,6 @@ from training.command_line import (
     add_robot,
     add_seed,
     add_simulator,
-    add_weights,
     add_workers,
     add_worlds,
     continuable,
@@ -40,23 +40,22 @@ from training.command_line import (
     number,
     whole,
 )
+from training.common.folders import Lock, make_folder
+from training.common.provenance import without_folders
 from training.evaluation.periodic import CHOOSING
-from training.evaluation.remembered import RememberedTrials, TrialFile
+from training.evaluation.remembered import RememberedTrials
 from training.evaluation.run import EvaluationOptions
 from training.evaluation.score import CONTACT_SECONDS
+from training.evaluation.store import TABLE, TrialTable
 from training.evaluation.trials import seed_of
 from training.policy_file import stated, weights_of
-from training.provenance import without_folders
 from training.refinement.directions import Directions
 from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, known_directions, write_directions
 from training.refinement.search import SearchOptions, Step, search
-from training.storage import Lock, make_folder
-from training.workers.tasks import RunnerSpec, Trial
 from worlds import Worlds
 
-TRIALS = "trials.jsonl"  # in the folder of results
 SEARCHED = (  # options of the search that the file states
-    *("worlds", "simulator", "weights", "planner", "monitor"),
+    *("worlds", "simulator", "planner", "monitor"),
     *("steps", "pairs", "components", "sigma", "limit", "contact_seconds", "seed"),
 )
 DRIVEN = ("simulator", "period", "time_limit", "monitor", "robot")  # options of the runner that tell drives apart
@@ -64,14 +63,13 @@ WATCHED = 60  # worlds that the policy drives first, for the directions
 
 
 def parser() -> Parser:
-    """The command line. A mistake raises UsageError."""
+    """The command line. A mistake raises ApplrError."""
     p = Parser("python -m training.refine_policy", description=__doc__ or "")
-    p.add_argument("policy", help="Policy file to begin with, as train.py or choose_policy writes it.")
+    p.add_argument("policy", help="Policy file to begin with, as train.py writes it.")
     p.add_argument("--out", required=True, help="File to write the shifted policy to; rewritten after each step.")
     add_worlds(p, "fresh:100000-108059", "drive in, one after the other; each is used once")
     add_robot(p)
     add_simulator(p, "pybullet")
-    add_weights(p)
     add_planner(p)
     add_monitor(p)
     p.add_argument(
@@ -128,22 +126,22 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
     given = parser().parse_args(arguments)
     actor = Actor.load(given.policy, space_of(given.robot))
     if Path(given.out).resolve() == Path(given.policy).resolve():
-        raise UsageError("--out %s: this is the policy to begin with; give another file" % given.out)
+        raise ApplrError("--out %s: this is the policy to begin with; give another file" % given.out)
     worlds = Worlds(given.worlds).specs
     needed = WATCHED + given.steps * given.pairs
     if len(worlds) < needed:
-        raise UsageError(
+        raise ApplrError(
             "--worlds %s: these are %d, and %d steps of %d pairs need %d, %d of which for the directions; give more "
             "worlds, or fewer --steps or --pairs"
             % (given.worlds, len(worlds), given.steps, given.pairs, needed, WATCHED)
         )
     make_folder(Path(given.out).parent)
     folder = make_folder(given.results)
-    with closing(Lock(folder, "refine_policy")), closing(TrialFile(folder / TRIALS)) as file, continuable():
-        refine(given, actor, worlds, folder, file)
+    with closing(Lock(folder, "refine_policy")), continuable():
+        refine(given, actor, worlds, folder)
 
 
-def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, file: TrialFile) -> None:
+def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path) -> None:
     """Finds the directions, searches, and writes the policy after each step."""
     options: Dict[str, Any] = {
         "policy": given.policy,
@@ -162,7 +160,10 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
     setting += [options[name] for name in DRIVEN]
     runner = RunnerSpec(SHIFTED_RUNNER, dict(options, directions=path))
     chosen = SearchOptions(**{f.name: getattr(given, f.name) for f in fields(SearchOptions)})
-    with closing(RememberedTrials(runner, setting, given.workers, file=file)) as trials:
+    with (
+        closing(TrialTable(folder / TABLE, setting)) as table,
+        closing(RememberedTrials(runner, given.workers, table=table)) as trials,
+    ):
         groups = np.tile(np.arange(1 + given.components), size)
         for step in search(trials, make, worlds[WATCHED:], groups, chosen):
             coefficients = step.centre.reshape(size, -1)
@@ -178,7 +179,7 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path, 
 
 def _trial(given: Namespace, world: str, coefficients: str) -> Trial:
     seed = seed_of(CHOOSING + given.seed, world, 0)
-    return Trial(world, "shifted", 0, seed, world, coefficients, given.weights, given.planner)
+    return Trial(world, "shifted", 0, seed, world, coefficients, given.planner)
 
 
 def _directions(
@@ -186,7 +187,7 @@ def _directions(
 ) -> Directions:
     """The directions in the file, or, where it holds none of this search, those that the trials show."""
     weights = weights_of(actor)
-    driven = [[trial.world_spec, trial.seed, trial.weights, trial.planner] for trial in trials]
+    driven = [[trial.world_spec, trial.seed, trial.planner] for trial in trials]
     origin = {"policy": checksum(weights), "components": components, "trials": driven}
     origin.update((name, options[name]) for name in DRIVEN)
     known = known_directions(path, origin)

@@ -20,20 +20,20 @@ from typing import List, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.arguments import without_remappings
-from applr_ros1.common.errors import UsageError, reason, run_main
+from applr_ros1.common.errors import ApplrError, reason, run_main
 from applr_ros1.common.files import read_json, write_json
-from applr_ros1.policy.parameter_space import SPACE, Space, SpaceError, space_of
+from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from training import tuned_files
+from training.actors.pool import KINDS
 from training.baselines.set_search import SearchOptions, choose, explore, finalists
 from training.baselines.set_trials import SetTrials
-from training.command_line import (
+from training.common.command_line import (
     Parser,
     add_contact_seconds,
     add_planner,
     add_robot,
     add_seed,
     add_simulator,
-    add_weights,
     add_workers,
     add_worlds,
     continuable,
@@ -41,21 +41,18 @@ from training.command_line import (
     simulator,
     whole,
 )
-from training.evaluation.remembered import TrialFile
+from training.common.folders import make_folder
 from training.evaluation.score import CONTACT_SECONDS
 from training.evaluation.trials import world_list
-from training.storage import make_folder
-from training.workers.pool import KINDS
 from worlds.loading import FORMS
 
 
 def parser() -> Parser:
-    """The command line. A mistake raises UsageError."""
+    """The command line. A mistake raises ApplrError."""
     p = Parser("static_search.py", description=(__doc__ or "").splitlines()[0])
     add_worlds(p, "generated:learn", "search over")
     add_robot(p)
     add_simulator(p, "kinematic")
-    add_weights(p)
     add_planner(p)
     p.add_argument(
         "--generations",
@@ -128,8 +125,8 @@ def parser() -> Parser:
     p.add_argument(
         "--out",
         default="applr_ros1/models/static.json",
-        help='JSON file for the best set: {"weights": WHAT, "parameters": {NAME: VALUE}}, where WHAT says what its '
-        "distance weights count. Beside it, NAME_log.json takes the log and NAME_trials.jsonl "
+        help='JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases '
+        "count per cell. Beside it, NAME_log.json takes the log and NAME_trials.sqlite "
         "every trial, from which a stopped search continues. With --robot, the folder NAME/ROBOT takes copies of the "
         "robot's own parameter files with the set in them, ready for its navigation package. Default: %(default)s.",
     )
@@ -152,7 +149,7 @@ def run(arguments: List[str]) -> None:
     space = space_of(options.robot)
     starts = [start(path, space) for path in options.start] or [space.theta0]
     chosen = SearchOptions(**{f.name: getattr(options, f.name) for f in fields(SearchOptions)})
-    began, file = time.monotonic(), TrialFile(stem + "_trials.jsonl")
+    began = time.monotonic()
 
     def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> SetTrials:
         return SetTrials(
@@ -161,14 +158,13 @@ def run(arguments: List[str]) -> None:
             options.workers,
             options.pool,
             options.ray_address,
-            options.weights,
             options.planner,
             planner_frequency,
-            file,
+            stem + "_trials.sqlite",
             robot=options.robot,
         )
 
-    with closing(file), continuable():
+    with continuable():
         with closing(driver(worlds, options.simulator, options.planner_frequency)) as trials:
             log = explore(trials, starts, chosen, show)
         with closing(driver(final_worlds, options.final_simulator, None)) as last:
@@ -182,7 +178,7 @@ def run(arguments: List[str]) -> None:
         "seconds": round(time.monotonic() - began, 1),
         "command": shlex.join(["python", "-m", "training.static_search", *arguments]),
     }
-    write_json(options.out, {"weights": options.weights, "parameters": found["theta"]})
+    write_json(options.out, {"meter_scoring": False, "parameters": found["theta"]})
     write_json(stem + "_log.json", found)
     print("%s: %s" % (options.out, found["theta"]))
     if any(word.split("=")[0] == "--robot" for word in arguments):
@@ -200,8 +196,8 @@ def start(path: str, space: Space = SPACE) -> np.ndarray:
     if isinstance(content, dict) and "theta" in content:
         try:
             return space.from_dict(dict(content["theta"]))
-        except (TypeError, ValueError, SpaceError) as error:
-            raise UsageError("--start %s: no set of parameters (%s)" % (path, reason(error))) from None
+        except (TypeError, ValueError) as error:
+            raise ApplrError("--start %s: no set of parameters (%s)" % (path, reason(error))) from None
     return space.read(path)
 
 

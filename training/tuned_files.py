@@ -13,10 +13,11 @@ import numpy as np
 import yaml
 
 from applr_ros1.common.files import write_bytes
+from applr_ros1.common.trees import branch
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot, parameter_files, yaml_file
-from applr_ros1.robots.description import branch, find
-from training.storage import make_folder
+from applr_ros1.robots.description import find
+from training.common.folders import make_folder
 
 DESCRIPTION = "robot.yaml"
 Path_ = Tuple[str, ...]

@@ -17,7 +17,7 @@ import numpy as np
 
 from applr_ros1.common import files
 
-from . import field, generator
+from . import barn_grid, generator
 from .world import World, WorldError
 
 FILE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "data", "builtin.npz")
@@ -38,7 +38,7 @@ SPLITS = {"train": TRAIN, "test": TEST, "validation": VALIDATION, "learn": LEARN
 def world(number: int) -> World:
     """World `number` (0 to 299) of the built-in ones. WorldError if the data file is missing or damaged."""
     filled, path = fields()[number]
-    return field.make_world("generated:%d" % number, filled, path)
+    return barn_grid.make_world("generated:%d" % number, filled, path)
 
 
 @functools.lru_cache(maxsize=1)
@@ -47,7 +47,7 @@ def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
     try:
         with np.load(FILE, allow_pickle=False) as data:
             bits, ends, cells = data["filled"], data["path_ends"], data["path_cells"]
-        shape = (generator.COUNT, field.ROWS, field.COLS)
+        shape = (generator.COUNT, barn_grid.ROWS, barn_grid.COLS)
         filled = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
         paths = np.split(cells.astype(np.int64).reshape(-1, 2), ends[:-1])
     except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:

@@ -16,9 +16,9 @@ from typing import Dict, List, Optional
 import numpy as np
 
 from applr_ros1.common import files
-from applr_ros1.common.errors import run_main
+from applr_ros1.common.errors import ApplrError, run_main
 
-from . import builtin, field, metrics
+from . import barn_grid, builtin, metrics
 from .loading import folder_files, load
 from .world import World, WorldError
 
@@ -47,7 +47,7 @@ def measure(worlds: List[World]) -> Dict[str, np.ndarray]:
     """Each of MEASURES for each world: name -> (n,)."""
     rows = [metrics.difficulty(w) for w in worlds]
     table = {name: np.array([row[name] for row in rows]) for name in metrics.NAMES}
-    table[FILL] = np.array([metrics.fill_share(field.fill_of(w.cylinders)) for w in worlds])
+    table[FILL] = np.array([metrics.fill_share(barn_grid.fill_of(w.cylinders)) for w in worlds])
     return table
 
 
@@ -90,11 +90,11 @@ MAX_TABLE = 2**24  # bytes
 def csv_agreement(worlds: List[World], file: str) -> List[str]:
     """Lines: how far our metrics of BARN's files are from those in a table of BARN's own (columns of CSV_COLUMNS)."""
     try:
-        text = files.read_bytes(file, MAX_TABLE, WorldError).decode("utf-8", "replace")
+        text = files.read_bytes(file, MAX_TABLE).decode("utf-8", "replace")
         rows = {int(row["world"]): row for row in csv.DictReader(text.splitlines())}
         pairs = [(w, rows[int(re.findall(r"\d+$", w.name)[0])]) for w in worlds]
         theirs = {name: np.array([float(row[column]) for _, row in pairs]) for name, column in CSV_COLUMNS.items()}
-    except WorldError:
+    except ApplrError:
         raise
     except (KeyError, ValueError, TypeError, IndexError) as error:
         raise WorldError(

@@ -15,9 +15,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from applr_ros1.common import files
-from applr_ros1.common.angles import outside_box
+from applr_ros1.common.errors import reason
 
-from . import dynabarn, field, search
+from . import barn_grid, dynabarn, occupancy, search
 from .sdf_xml import numbers
 from .world import Course, WorldError
 
@@ -64,9 +64,6 @@ def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -
         folder = os.path.dirname(os.path.abspath(path))
         file = os.path.join(folder, PATH_FOLDER, "path_%s.npy" % number.group(1))
         if os.path.lexists(file):
-            home = os.path.realpath(folder)
-            if os.path.commonpath([home, os.path.realpath(file)]) != home:
-                raise WorldError("%s leads out of the world's folder; put the file itself there" % file)
             return _on_barns_grid(file, cylinders)
     if movers:
         return dynabarn.arena_course()
@@ -76,71 +73,58 @@ def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -
 
 
 def read_path_file(file: str) -> np.ndarray:
-    """(k, 2) int64 cells from a path_N.npy, its doubled first point once. Nothing in the file is executed."""
-    data = files.read_bytes(file, MAX_PATH_BYTES, WorldError)
-    stream = io.BytesIO(data)
+    """(k, 2) int64 cells from a path_N.npy, its doubled first point once. WorldError where it holds anything else."""
     try:
-        version = np.lib.format.read_magic(stream)
-        reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, fortran, dtype = reader(stream)
-    except Exception as error:  # numpy's header parser lets several kinds through: tokenize's, ast's, its own
-        raise WorldError(
-            "%s is not an .npy file (%s); remove it or put BARN's there" % (file, str(error).split("\n")[0][:80])
-        ) from None
-    if dtype.kind not in "iu" or len(shape) != 2 or shape[1] != 2 or not 2 <= shape[0] <= MAX_PATH:
-        raise WorldError(
-            "%s holds %s of shape %s; a path is (k, 2) integer cells, 2 <= k <= %d"
-            % (file, dtype if dtype.kind != "O" else "Python objects", shape, MAX_PATH)
-        )
-    if len(data) - stream.tell() < shape[0] * 2 * dtype.itemsize:
-        raise WorldError(
-            "%s is cut short: %d of %d bytes; copy it again"
-            % (file, len(data) - stream.tell(), shape[0] * 2 * dtype.itemsize)
-        )
-    cells = np.frombuffer(data, dtype, shape[0] * 2, stream.tell())
-    cells = cells.reshape(shape, order="F" if fortran else "C").astype(np.int64)
+        cells = np.load(io.BytesIO(files.read_bytes(file, MAX_PATH_BYTES)), allow_pickle=False)
+    except (ValueError, EOFError, MemoryError) as error:
+        raise WorldError(f"{file} is not an .npy file of numbers ({reason(error)}); put BARN's there") from None
+    if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != 2 or not 2 <= len(cells) <= MAX_PATH:
+        raise WorldError(f"{file} holds {cells.dtype} of shape {cells.shape}; a path is (k, 2) integer cells, k >= 2")
+    cells = cells.astype(np.int64)
     return cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
 
 
 def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     cells = read_path_file(file)
-    outside = np.any((cells < 0) | (cells >= (field.ROWS, field.COLS)), axis=1)
+    outside = np.any((cells < 0) | (cells >= (barn_grid.ROWS, barn_grid.COLS)), axis=1)
     if outside.any():
         raise WorldError(
             "%s has the cell %s outside BARN's %d x %d field; put the world's own path file there"
-            % (file, tuple(int(v) for v in cells[outside][0]), field.ROWS, field.COLS)
+            % (file, tuple(int(v) for v in cells[outside][0]), barn_grid.ROWS, barn_grid.COLS)
         )
     if np.abs(np.diff(cells, axis=0)).max() > 1:
         raise WorldError("%s jumps between cells that are not neighbours; put the world's own path file there" % file)
-    clear = search.free_space(field.fill_of(cylinders), 1)
+    clear = search.free_space(barn_grid.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
         raise WorldError(
             "%s runs into an obstacle at cell %s: no passage there; put the world's own path file "
             "there or clear the way" % (file, tuple(int(v) for v in cells[shut][0]))
         )
-    return field.paper_course(field.to_xy(cells))
+    return barn_grid.paper_course(barn_grid.to_xy(cells))
 
 
 def _is_barns(cylinders: np.ndarray, boxes: np.ndarray) -> bool:
     """Whether these are cylinders on BARN's cells, between BARN's two walls."""
     if len(boxes) or not len(cylinders):
         return False
-    cells = field.to_cells(cylinders[:, :2])
-    on_grid = np.abs(field.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * field.CELL
-    return bool(on_grid and set(cells[:, 0]) <= set(range(field.ROWS)) and field.fill_of(cylinders)[[0, -1]].all())
+    cells = barn_grid.to_cells(cylinders[:, :2])
+    on_grid = np.abs(barn_grid.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * barn_grid.CELL
+    return bool(
+        on_grid and set(cells[:, 0]) <= set(range(barn_grid.ROWS)) and barn_grid.fill_of(cylinders)[[0, -1]].all()
+    )
 
 
 def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
-    free = search.free_space(field.fill_of(cylinders), field.CLEARANCE)
-    ends = [(r, c) for c in (0, field.COLS - 1) for r in range(field.ROWS)]
-    cells = search.shortest_path(free, ends[: field.ROWS], ends[field.ROWS :])
+    free = search.free_space(barn_grid.fill_of(cylinders), barn_grid.CLEARANCE)
+    ends = [(r, c) for c in (0, barn_grid.COLS - 1) for r in range(barn_grid.ROWS)]
+    cells = search.shortest_path(free, ends[: barn_grid.ROWS], ends[barn_grid.ROWS :])
     if cells is None:
         raise WorldError(
             "%s has no passage of %.2f m through its field; clear a way or give another world"
-            % (path, field.CELL * (2 * field.CLEARANCE + 1))
+            % (path, barn_grid.CELL * (2 * barn_grid.CLEARANCE + 1))
         )
-    return field.paper_course(field.to_xy(cells))
+    return barn_grid.paper_course(barn_grid.to_xy(cells))
 
 
 def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
@@ -173,7 +157,7 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
         start=(float(points[0, 0]), float(points[0, 1]), math.pi / 2),
         goal=(float(points[-1, 0]), float(points[-1, 1]), math.pi / 2),
         finish_y=None,
-        goal_tolerance=field.GOAL_TOLERANCE,
+        goal_tolerance=barn_grid.GOAL_TOLERANCE,
         path=points,
     )
 
@@ -187,21 +171,9 @@ def _extent(cylinders: np.ndarray, boxes: np.ndarray) -> Optional[Tuple[np.ndarr
 
 
 def free_grid(low: np.ndarray, high: np.ndarray, cylinders: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-    """(nx, ny) bool: cells whose centre is at least ROBOT_RADIUS from every obstacle. Each marks its window only."""
-    shape = np.ceil((high - low) / SEARCH_CELL).astype(int)
-    free = np.ones(shape, dtype=bool)
-
-    def window(x, y, reach):
-        first = np.clip(np.floor((np.array([x, y]) - reach - low) / SEARCH_CELL).astype(int), 0, shape)
-        last = np.clip(np.ceil((np.array([x, y]) + reach - low) / SEARCH_CELL).astype(int) + 1, 0, shape)
-        xs = low[0] + SEARCH_CELL * (np.arange(first[0], last[0]) + 0.5)
-        ys = low[1] + SEARCH_CELL * (np.arange(first[1], last[1]) + 0.5)
-        return free[first[0] : last[0], first[1] : last[1]], xs[:, None] - x, ys[None, :] - y
-
-    for x, y, radius in cylinders:
-        cells, dx, dy = window(x, y, radius + ROBOT_RADIUS)
-        cells &= np.hypot(dx, dy) >= radius + ROBOT_RADIUS
-    for x, y, yaw, size_x, size_y in boxes:
-        cells, dx, dy = window(x, y, 0.5 * math.hypot(size_x, size_y) + ROBOT_RADIUS)
-        cells &= np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) >= ROBOT_RADIUS
-    return free
+    """(nx, ny) bool: cells whose centre is at least ROBOT_RADIUS from every obstacle."""
+    nx, ny = np.ceil((high - low) / SEARCH_CELL).astype(int)
+    free = np.ones((ny, nx), dtype=bool)
+    for block, distance, least in occupancy.around(free, low, SEARCH_CELL, cylinders, boxes, ROBOT_RADIUS):
+        block &= distance >= least
+    return free.T

@@ -85,7 +85,7 @@ def picture(world: World, file: str) -> None:
         raise WorldError("%s cannot be written: its ending must say which kind of picture, such as .png" % file)
     data = io.BytesIO()
     figure.savefig(data, dpi=120, bbox_inches="tight", format=ending)
-    files.write_bytes(file, data.getvalue(), WorldError)
+    files.write_bytes(file, data.getvalue())
 
 
 def main() -> int:

@@ -10,7 +10,7 @@ from typing import Optional, Tuple
 import numpy as np
 from scipy import ndimage
 
-from . import field, search
+from . import barn_grid, search
 from .world import World
 
 FILL = (0.15, 0.20, 0.25, 0.30)  # probability that a cell is filled at first
@@ -53,7 +53,7 @@ def hollow(filled: np.ndarray) -> np.ndarray:
 
 def draw_field(fill: float, rounds: int, rng: np.random.Generator) -> np.ndarray:
     """(30, 30) bool: a smoothed random field between two walls (rows 0 and 29), not yet hollowed."""
-    filled = rng.random((field.ROWS, field.COLS)) < fill
+    filled = rng.random((barn_grid.ROWS, barn_grid.COLS)) < fill
     filled[[0, -1]] = True
     for _ in range(rounds):
         filled = smooth(filled)
@@ -65,7 +65,7 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
 
     The largest region that touches the first column must be the largest that touches the last one.
     """
-    free = search.free_space(filled, field.CLEARANCE)
+    free = search.free_space(filled, barn_grid.CLEARANCE)
     regions, _ = ndimage.label(free)
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
@@ -74,7 +74,7 @@ def draw_path(filled: np.ndarray, rng: np.random.Generator) -> Optional[np.ndarr
         return None
     start = int(rng.choice(np.flatnonzero(regions[:, 0] == start_region)))
     goal = int(rng.choice(np.flatnonzero(regions[:, -1] == start_region)))
-    return search.barn_path(free, (start, 0), (goal, field.COLS - 1))
+    return search.barn_path(free, (start, 0), (goal, barn_grid.COLS - 1))
 
 
 def generate_field(number: int, seed: int = SEED) -> Tuple[np.ndarray, np.ndarray]:
@@ -90,4 +90,4 @@ def generate_field(number: int, seed: int = SEED) -> Tuple[np.ndarray, np.ndarra
 
 def generate(number: int, seed: int = SEED) -> World:
     """World `number` of the set `seed`. Any number >= 0 gives a world; the recipe's kinds repeat every 300."""
-    return field.make_world("generated:%d" % number, *generate_field(number, seed))
+    return barn_grid.make_world("generated:%d" % number, *generate_field(number, seed))

@@ -11,7 +11,7 @@ from typing import Dict, Tuple
 import numpy as np
 from scipy import ndimage
 
-from . import field, search
+from . import barn_grid, search
 from .world import World, WorldError
 
 NAMES = ("closest_obstacle", "visibility", "dispersion", "dimension", "tortuosity")
@@ -43,14 +43,14 @@ def difficulty(world: World) -> Dict[str, float]:
     Raises:
         WorldError: the world has boxes, moving obstacles or a reference path that is not within the grid.
     """
-    path = field.to_cells(world.course.path)
-    inside = len(path) and path.min() >= 0 and (path < (field.ROWS, field.COLS)).all()
+    path = barn_grid.to_cells(world.course.path)
+    inside = len(path) and path.min() >= 0 and (path < (barn_grid.ROWS, barn_grid.COLS)).all()
     if not inside or len(world.boxes) or world.movers:
         raise WorldError(
             "%s is not on BARN's grid, so its difficulty cannot be measured; give generated worlds or BARN's"
             % world.name
         )
-    return grid_difficulty(field.fill_of(world.cylinders), path)
+    return grid_difficulty(barn_grid.fill_of(world.cylinders), path)
 
 
 def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
@@ -66,7 +66,7 @@ def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
 
     As in BARN's files, the path's first cell counts twice in every mean (its path files repeat it).
     """
-    free = search.free_space(filled, field.CLEARANCE)
+    free = search.free_space(filled, barn_grid.CLEARANCE)
     distance = ndimage.distance_transform_edt(free)
     cells = [(int(r), int(c)) for r, c in path]
     cells.insert(0, cells[0])

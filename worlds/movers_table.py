@@ -41,7 +41,7 @@ def checked(length: float, repeat: bool, frames: List[Tuple[float, ...]], what: 
 
 def read(path: str) -> Dict[str, Animation]:
     """{plugin: Animation} of a table. Raises WorldError with one line that names the row."""
-    text = files.read_bytes(path, MAX_BYTES, WorldError).decode("utf-8", "replace")
+    text = files.read_bytes(path, MAX_BYTES).decode("utf-8", "replace")
     rows = csv.reader(io.StringIO(text))
     groups: Dict[str, List[Tuple[float, ...]]] = {}
     heads: Dict[str, Tuple[float, bool]] = {}
@@ -77,4 +77,4 @@ def write(path: str, animations: Dict[str, Animation]) -> None:
     for plugin in sorted(animations):
         length, repeat, frames = animations[plugin]
         table.writerows([plugin, repr(length), int(repeat), *map(repr, frame)] for frame in frames)
-    files.write_bytes(path, text.getvalue().encode("utf-8"), WorldError)
+    files.write_bytes(path, text.getvalue().encode("utf-8"))

@@ -6,7 +6,7 @@ Called by the simulated robot on ROS, which publishes it, and by tests.
 from __future__ import annotations
 
 import math
-from typing import Tuple
+from typing import Iterator, Tuple
 
 import numpy as np
 
@@ -48,17 +48,37 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
             % (world.name, *(high - low), nx * ny, resolution, MAX_CELLS)
         )
     cells = np.zeros((ny, nx), np.int8)
-    near = 0.5 * resolution
-    for x, y, radius in world.cylinders.tolist():
-        block, dx, dy = _around(cells, low, resolution, x, y, radius + near)
-        block[np.hypot(dx, dy) <= radius + near] = OCCUPIED
-    for x, y, yaw, size_x, size_y in world.boxes.tolist():
-        block, dx, dy = _around(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + near)
-        block[np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) <= near] = OCCUPIED
+    for block, distance, least in around(cells, low, resolution, world.cylinders, boxes, 0.5 * resolution):
+        block[distance <= least] = OCCUPIED
     return cells, (float(low[0]), float(low[1]))
 
 
-def _around(cells, low, resolution, x, y, reach):
+def around(
+    cells: np.ndarray, low: np.ndarray, resolution: float, cylinders: np.ndarray, boxes: np.ndarray, reach: float
+) -> Iterator[Tuple[np.ndarray, np.ndarray, float]]:
+    """For each obstacle the cells near it, the distances of their centres, and the distance within which it reaches.
+
+    Args:
+        cells: (ny, nx) of a grid.
+        low: its lower corner (x, y) [m].
+        resolution: edge of a cell [m].
+        cylinders: (n, 3) as in World.
+        boxes: (m, 5) as in World.
+        reach: from an obstacle's edge [m]; cells nearer than that are among those yielded.
+
+    Yields:
+        (block, distance, least): a view of `cells`; distances [m] of its cells from the middle of a cylinder or from
+        the edge of a box; and the cylinder's radius and `reach`, or `reach`.
+    """
+    for x, y, radius in cylinders.tolist():
+        block, dx, dy = _window(cells, low, resolution, x, y, radius + reach)
+        yield block, np.hypot(dx, dy), radius + reach
+    for x, y, yaw, size_x, size_y in boxes.tolist():
+        block, dx, dy = _window(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + reach)
+        yield block, np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)), reach
+
+
+def _window(cells, low, resolution, x, y, reach):
     """The cells within `reach` of (x, y) along both axes, and their centres less x (1, n) and y (m, 1)."""
     ny, nx = cells.shape
     first = [max(0, int((v - reach - o) / resolution)) for v, o in zip((x, y), low)]

@@ -88,7 +88,6 @@ class _Reader:
         scope = Scope(self.world, "the world in %s" % self.path)
         for model in [*self._models_of_state(), *self.world.findall("model")]:
             self._model(model, scope, IDENTITY, states)
-        self.animations.warn()
         return Obstacles(
             np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
             np.array(self.boxes, dtype=np.float64).reshape(-1, 5),
@@ -146,7 +145,7 @@ class _Reader:
         for link in model.findall("link"):
             self._link(link, scope, pose, state, animation)
         if animation is not None and len(self.movers) == movers:
-            self.animations.stands(model)
+            raise WorldError(f"{name} has key frames, but no cylinder or sphere that moves; give it one")
         for inner in model.findall("model"):
             self._model(inner, scope, pose, state.models)
 

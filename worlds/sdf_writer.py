@@ -11,7 +11,7 @@ from typing import Iterable, List
 from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
-from .world import Course, Mover, World, WorldError
+from .world import Course, Mover, World
 
 HEIGHT = 1.0  # of everything written [m]
 
@@ -37,7 +37,7 @@ _MODEL = """    <model name="{name}">
 
 def write(world: World, path: str) -> None:
     """Writes `world` to `path`, whole or not at all. WorldError when that cannot be done."""
-    files.write_bytes(path, text(world).encode("utf-8"), WorldError)
+    files.write_bytes(path, text(world).encode("utf-8"))
 
 
 def text(world: World) -> str:

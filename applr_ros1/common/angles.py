@@ -13,12 +13,12 @@ import numpy as np
 Pose = Tuple[float, float, float]
 
 
-def wrapped(angle: float) -> float:
+def normalize_angle(angle: float) -> float:
     """The angle in [-pi, pi], exact: no rounding is added."""
     return math.remainder(angle, 2.0 * math.pi)
 
 
-def wrapped_modulo(angle):
+def normalize_angle_modulo(angle):
     """The angle in [-pi, pi), of a number or an array. Rounds the last bits: the simulators' results depend on them."""
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
@@ -33,7 +33,7 @@ def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
     return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
 
 
-def place(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
+def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
     """The point (x, y), given in the frame at `pose`, in the frame in which the pose is given [m]; arrays as well."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return pose[0] + c * x - s * y, pose[1] + s * x + c * y
@@ -41,7 +41,7 @@ def place(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
 
 def compose(a: Pose, b: Pose) -> Pose:
     """The pose b, given in the frame at a, in the frame in which a is given."""
-    return (*place(a, b[0], b[1]), wrapped(a[2] + b[2]))
+    return (*transform_point(a, b[0], b[1]), normalize_angle(a[2] + b[2]))
 
 
 def inverse(pose: Pose) -> Pose:

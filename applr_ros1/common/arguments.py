@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from typing import Any, List, Optional, Sequence, Type
+from typing import Any, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import ApplrError
 
@@ -15,18 +15,39 @@ def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
     return [word for word in (sys.argv[1:] if arguments is None else arguments) if ":=" not in word]
 
 
-def number_within(
-    name: str, value: Any, low: float = -math.inf, high: float = math.inf, error: Type[ApplrError] = ApplrError
-) -> float:
-    """A parameter's value, if it is a number from `low` to `high` (infinite only where a bound is); else `error`."""
+def number_within(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
+    """A parameter's value, if it is a number from `low` to `high` (infinite only where a bound is); else ApplrError."""
     if not isinstance(value, bool) and isinstance(value, (int, float)) and low <= value <= high:
         return value
     between = "" if math.isinf(low) and math.isinf(high) else " from %g to %g" % (low, high)
-    raise error("%s is %r: give a number%s" % (name, value, between))
+    raise ApplrError("%s is %r: give a number%s" % (name, value, between))
 
 
-def check_new_bag(path: str, error: Type[ApplrError]) -> None:
-    """Raises `error` where the bag `record` names, or rosbag's unfinished PATH.active, is there already."""
+def boolean(name: str, text: str) -> bool:
+    """True or False from a launch file's spelling. Raises ApplrError."""
+    if text.lower() not in ("true", "false", "1", "0"):
+        raise ApplrError(f"{name} is {text or 'empty'}: give true or false")
+    return text.lower() in ("true", "1")
+
+
+def pose(name: str, text: str) -> Tuple[float, float, float]:
+    """(x, y, yaw) [m, m, rad] from "x y yaw". Raises ApplrError."""
+    try:
+        x, y, yaw = map(float, text.replace(",", " ").split())
+    except ValueError:
+        x = y = yaw = math.nan
+    if not all(map(math.isfinite, (x, y, yaw))):
+        raise ApplrError(f"{name} is {text or 'empty'}: give three numbers 'x y yaw' in metres and radians")
+    return x, y, yaw
+
+
+def frame_prefix(text: str) -> str:
+    """What the names of a robot's frames begin with: "robot1/" for robot1, "" for none or an empty text."""
+    return "" if text.strip("/") in ("", "none") else text.strip("/") + "/"
+
+
+def check_new_bag(path: str) -> None:
+    """Raises ApplrError where the bag `record` names, or rosbag's unfinished PATH.active, is there already."""
     for there, what in ((path, "it"), (path + ".active", path + ".active")):
         if os.path.lexists(there):
-            raise error("record is %s: %s is there already; give another name" % (path, what))
+            raise ApplrError("record is %s: %s is there already; give another name" % (path, what))

@@ -1,4 +1,4 @@
-"""The base of the project's exceptions, and the wrapper that turns them into one line and an exit status."""
+"""The base of the project's exceptions, and the wrappers that turn them into one line and an exit status."""
 
 from __future__ import annotations
 
@@ -10,11 +10,6 @@ import traceback
 from typing import Callable, Optional
 
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
-_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
-_LIBRARIES = tuple(
-    os.path.join(folder, "")
-    for folder in (os.path.dirname(os.path.realpath(os.__file__)), *(os.path.join(_ROOT, name) for name in OURS))
-)
 
 
 class ApplrError(ValueError):
@@ -26,40 +21,28 @@ class ApplrError(ValueError):
     exit_status = 1
 
 
-class UsageError(ApplrError):
-    """A command-line argument that cannot be."""
-
-
 def reason(error: BaseException) -> str:
     """Why the system refused, in its own words, without the error number and the path."""
     return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def one_line(error: BaseException) -> str:
-    """What went wrong, for people: the text of this package's own errors, the kind and the text of all others."""
+    """What went wrong, for people: the text of this package's own errors; of all others kind, text and place.
+
+    The place is the file and line that raised the error: "KeyError: 'v' (my_method.py, line 9)".
+    """
     if isinstance(error, ApplrError):
         return str(error)
-    return "%s: %s" % (type(error).__name__, _with_file(error))
-
-
-def with_place(error: BaseException) -> str:
-    """As one_line(), with the file and line in a person's own code that raised it: "KeyError: 'v' (FILE, line 9)".
-
-    Files of this package, of Python and of installed libraries are not a person's own: the last other one is named.
-    """
-    text = one_line(error)
-    if isinstance(error, (ApplrError, SyntaxError)):  # the latter says so itself
+    text = f"{type(error).__name__}: {_with_file(error)}"
+    frames = traceback.extract_tb(error.__traceback__)
+    if not frames or isinstance(error, SyntaxError):  # the latter names file and line itself
         return text
-    for frame in reversed(traceback.extract_tb(error.__traceback__)):
-        folder, file = os.path.split(os.path.realpath(frame.filename))
-        if not (frame.filename.startswith("<") or (folder + os.sep).startswith(_LIBRARIES) or "-packages" in folder):
-            return "%s (%s, line %d)" % (text, file, frame.lineno or 0)
-    return text
+    return f"{text} ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})"
 
 
 def _with_file(error: BaseException) -> str:
     """The reason, after the file that it is about, where there is one."""
-    where = "%s: " % error.filename if isinstance(error, OSError) and error.filename else ""
+    where = f"{error.filename}: " if isinstance(error, OSError) and error.filename else ""
     return where + reason(error)
 
 
@@ -76,20 +59,19 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     try:
         return main() or 0
     except KeyboardInterrupt as stopped:
-        print("%s: %s" % (program, str(stopped) or "stopped"), file=sys.stderr)
-        return 128 + signal.SIGINT
+        status, text = 128 + signal.SIGINT, str(stopped) or "stopped"
     except ApplrError as error:
-        print("%s: %s" % (program, "\\n".join(str(error).splitlines())), file=sys.stderr)  # a path may hold newlines
-        return error.exit_status
+        status, text = error.exit_status, "\\n".join(str(error).splitlines())  # a path may hold newlines
     except OSError as error:
-        print("%s: %s" % (program, _with_file(error)), file=sys.stderr)
-        return 1
+        status, text = 1, _with_file(error)
+    print(f"{program}: {text}", file=sys.stderr)
+    return status
 
 
-def run_script(module: str, node: bool = False) -> int:
-    """Imports the module of a command, runs its main() and returns the exit status. For the files in scripts/.
+def run_script(module: str, node: bool = False) -> None:
+    """Imports the module of a command, runs its main() and ends the process. For the files in scripts/.
 
-    The import takes seconds, and Ctrl-C meanwhile is one line as well; so is a Python package that is missing. The
+    A Ctrl-C during the import, which takes seconds, is one line as well; so is a Python package that is missing. The
     folder of the script is taken from sys.path: its sim_bridge.py would hide the package of that name.
 
     Args:
@@ -100,30 +82,24 @@ def run_script(module: str, node: bool = False) -> int:
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
     program = os.path.splitext(os.path.basename(sys.argv[0]))[0]
-    if not program or program.startswith("-"):  # python -c
-        program = module.rpartition(".")[2]
+    sys.exit(run_main(lambda: _main_of(module, node), program))
+
+
+def _main_of(module: str, node: bool) -> Optional[int]:
     try:
-        return run_main(lambda: _main_of(module, node), program)
+        loaded = importlib.import_module(module)
     except ModuleNotFoundError as missing:
         name = (missing.name or "").partition(".")[0]
         if not name or name in OURS:
             raise
-        print(
-            "%s: Python's %s is not installed for %s: run ./applr packages in the repository of applr_ros1, "
-            "then build this workspace again" % (program, name, sys.executable),
-            file=sys.stderr,
-        )
-        return 1
-
-
-def _main_of(module: str, node: bool) -> Optional[int]:
-    from applr_ros1.common.arguments import without_remappings
-
-    loaded = importlib.import_module(module)
-    words = without_remappings() if node else []
+        raise ApplrError(
+            f"Python's {name} is not installed for {sys.executable}: run ./applr packages in the repository of "
+            "applr_ros1, then build this workspace again"
+        ) from None
+    words = [word for word in sys.argv[1:] if ":=" not in word] if node else []
     if {"-h", "--help"} & set(words):
         print(getattr(loaded, "USAGE", loaded.__doc__))
         return 0
     if words:
-        raise UsageError("%s: give parameters as _NAME:=VALUE; --help says which there are" % " ".join(words))
+        raise ApplrError(f"{' '.join(words)}: give parameters as _NAME:=VALUE; --help says which there are")
     return loaded.main()

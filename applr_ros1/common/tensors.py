@@ -4,35 +4,40 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Dict, Mapping, Tuple, Type
+from typing import Dict, Mapping, Tuple
 
 import numpy as np
 import safetensors
 import safetensors.numpy
 
-from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.errors import reason
+from applr_ros1.common.files import StorageError
 
 MAX_HEADER = 2**20
 PICKLES = (b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 
 
-def unpack(data: bytes, name: str, error: Type[ApplrError]) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
+def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
     """(tensors, metadata) of safetensors bytes whose header is bounded. Nothing is executed.
 
-    Raises `error`, one line that begins with `name`.
+    Raises StorageError, one line that begins with `name`.
     """
     if data[:2] in PICKLES and data[8:9] != b"{":  # a header can be of 1152 bytes, whose length begins as a pickle does
-        raise error("%s: a pickle, not a safetensors file; nothing of it was executed" % name)
+        raise StorageError("%s: a pickle, not a safetensors file; nothing of it was executed" % name)
     if len(data) < 10:
-        raise error("%s: truncated (%d bytes); copy it again" % (name, len(data)))
+        raise StorageError("%s: truncated (%d bytes); copy it again" % (name, len(data)))
     length = int.from_bytes(data[:8], "little")
     if length > MAX_HEADER:
-        raise error("%s: not a safetensors file (its header would be %d bytes); give another one" % (name, length))
+        raise StorageError(
+            "%s: not a safetensors file (its header would be %d bytes); give another one" % (name, length)
+        )
     try:
         header = json.loads(data[8 : 8 + length].decode("utf-8")).get("__metadata__") or {}
         return safetensors.numpy.load(data), {str(key): str(text) for key, text in header.items()}
     except (safetensors.SafetensorError, ValueError, AttributeError, KeyError, TypeError, RecursionError) as problem:
-        raise error("%s: truncated or damaged safetensors data (%s); copy it again" % (name, reason(problem))) from None
+        raise StorageError(
+            "%s: truncated or damaged safetensors data (%s); copy it again" % (name, reason(problem))
+        ) from None
 
 
 def checksum(weights: Mapping[str, np.ndarray]) -> str:

@@ -1,6 +1,6 @@
 """The collision monitor itself: joins scanner check, scan matching, obstacle memory and stopping distance.
 
-Joins what happens per scan with what happens per command. Episode (training/mdp/episode.py) calls it in process.
+Joins what happens per scan with what happens per command. Episode (training/env/episode.py) calls it in process.
 """
 
 import math
@@ -13,10 +13,11 @@ from applr_ros1.monitor.memory import ObstacleMemory
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import free_share, half_planes
+from applr_ros1.monitor.stopping import half_planes, safe_scale
+from applr_ros1.robots import JACKAL
 
 PASS, SLOW, STOP = "pass", "slow", "stop"
-IMPOSSIBLE = 2.0  # a measured speed is not believed from this many times the fastest command on
+IMPOSSIBLE = 2.0  # a measured speed above this many times the fastest command is rejected
 AHEAD = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
 HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
 
@@ -27,14 +28,14 @@ class Verdict:
 
     Attributes:
         command: (v [m/s], w [rad/s]) for the base.
-        action: PASS (as it came), SLOW (a share of it) or STOP.
-        share: the share of the command that was let through, 0 to 1.
+        action: PASS (as it came), SLOW (reduced) or STOP.
+        scale: the factor by which the command was reduced, 0 to 1.
         reason: in one line, why it is not the whole command; "" where it is.
     """
 
     command: Tuple[float, float]
     action: str = PASS
-    share: float = 1.0
+    scale: float = 1.0
     reason: str = field(default="")
 
     @property
@@ -51,7 +52,7 @@ class CollisionMonitor:
     """
 
     def __init__(self, settings=None):
-        self.settings = settings or MonitorSettings()
+        self.settings = settings or MonitorSettings.of(JACKAL)
         self._planes = half_planes(self.settings.body)
         self._radius = float(np.hypot(*np.asarray(self.settings.body, dtype=np.float64).T).max())
         self.fastest = self._fastest()
@@ -121,7 +122,7 @@ class CollisionMonitor:
         points = self.memory.around(
             self.matcher.corrected(pose), self._radius + settings.margin + speed * longest + 0.05
         )
-        share, free = free_share(
+        scale, free = safe_scale(
             points,
             self._planes,
             settings.margin,
@@ -130,19 +131,19 @@ class CollisionMonitor:
             settings.reaction_time,
             (settings.deceleration, settings.yaw_deceleration),
         )
-        if share >= 1.0 and most >= 1.0:
+        if scale >= 1.0 and most >= 1.0:
             return Verdict((v, w))
-        if share >= 1.0:
+        if scale >= 1.0:
             return Verdict(
                 (v, w), SLOW, most, "slowed to what can be stopped within %g m" % min(AHEAD, settings.memory_radius)
             )
-        if share <= 0.0:
+        if scale <= 0.0:
             reason = (
                 "an obstacle is within the stopping distance" if free else "braking: an obstacle is too near to stop"
             )
             return Verdict((0.0, 0.0), STOP, 0.0, reason)
         return Verdict(
-            (share * v, share * w), SLOW, most * share, "slowed for an obstacle within the stopping distance"
+            (scale * v, scale * w), SLOW, most * scale, "slowed for an obstacle within the stopping distance"
         )
 
     def _problem(self, now, pose, twist, command):

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from applr_ros1.common.angles import compose, inverse, wrapped
+from applr_ros1.common.angles import compose, inverse, normalize_angle
 from applr_ros1.common.kernels import kernel
 
 REACH = 8.0  # [m]: farther beams are not used
@@ -105,7 +105,7 @@ class ScanMatcher:
 
 def _difference(a, b):
     """Distance [m] and angle [rad] between two poses."""
-    return math.hypot(a[0] - b[0], a[1] - b[1]), abs(wrapped(a[2] - b[2]))
+    return math.hypot(a[0] - b[0], a[1] - b[1]), abs(normalize_angle(a[2] - b[2]))
 
 
 @kernel

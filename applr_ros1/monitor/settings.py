@@ -1,23 +1,12 @@
 """What the collision monitor must know of a base, checked."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import Robot
-from applr_ros1.robots.outline import extent
-
-JACKAL_BODY = (
-    (0.229, 0.208),
-    (0.229, -0.208),
-    (-0.229, -0.208),
-    (-0.229, 0.208),
-)  # with wheels
-
-
-class MonitorError(ApplrError):
-    """A setting that the collision monitor cannot work with; one line with what, which value and what to give."""
+from applr_ros1.robots.geometry import bounding_box
 
 
 @dataclass(frozen=True)
@@ -36,11 +25,11 @@ class MonitorSettings:
             waits blocked must not outwait it: give less only where obstacles walk away behind the robot.
     """
 
-    body: Tuple[Tuple[float, float], ...] = JACKAL_BODY
-    margin: float = 0.03
-    reaction_time: float = 0.15
-    deceleration: float = 4.0
-    yaw_deceleration: float = 12.0
+    body: Tuple[Tuple[float, float], ...]
+    margin: float
+    reaction_time: float
+    deceleration: float
+    yaw_deceleration: float
     scan_timeout: float = 0.5
     memory_radius: float = 8.0
     memory_seconds: float = 300.0
@@ -48,21 +37,14 @@ class MonitorSettings:
     @classmethod
     def of(cls, robot: Robot) -> "MonitorSettings":
         """What a robot's description gives: its outline, rounded up to millimetres, and its section `monitor`."""
-        back, front, right, left = (math.copysign(math.ceil(1e3 * abs(x) - 1e-6) / 1e3, x) for x in extent(robot))
+        back, front, right, left = (math.copysign(math.ceil(1e3 * abs(x) - 1e-6) / 1e3, x) for x in bounding_box(robot))
         body = ((front, left), (front, right), (back, right), (back, left))
-        given = robot.monitor
-        return cls(
-            body=body,
-            margin=given.margin,
-            reaction_time=given.reaction_time,
-            deceleration=given.deceleration,
-            yaw_deceleration=given.yaw_deceleration,
-        )
+        return cls(body=body, **asdict(robot.monitor))
 
     def __post_init__(self):
         for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise MonitorError("collision monitor: %s is %r; give a positive number" % (name, getattr(self, name)))
+                raise ApplrError("collision monitor: %s is %r; give a positive number" % (name, getattr(self, name)))
         for name in ("margin", "memory_seconds"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise MonitorError("collision monitor: %s is %r; give a number >= 0" % (name, getattr(self, name)))
+                raise ApplrError("collision monitor: %s is %r; give a number >= 0" % (name, getattr(self, name)))

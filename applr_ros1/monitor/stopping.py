@@ -8,29 +8,29 @@ import math
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.monitor.settings import MonitorError
 
 STEP = 0.02  # [s] between two checked poses ...
 SHORTEST = 0.01  # ... or where the body moves less than this in a step [m], farther apart
 DEEPER = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
-HALVINGS = 5  # of the interval in which the largest share of the command is searched
+HALVINGS = 5  # of the interval in which the largest safe factor is searched
 
 
 def half_planes(outline):
     """The convex hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one.
 
-    Raises MonitorError for fewer than three points, points on one line, or points that are not finite.
+    Raises ApplrError for fewer than three points, points on one line, or points that are not finite.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     points = np.asarray(outline, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise MonitorError("outline of the body: give at least three finite points (x, y) in metres")
+        raise ApplrError("outline of the body: give at least three finite points (x, y) in metres")
     try:
         equations = ConvexHull(points).equations
     except (QhullError, ValueError):
-        raise MonitorError("outline of the body: give at least three points that do not lie on one line") from None
+        raise ApplrError("outline of the body: give at least three points that do not lie on one line") from None
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
@@ -44,8 +44,8 @@ def penetration(planes, margin, x, y):
 
 
 @kernel
-def free_share(points, planes, margin, twist, command, reaction, brake):
-    """The largest share of a command after which the base can still stop freely, and whether braking now is free.
+def safe_scale(points, planes, margin, twist, command, reaction, brake):
+    """The largest factor for a command after which the base can still stop freely, and whether braking now is free.
 
     Args:
         points: (n, 2) obstacle points in the robot's frame [m].
@@ -57,7 +57,7 @@ def free_share(points, planes, margin, twist, command, reaction, brake):
         brake: (deceleration [m/s^2], angular deceleration [rad/s^2]).
 
     Returns:
-        (share in [0, 1], free): share * command is allowed; free is False where not even share 0 is.
+        (scale in [0, 1], free): scale * command is allowed; free is False where not even 0 is.
     """
     before = np.empty(points.shape[0])
     for i in range(points.shape[0]):
@@ -82,10 +82,10 @@ def _towards(value, target, change):
 
 
 @kernel
-def _is_free(points, before, planes, margin, twist, command, share, reaction, brake):
-    """Whether the body meets nothing while the base takes share * command, and brakes after the reaction time."""
+def _is_free(points, before, planes, margin, twist, command, scale, reaction, brake):
+    """Whether the body meets nothing while the base takes scale * command, and brakes after the reaction time."""
     v, w = twist
-    want_v, want_w = share * command[0], share * command[1]
+    want_v, want_w = scale * command[0], scale * command[1]
     x = y = yaw = 0.0
     left = reaction
     while True:

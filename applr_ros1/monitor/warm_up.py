@@ -1,6 +1,6 @@
 """Compiles (or loads) the kernels of the collision monitor before it has to check a command.
 
-Called by the collision monitor's node and by whoever compiles everything beforehand (nodes/compile_kernels.py).
+Called by the collision monitor's node and by whoever compiles everything beforehand (nodes/tools/compile_kernels.py).
 """
 
 from applr_ros1.monitor.monitor import CollisionMonitor

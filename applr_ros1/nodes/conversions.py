@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Optional, Tuple
+from typing import Any, Mapping, Optional, Tuple
 
 import numpy as np
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Twist
 from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2, PointField
@@ -47,9 +48,11 @@ def is_upright(q) -> bool:
     return abs(z_of_z - 1.0) <= 1e-3
 
 
-def pose_of(transform) -> Pose:
-    """(x, y, yaw) of a geometry_msgs/Transform."""
-    return transform.translation.x, transform.translation.y, yaw_of(transform.rotation)
+def pose_of(message) -> Pose:
+    """(x, y, yaw) of a geometry_msgs/Transform or a geometry_msgs/Pose."""
+    if hasattr(message, "position"):
+        return message.position.x, message.position.y, yaw_of(message.orientation)
+    return message.translation.x, message.translation.y, yaw_of(message.rotation)
 
 
 def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
@@ -59,6 +62,20 @@ def pose_stamped(pose: Pose, frame: str, stamp) -> PoseStamped:
     message.pose.position.x, message.pose.position.y = pose[0], pose[1]
     message.pose.orientation = Quaternion(*quaternion_of(pose[2]))
     return message
+
+
+def twist(v: float, w: float) -> Twist:
+    """A geometry_msgs/Twist of a forward speed [m/s] and a turn rate [rad/s]."""
+    message = Twist()
+    message.linear.x, message.angular.z = v, w
+    return message
+
+
+def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp) -> DiagnosticArray:
+    """A diagnostic_msgs/DiagnosticArray of one status, with {key: value} to show."""
+    shown = [KeyValue(key, str(value)) for key, value in values.items()]
+    status = DiagnosticStatus(level=level, name=name, hardware_id="none", message=text, values=shown)
+    return DiagnosticArray(header=header("", stamp), status=[status])
 
 
 # -- in --------------------------------------------------------------------------------------------------------

@@ -18,10 +18,10 @@ import numpy as np
 import rospy
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 
-from applr_ros1.common.ros_master import require_master
-from applr_ros1.common.ros_shutdown import init_node, until_shutdown
+from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.msg import Parameters
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -76,7 +76,7 @@ class ParameterPanel:
         self._lock = threading.Lock()
         self._image = rospy.Publisher("~image", Image, queue_size=1)
         for topic, kind in (
-            ("applr/parameters", Float64MultiArray),
+            ("applr/parameters", Parameters),
             (self._odometry, Odometry),
             ("collision_monitor/action", String),
         ):
@@ -104,10 +104,8 @@ class ParameterPanel:
 
 
 def _parameters(message: Any) -> Dict[str, float]:
-    """{name: value} of the topic applr/parameters, whose names stand in the layout."""
-    if message is None or not message.layout.dim:
-        return {}
-    return dict(zip(message.layout.dim[0].label.split(","), message.data))
+    """{name: value} of the topic applr/parameters."""
+    return {} if message is None else dict(zip(message.names, message.values))
 
 
 def _lines(seen: Dict[str, Any], topic: str) -> Tuple[str, ...]:
@@ -121,7 +119,6 @@ def _lines(seen: Dict[str, Any], topic: str) -> Tuple[str, ...]:
 
 def main() -> int:
     """Runs until shutdown. Raises RobotError, one line, where ~robot is none."""
-    require_master()
     init_node("parameter_panel")
     panel = ParameterPanel(load(str(rospy.get_param("~robot", JACKAL.name))))
     with until_shutdown():

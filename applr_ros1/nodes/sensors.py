@@ -16,7 +16,7 @@ from sensor_msgs.msg import LaserScan as ScanMessage
 from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
-from applr_ros1.common.angles import compose, yaw_of
+from applr_ros1.common.angles import compose
 
 from . import conversions
 from .conversions import MessageError, Pose
@@ -164,8 +164,7 @@ class Sensors:
 
     def to_global(self, message) -> Pose:
         """(x, y, yaw) of a geometry_msgs/PoseStamped in the global frame; MessageError if its frame is not known."""
-        p, frame = message.pose, message.header.frame_id.lstrip("/")
-        pose = p.position.x, p.position.y, yaw_of(p.orientation)
+        pose, frame = conversions.pose_of(message.pose), message.header.frame_id.lstrip("/")
         if frame == self.globe:
             return pose
         transform, trouble = self._look_up(self.globe, frame, rospy.Time(0))

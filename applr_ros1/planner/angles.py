@@ -13,7 +13,7 @@ LARGEST_TURN = 0.5  # [rad] a step for closed forms: the chord's formula fails n
 
 
 @kernel
-def wrapped(yaw):
+def normalize_angle(yaw):
     """An angle after its way through a quaternion: in (-pi, pi], last bits may differ."""
     z = math.sin(yaw / 2)
     w = math.cos(yaw / 2)

@@ -1,7 +1,7 @@
 """What a local planner is to MoveBase: it follows a plan with velocity commands and tells when the goal is reached.
 
-Implemented by trajectory/local_planner.py and dwa/local_planner.py; parts.py chooses by base_local_planner, as
-pluginlib does in C++. tests/test_local_planner_contract.py makes this contract executable: every planner passes it.
+Implemented by trajectory/local_planner.py and dwa/local_planner.py; factory.py chooses by base_local_planner, as
+pluginlib does in C++. tests/planner/test_local_planner_contract.py checks that every planner keeps this contract.
 """
 
 from __future__ import annotations

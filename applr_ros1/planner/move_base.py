@@ -12,19 +12,21 @@ from typing import Any, Dict, List, Optional
 import numpy as np
 
 from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.static_layer import MapError, StaticMap
+from applr_ros1.planner.costmap.static_layer import StaticMap
+from applr_ros1.planner.factory import make_costmap, make_local_planner, padded_footprint
 from applr_ros1.planner.inputs import Inputs, Sensed
+from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.make_plan import free_square, reachable_near
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
-from applr_ros1.planner.parameters.declarations import JACKAL, Server, namespace, servers
+from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
-from applr_ros1.planner.parts import make_costmap, make_local_planner, padded_footprint
-from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Pose, StateMachine, Twist
+from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Moment, Parts, Pose, StateMachine, Twist
 from applr_ros1.planner.timer import Timer
 from applr_ros1.planner.variant import CPP_LIKE, OURS, PER_CELL, PER_METRE, Variant, generator
 
@@ -34,19 +36,17 @@ INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 class MoveBase:
     """`params`: a nested ROS parameter tree; what it leaves out has its default (planner/parameters).
 
-    weights, planner: see variant.py; without `weights` the tree's applr/weights counts, and where that is empty
-    TrajectoryPlannerROS/meter_scoring. seed: an int, or a sequence of them, that decides what is "drawn" until the
-    first reset, and when a C++-like planner is late; without it the tree's applr/seed.
+    weights, planner: see variant.py; without `weights` the tree's TrajectoryPlannerROS/meter_scoring counts. seed: an
+    int, or a sequence of them, that decides what is "drawn" until the first reset, and when a C++-like planner is late.
 
-    Raises ParameterError or VariantError (one line) for what cannot be run.
+    Raises ParameterError or ApplrError (one line) for what cannot be run.
     """
 
-    def __init__(self, params: Dict[str, Any] = JACKAL, weights: Optional[str] = None, planner: str = OURS, seed=None):
+    def __init__(self, params: Dict[str, Any], weights: Optional[str] = None, planner: str = OURS, seed=0):
         self.parameters = complete(params)
         self._config = Configuration(self.parameters)
-        own = self.parameters["applr"]
-        self._wanted = Variant(weights or own["weights"] or None, planner).checked()
-        self._seed = own["seed"] if seed is None else seed
+        self._wanted = Variant(weights, planner).checked()
+        self._seed = seed
         self._maps: Dict[str, StaticMap] = {}
         self._outlines: Dict[str, np.ndarray] = {}  # unpadded (n, 2) [m], of costmaps that were given one by topic
         self._build()
@@ -63,10 +63,18 @@ class MoveBase:
             weights=drawn.weights or (PER_METRE if static["meter_scoring"] else PER_CELL)
         )  # what is in force
         like_cpp = self.variant.planner == CPP_LIKE
-        self.local_planner = make_local_planner(self.parameters, self._config, self.variant.weights == PER_METRE)
+        local_planner = make_local_planner(self.parameters, self._config, self.variant.weights == PER_METRE)
         self.navfn = Navfn()
         self.recoveries = recovery.build(self.parameters, like_cpp)
-        self._machine = StateMachine(self, generator(self._seed, 3) if like_cpp else None)
+        self._parts = Parts(
+            local_planner,
+            self.local_costmap,
+            self.global_costmap,
+            self.recoveries,
+            self.plan,
+            self.parameters["applr"]["recovery_rounds"],
+        )
+        self._machine = StateMachine(self._parts, generator(self._seed, 3) if like_cpp else None)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._inputs = Inputs(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
@@ -91,6 +99,15 @@ class MoveBase:
             + [self._config[name]["update_frequency"] for name in COSTMAPS]
         )
 
+    @property
+    def local_planner(self) -> LocalPlanner:
+        """The local planner in use; another one may take its place."""
+        return self._parts.local_planner
+
+    @local_planner.setter
+    def local_planner(self, planner: LocalPlanner) -> None:
+        self._parts.local_planner = planner
+
     # -- requests between steps ------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
         """A goal (x, y, yaw) in the global frame; replaces the present one.
@@ -106,10 +123,6 @@ class MoveBase:
     def refuse_goal(self, text: str) -> None:
         """End as aborted, with `text`, at the next step: for a goal that cannot be used."""
         self._machine.refuse_goal(text)
-
-    def lose_goal(self, text: str, now: float) -> None:
-        """For a goal in a frame that cannot be transformed: refused with `text`; active for ever in "cpp-like"."""
-        self._machine.lose_goal(text, now)
 
     def cancel(self, now: float) -> None:
         """Give up the goal at the next step, whatever is under way."""
@@ -160,7 +173,7 @@ class MoveBase:
     def set_map(self, given: StaticMap, topic: str = "") -> None:
         """A map for the static layers that listen to `topic`, or to the first of map_topics. It outlasts a reset.
 
-        MapError for one that cannot be used: nothing has changed.
+        ApplrError for one that cannot be used: nothing has changed.
         """
         topic = topic or next(iter(self.map_topics), "")
         given = given.checked()
@@ -181,7 +194,7 @@ class MoveBase:
         for name, costmap in self.costmaps.items():
             listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
             if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
-                raise MapError(
+                raise ApplrError(
                     "the map on %s is in frame %s: %s rolls and can show one in %s alone"
                     % (topic, given.frame, name, " or ".join(self._global_frames))
                 )
@@ -192,7 +205,7 @@ class MoveBase:
         return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Occupancies (h, w) int8 that changed in the map of a topic. MapError where they are not on it."""
+        """Occupancies (h, w) int8 that changed in the map of a topic. ApplrError where they are not on it."""
         for costmap in self.costmaps.values():
             costmap.update_map(topic, x, y, cells)
         if self.map_topics.get(topic):
@@ -225,7 +238,9 @@ class MoveBase:
             self._inputs.take(scan, now, frame, placed=pose is not None or world == local)
         self._update_maps(now, pose, cycle)
         cycle.silent = self._inputs.silent(now)
-        self._machine.step(now, pose, twist, cycle.silent is not None, cycle)
+        place = None if pose is None else self.in_global_frame(pose)
+        own, stale = self._config[""], cycle.silent is not None
+        self._machine.step(Moment(now, pose, place, frame, twist, own, stale), cycle)
         return cycle
 
     def _update_maps(self, now, pose, cycle) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, inverse, place
+from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.common.kernels import kernel
 
 NEAR = 1.0  # [m]: leading points of the plan that are not nearer than this are dropped
@@ -36,7 +36,7 @@ def cut_plan(
         first, last = within(plan, x, y, limit)
         cut = plan[first:last]
     else:
-        first, last = within(plan, *place(frame, x, y), limit)
+        first, last = within(plan, *transform_point(frame, x, y), limit)
         cut = transformed(plan[first:last], inverse(frame))
     dropped = leading_far(cut, x, y) if prune else 0
     return cut[dropped:].copy(), dropped
@@ -77,7 +77,7 @@ def transformed(poses: np.ndarray, frame: Optional[Pose]) -> np.ndarray:
     """The poses (n, 3) as they are, or moved by a pose; their angles go through quaternions and a matrix."""
     moved = poses.copy()
     if frame is not None:
-        moved[:, 0], moved[:, 1] = place(frame, poses[:, 0], poses[:, 1])
+        moved[:, 0], moved[:, 1] = transform_point(frame, poses[:, 0], poses[:, 1])
     _through_matrix(moved[:, 2], 0.0 if frame is None else frame[2])
     return moved
 

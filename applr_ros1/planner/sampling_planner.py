@@ -6,11 +6,11 @@ Called by trajectory/planner.py and dwa/planner.py.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, Sequence, Tuple, Type
+from typing import Any, Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.parameters.parameter import ParameterError
 
 
 def updated(
@@ -20,7 +20,6 @@ def updated(
     above_zero: Sequence[str],
     not_negative: Sequence[str],
     samples: Sequence[str],
-    error: Type[ApplrError],
 ) -> Dict[str, Any]:
     """The values of a planner's parameters with some of them changed, checked.
 
@@ -31,19 +30,21 @@ def updated(
         above_zero: those of them that must be more than 0.
         not_negative: those that must be 0 or more.
         samples: those that are numbers of samples; values below 1 become 1.
-        error: what is raised, with one line, for a value that is missing, not finite or out of its bound.
+
+    Raises:
+        ParameterError: One line, for a value that is missing, not finite or out of its bound.
     """
     wanted = dict(values)
     wanted.update((name, changes[name]) for name in names if name in changes)
     for name in names:
         if name not in wanted:
-            raise error("parameter %s is missing: give the local planner a value" % name)
+            raise ParameterError("parameter %s is missing: give the local planner a value" % name)
         if not math.isfinite(wanted[name]):
-            raise error("parameter %s = %r is not a finite number" % (name, wanted[name]))
+            raise ParameterError("parameter %s = %r is not a finite number" % (name, wanted[name]))
     for name in (*above_zero, *not_negative):
         if wanted[name] < 0 or (wanted[name] == 0 and name in above_zero):
             bound = "above 0" if name in above_zero else "0 or more"
-            raise error("parameter %s = %r must be %s" % (name, wanted[name], bound))
+            raise ParameterError("parameter %s = %r must be %s" % (name, wanted[name], bound))
     wanted.update({name: max(int(wanted[name]), 1) for name in samples})
     return wanted
 

@@ -6,7 +6,6 @@ with planner "cpp-like" (variant.py) those that success depends on are copied:
 - A plan that is found sets the state to controlling even from clearing. As long as plans keep succeeding, a robot that
   is stuck comes to its due recovery only in the rare cycle without a plan before it.
 - Each new plan clears "goal reached" before it is read: the robot stands at its goal until such a cycle comes.
-- A goal in a frame that cannot be transformed is begun anew in every cycle, and so stays active for ever.
 - The rotation ends without a zero command.
 - recovery.py: clearing recoveries look for a layer named "obstacles", and a blocked rotation has no time limit.
 """
@@ -16,13 +15,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from random import Random
-from typing import Optional, Tuple, Union
+from typing import Any, Callable, Dict, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.escape import Escape
+from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.recovery import ClearCostmapRecovery, RotateRecovery
 from applr_ros1.planner.timer import Timer
-from applr_ros1.planner.way_out import WayOut
 
 Pose = Tuple[float, float, float]
 Twist = Tuple[float, float]
@@ -57,15 +58,46 @@ class Cycle:
     silent: Optional[Tuple[str, float]] = None  # its topic and the time [s] after which it counts as silent
 
 
+@dataclass
+class Parts:
+    """What the state machine drives with.
+
+    plan: (start, goal) in the global frame -> (n, 3), (0, 3) if none. recovery_rounds: of applr/recovery_rounds.
+    """
+
+    local_planner: LocalPlanner
+    local_costmap: Costmap
+    global_costmap: Costmap
+    recoveries: Sequence[Behaviour]
+    plan: Callable[[Pose, Pose], np.ndarray]
+    recovery_rounds: int
+
+
+class Moment(NamedTuple):
+    """What is known in one step.
+
+    now: [s]. pose: the robot's (x, y, yaw) in the local costmap's frame, None where it is not known. place: the same in
+    the global costmap's frame. frame: pose of the local costmap's frame in the global one's; None where the two are
+    one. twist: measured (v, w). own: move_base's own parameters in force. stale: no usable scan.
+    """
+
+    now: float
+    pose: Optional[Pose]
+    place: Optional[Pose]
+    frame: Optional[Pose]
+    twist: Twist
+    own: Dict[str, Any]
+    stale: bool
+
+
 class StateMachine:
     """The goal under way, the state it is in, and how long it has been without a plan or a command.
 
-    base: the MoveBase, for its planners, maps, recoveries and the parameters in force. random: for the timing of a
-    C++-like planner; None for ours.
+    random: for the timing of a C++-like planner; None for ours.
     """
 
-    def __init__(self, base, random: Optional[Random] = None):
-        self._base = base
+    def __init__(self, parts: Parts, random: Optional[Random] = None):
+        self._parts = parts
         self._random = random
         self._like_cpp = random is not None
         self._planner_timer, self._control_timer = Timer(), Timer()
@@ -77,13 +109,13 @@ class StateMachine:
         self._index = 0  # of the next recovery
         self._behaviour: Optional[Behaviour] = None  # the recovery under way
         self._run_planner = self._woken = self._new_plan = False
-        self._cancelled = self._announce_stop = self._lost = False
+        self._cancelled = self._announce_stop = False
         self._refused: Optional[str] = None
         self._retries = 0
         self._oscillation_pose = (0.0, 0.0)
         self._last_plan = self._last_control = self._last_oscillation = 0.0
         self._rounds, self._nearest = 0, math.inf  # how often the first recovery came since the robot was nearest [m]
-        self._way_out = WayOut()
+        self._escape = Escape()
 
     def set_frequencies(self, planner: float, controller: float) -> None:
         """How often plans and commands are made [Hz]."""
@@ -101,18 +133,10 @@ class StateMachine:
         self.goal = goal
         self.goal_number += 1
         self._new_plan = False  # what was planned for another goal is never driven for this one
-        self._cancelled, self._refused, self._lost = False, None, False
+        self._cancelled, self._refused = False, None
         self._run_planner = self._woken = True
-        self._rounds, self._nearest, self._way_out = 0, math.inf, WayOut()
+        self._rounds, self._nearest, self._escape = 0, math.inf, Escape()
         self._restart_patience(now)
-
-    def lose_goal(self, text: str, now: float) -> None:
-        """A goal in a frame that cannot be transformed: aborted with `text`; as in C++ active until it is cancelled."""
-        if not self._like_cpp:
-            self.refuse_goal(text)
-            return
-        self.set_goal((math.nan, math.nan, math.nan), now)
-        self._lost = True
 
     def refuse_goal(self, text: str) -> None:
         """End as aborted, with `text`, at the next step."""
@@ -124,17 +148,14 @@ class StateMachine:
 
     def report_held(self, held: bool) -> None:
         """Whether a collision monitor let next to nothing of the last command through. C++ is not told."""
-        self._way_out.report(held and not self._like_cpp)
+        self._escape.report(held and not self._like_cpp)
 
     def _restart_patience(self, now: float) -> None:
         self._last_plan = self._last_control = self._last_oscillation = now
         self._retries = 0
 
-    def step(self, now: float, pose: Optional[Pose], twist: Twist, stale: bool, cycle: Cycle) -> None:
-        """The planner's and the controller's turns, where they are due, written into `cycle`.
-
-        pose: the robot's in the local costmap's frame; stale: no usable scan.
-        """
+    def step(self, moment: Moment, cycle: Cycle) -> None:
+        """The planner's and the controller's turns, where they are due, written into `cycle`."""
         if self._refused is not None:
             was_driving = self.goal is not None
             self._end(cycle, "aborted", self._refused)
@@ -143,39 +164,37 @@ class StateMachine:
         elif self._cancelled:
             self._end(cycle, "preempted", "")
         elif self.goal is not None:
-            self._take_turns(now, pose, twist, stale, cycle)
+            self._take_turns(moment, cycle)
 
-    def _take_turns(self, now, pose, twist, stale, cycle) -> None:
+    def _take_turns(self, moment: Moment, cycle: Cycle) -> None:
         if self._announce_stop:
             cycle.command, self._announce_stop = STOP, False
-        if self._lost:
-            self._index, self.state = 0, PLANNING
-            self._restart_patience(now)
-        own = self._base.configuration_of("")
         late = self._random is not None and self._random.random() < LATE
         if not late:
-            self._planning_turn(now, pose, own, cycle)
-        if self._control_timer.due(now):
-            self._control(now, pose, twist, own, stale, cycle)
+            self._planning_turn(moment, cycle)
+        if self._control_timer.due(moment.now):
+            self._control(moment, cycle)
         if late and self.goal is not None:
-            self._planning_turn(now, pose, own, cycle)
+            self._planning_turn(moment, cycle)
         cycle.state = self.state if self.goal is not None else IDLE
 
     # -- the planner's turn ----------------------------------------------------------------------------------
-    def _planning_turn(self, now, pose, own, cycle) -> None:
+    def _planning_turn(self, moment: Moment, cycle: Cycle) -> None:
         if not self._run_planner:
             return
         # with planner_frequency 0 a failing planner waits for the control turn (C++ spins)
-        due = own["planner_frequency"] > 0.0 and self._planner_timer.due(now)
+        due = moment.own["planner_frequency"] > 0.0 and self._planner_timer.due(moment.now)
         if self._woken or due:
             if not due:
-                self._planner_timer.restart(now)
-            self._plan(now, pose, own, cycle)
+                self._planner_timer.restart(moment.now)
+            self._plan(moment, cycle)
 
-    def _plan(self, now, pose, own, cycle) -> None:
+    def _plan(self, moment: Moment, cycle: Cycle) -> None:
         """Planner thread, one round."""
+        now, own = moment.now, moment.own
         self._woken, cycle.planned = False, True
-        plan = NO_PLAN if pose is None or self._lost else self._base.plan(self._base.in_global_frame(pose), self.goal)
+        place = moment.place
+        plan = NO_PLAN if place is None or self.goal is None else self._parts.plan(place, self.goal)
         if len(plan):
             self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
             self._last_plan, self._retries = now, 0
@@ -192,30 +211,31 @@ class StateMachine:
                 cycle.command = STOP
 
     # -- the controller's turn -------------------------------------------------------------------------------
-    def _control(self, now, pose, twist, own, stale, cycle) -> None:
+    def _control(self, moment: Moment, cycle: Cycle) -> None:
         """executeCycle, in its order."""
-        place = None if pose is None else self._base.in_global_frame(pose)
+        now, place, own = moment.now, moment.place, moment.own
         if place is not None and _distance(place, self._oscillation_pose) >= own["oscillation_distance"]:
             self._last_oscillation, self._oscillation_pose = now, (place[0], place[1])
             if self._trigger == "oscillation":
                 self._index = 0
-        if stale:
+        if moment.stale:
             cycle.command, cycle.stale = STOP, True
             return
         if self._new_plan:
             self._new_plan = False
-            self._base.local_planner.set_plan(self.global_plan)
+            self._parts.local_planner.set_plan(self.global_plan)
             if self._trigger == PLANNING:
                 self._index = 0
         if self.state == PLANNING:
             self._run_planner = self._woken = True
         elif self.state == CONTROLLING:
-            self._drive(now, pose, twist, own, cycle)
+            self._drive(moment, cycle)
         else:
-            self._recover(now, pose, own, cycle)
+            self._recover(moment, cycle)
 
-    def _drive(self, now, pose, twist, own, cycle) -> None:
-        local_planner = self._base.local_planner
+    def _drive(self, moment: Moment, cycle: Cycle) -> None:
+        now, pose, own = moment.now, moment.pose, moment.own
+        local_planner = self._parts.local_planner
         if self._like_cpp and local_planner.goal_reached:
             self._end(cycle, "succeeded", REACHED)
             return
@@ -225,10 +245,10 @@ class StateMachine:
             self.state, self._trigger = CLEARING, "oscillation"
         ok, command = False, STOP
         if pose is not None:
-            ok, command = local_planner.compute_velocity(pose, twist, self._base.local_costmap, self._base.frame)
+            ok, command = local_planner.compute_velocity(pose, moment.twist, self._parts.local_costmap, moment.frame)
             cycle.controlled = True
         motion = self._get_out(now, not ok)
-        if self._way_out.is_exhausted:
+        if self._escape.is_exhausted:
             cycle.command = STOP
             self.state, self._trigger = CLEARING, CONTROLLING
             return
@@ -236,7 +256,7 @@ class StateMachine:
             ok, command = True, motion
         if ok:
             self._last_control, cycle.command = now, command
-            if self._trigger == CONTROLLING and not self._way_out.is_held:
+            if self._trigger == CONTROLLING and not self._escape.is_held:
                 self._index = 0
             # read in the cycle that finds it: in C++ the next new plan clears it before it is read
             if local_planner.goal_reached and not (self._like_cpp and local_planner.remembers_reached):
@@ -251,33 +271,33 @@ class StateMachine:
 
     def _get_out(self, now, blocked):
         """The motion that gets the robot out of where a monitor holds it; None for the local planner's command."""
-        motion = self._way_out.instead(now, blocked)
+        motion = self._escape.instead(now, blocked)
         if motion is not None:
-            self._base.local_planner.end_escape()
+            self._parts.local_planner.end_escape()
         return motion
 
-    def _recover(self, now, pose, own, cycle) -> None:
+    def _recover(self, moment: Moment, cycle: Cycle) -> None:
         """One turn of the recovery under way, or the next one; aborts when there is none left."""
-        base = self._base
+        now, pose, parts = moment.now, moment.pose, self._parts
         if pose is None:
             cycle.command = STOP
             return
         behaviour = self._behaviour
         if behaviour is None:
-            left = own["recovery_behavior_enabled"] and self._index < len(base.recoveries)
-            if not left or self._rounds_are_over(base.in_global_frame(pose)):
+            left = moment.own["recovery_behavior_enabled"] and self._index < len(parts.recoveries)
+            if not left or self._rounds_are_over(moment.place):
                 texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
                 self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
                 return
-            self._behaviour = behaviour = base.recoveries[self._index]
-            cycle.recovery = self._index, len(base.recoveries), behaviour.name
+            self._behaviour = behaviour = parts.recoveries[self._index]
+            cycle.recovery = self._index, len(parts.recoveries), behaviour.name
             behaviour.start(now, pose)
-        command = behaviour.step(now, pose, base.local_costmap, base.global_costmap, base.in_global_frame(pose))
+        command = behaviour.step(now, pose, parts.local_costmap, parts.global_costmap, moment.place)
         if command is not None:
             cycle.command = command
             return
         self._behaviour = None
-        self._way_out.restart()
+        self._escape.restart()
         if not self._like_cpp:
             cycle.command = STOP  # C++ leaves the base with the rotation's last command
         self._last_oscillation = self._last_plan = now
@@ -295,13 +315,13 @@ class StateMachine:
         if distance <= self._nearest - NEARER:
             self._nearest, self._rounds = distance, 0
         self._rounds += 1
-        return 0 < self._base.parameters["applr"]["recovery_rounds"] < self._rounds
+        return 0 < self._parts.recovery_rounds < self._rounds
 
     def _end(self, cycle, status, text) -> None:
         """Reset: the goal is over, the robot stands."""
         cycle.command, cycle.result, cycle.state = STOP, (status, text), IDLE
         self.goal, self._behaviour, self._refused = None, None, None
-        self._run_planner = self._cancelled = self._announce_stop = self._new_plan = self._lost = False
+        self._run_planner = self._cancelled = self._announce_stop = self._new_plan = False
         self.state, self._trigger, self._index = PLANNING, PLANNING, 0
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import random
 from typing import NamedTuple, Optional
 
-from applr_ros1.planner.parameters.parameter import ParameterError
+from applr_ros1.common.errors import ApplrError
 
 PER_METRE, PER_CELL, DRAWN = "per_metre", "per_cell", "drawn"
 OURS, CPP_LIKE = "ours", "cpp-like"
@@ -23,12 +23,8 @@ PLANNERS = (OURS, CPP_LIKE)
 DEFAULT_WEIGHTS = PER_CELL  # of simulation, demo and tables: nearer to Gazebo's times (docs/results.md)
 
 
-class VariantError(ParameterError):
-    """A weights or planner word that does not exist; the message is one line."""
-
-
 class Variant(NamedTuple):
-    """The two choices; see the module's docstring. `checked` raises VariantError for other words."""
+    """The two choices; see the module's docstring. `checked` raises ApplrError for other words."""
 
     weights: Optional[str] = None
     planner: str = OURS
@@ -37,7 +33,7 @@ class Variant(NamedTuple):
         """Itself, if both words exist."""
         for what, word, known in (("weights", self.weights, WEIGHTS), ("planner", self.planner, PLANNERS)):
             if word not in known + (DRAWN,) and not (what == "weights" and word is None):
-                raise VariantError("%s is %r: give %s" % (what, word, ", ".join(known) + " or " + DRAWN))
+                raise ApplrError("%s is %r: give %s" % (what, word, ", ".join(known) + " or " + DRAWN))
         return self
 
     def draw(self, seed) -> Variant:

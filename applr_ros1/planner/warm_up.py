@@ -1,7 +1,7 @@
 """Compiles (or loads) every numba kernel of the planner before it has to drive.
 
 Called by the move_base node before it says that it is ready, and by whoever measures times. The first start on a
-machine takes about a minute, later ones a few seconds: numba keeps the machine code beside the sources.
+machine takes about a minute, later ones a few seconds: common/kernels.py tells where the machine code is kept.
 """
 
 from __future__ import annotations
@@ -10,17 +10,27 @@ import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import JACKAL, LOCAL_PLANNERS
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
+
+FOOTPRINT = "[[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]]"  # m
 
 
 def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
-    """Drive a throw-away MoveBase with the Jackal's parameters through planning, control, recoveries and requests.
+    """Drive a throw-away MoveBase with default parameters and a laser through all that it does.
 
     Args:
         base_local_planner: the local planner that is going to drive.
     """
     dwa = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
-    move_base = MoveBase(dict(JACKAL, base_local_planner=base_local_planner, DWAPlannerROS=dwa))
+    costmap = {"observation_sources": "scan", "scan": {"data_type": "LaserScan"}, "footprint": FOOTPRINT}
+    move_base = MoveBase(
+        {
+            "base_local_planner": base_local_planner,
+            "DWAPlannerROS": dwa,
+            "local_costmap": dict(costmap, rolling_window=True, static_map=False),
+            "global_costmap": dict(costmap, width=40, height=40, origin_x=-20.0, origin_y=-20.0, static_map=False),
+        }
+    )
     ranges = np.full(101, np.inf, np.float32)  # any scan compiles the same kernels
     ranges[40:60:2] = 1.5
     goals = ((3.0, 0.2, 0.0), (0.0, 0.0, 2.0), (30.0, 0.0, 0.0))  # ahead, here but turned, off the map

@@ -14,19 +14,13 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy.decision import period_of
-from applr_ros1.policy.distance_weights import stated_weights
 from applr_ros1.policy.layout import Layout, ObservationError
-from applr_ros1.policy.network import forward, layers_of
+from applr_ros1.policy.network import forward, layers_of, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE, Space, SpaceError
-from applr_ros1.robots import JACKAL
+from applr_ros1.policy.parameter_space import SPACE, Space
 
 FORMAT = "applr-actor-1"
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
-
-
-class ActorError(ApplrError):
-    """An actor file that cannot be read, used or written; one line with what, why and the remedy."""
 
 
 class Actor:
@@ -41,7 +35,6 @@ class Actor:
         self.space, self.layout = space, layout
         self.metadata = metadata or {}
         self.period = period_of(self.metadata)
-        self.weights = stated_weights(self.metadata)
 
     @classmethod
     def load(cls, path, space=SPACE):
@@ -52,32 +45,34 @@ class Actor:
             space: What it has to be for; None: whatever it states, for looking at a file of any robot.
 
         Raises:
-            ActorError: It is absent, damaged, too big, of other shapes, made for another robot or parameter space, or
+            ApplrError: It is absent, damaged, too big, of other shapes, made for another robot or parameter space, or
                 its checksum is wrong.
         """
         path = os.fspath(path)
         weights, metadata = _read(path)
         if space is None:
             space = _stated(path, metadata)
-        robot = metadata.get("robot", JACKAL.name)  # files that name none are older than other robots
+        robot = metadata.get("robot")
         if robot != space.robot:
-            raise ActorError(f"{path}: it is for the robot {_short(robot)}: here {space.robot} runs; train one for it")
+            raise ApplrError(f"{path}: it is for the robot {_short(robot)}: here {space.robot} runs; train one for it")
         described = json.loads(space.to_json())
         del described["theta0"]  # a robot's own parameter files may start elsewhere
         _compare(path, "parameter space", metadata.get("space"), described)
         try:
             layout = Layout.from_dict(_named(path, "layout", metadata.get("layout")), len(space))
             _layers(weights, space, layout, path)
+            if metadata.get("with_mirror_images"):
+                weights = with_mirror_images(weights, layout.beams)
             return cls(weights, space, metadata, layout)
         except (ValueError, ObservationError) as e:
-            raise ActorError(f"{path}: {e}") from None
+            raise ApplrError(f"{path}: {e}") from None
 
     def action(self, obs):
         """The action (8,) or (n, 8) float32 in [-1, 1] for observations (729,) or (n, 729). NaN goes through."""
         return np.tanh(forward(self.layers, obs))
 
     def theta(self, obs):
-        """The parameters (8,) for an observation (729,): scaled, counts rounded. Raises SpaceError on NaN or inf."""
+        """The parameters (8,) for an observation (729,): scaled, counts rounded. Raises ApplrError on NaN or inf."""
         return self.space.to_theta(self.action(obs))
 
 
@@ -85,29 +80,38 @@ def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """Writes an actor file, whole or not at all (a temporary file beside it, then renamed).
 
     weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Robot, space,
-    layout and checksum are added. Raises ActorError.
+    layout and checksum are added. Of networks side by side of which every second one is the mirror image of the one
+    before it, only the others are stored. Raises ApplrError.
     """
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
     _layers(weights, space, layout, "actor to save")
     header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
+    halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
+    if weights["0.weight"].ndim == 3 and _alike(with_mirror_images(halves, layout.beams), weights):
+        weights, header["with_mirror_images"] = halves, "true"
     described = json.dumps(layout.to_dict(len(space)))
     header.update(format=FORMAT, space=space.to_json(), layout=described, sha256=checksum(weights))
     header["robot"] = json.dumps(space.robot)
-    files.write_bytes(path, safetensors.numpy.save(weights, metadata=header), ActorError)
+    files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
+
+
+def _alike(found, weights):
+    same = (found[k].shape == t.shape and np.allclose(found[k], t, rtol=0.0, atol=1e-12) for k, t in weights.items())
+    return all(same)
 
 
 def _read(path):
-    """(weights, metadata) of a safetensors file whose structure, sizes and checksum hold; else ActorError."""
-    data = files.read_bytes(path, MAX_BYTES, ActorError)
-    weights, header = unpack(data, path, ActorError)
+    """(weights, metadata) of a safetensors file whose structure, sizes and checksum hold; else ApplrError."""
+    data = files.read_bytes(path, MAX_BYTES)
+    weights, header = unpack(data, path)
     metadata = {key: _value(text) for key, text in header.items()}
     if metadata.get("format") != FORMAT:
-        raise ActorError(
+        raise ApplrError(
             f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r}); "
             "give a file that train.py wrote"
         )
     if metadata.get("sha256") != checksum(weights):
-        raise ActorError(f"{path}: checksum of the weights is wrong; the file was damaged or changed, copy it again")
+        raise ApplrError(f"{path}: checksum of the weights is wrong; the file was damaged or changed, copy it again")
     return weights, metadata
 
 
@@ -120,13 +124,13 @@ def _value(text):
 
 
 def _layers(weights, space, layout, name):
-    return layers_of(weights, layout.beams + 1 + len(space), len(space), name, ActorError)
+    return layers_of(weights, layout.beams + 1 + len(space), len(space), name)
 
 
 def _named(path, what, found):
-    """An entry of the metadata that is a JSON object; ActorError where it is absent."""
+    """An entry of the metadata that is a JSON object; ApplrError where it is absent."""
     if not isinstance(found, dict):
-        raise ActorError(
+        raise ApplrError(
             f"{path}: its metadata name no {what}; it was not written by this package, give a file that train.py wrote"
         )
     return found
@@ -135,16 +139,16 @@ def _named(path, what, found):
 def _stated(path, metadata):
     """The space that an actor's metadata state."""
     try:
-        return Space.stated(_named(path, "parameter space", metadata.get("space")), metadata.get("robot", JACKAL.name))
-    except SpaceError as e:
-        raise ActorError(f"{path}: {e}; copy or train it again") from None
+        return Space.stated(_named(path, "parameter space", metadata.get("space")), metadata.get("robot"))
+    except ApplrError as e:
+        raise ApplrError(f"{path}: {e}; copy or train it again") from None
 
 
 def _compare(path, what, found, expected):
     found = _named(path, what, found)
     for key, value in expected.items():
         if found.get(key) != value:
-            raise ActorError(
+            raise ApplrError(
                 f"{path}: made for another {what}: {key} is {_short(found.get(key))}, "
                 f"here {_short(value)}; train one for this {what}"
             )

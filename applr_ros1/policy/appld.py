@@ -13,12 +13,10 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
-from applr_ros1.policy.distance_weights import stated_weights
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE, SpaceError
-from applr_ros1.robots import JACKAL
+from applr_ros1.policy.parameter_space import SPACE
 
 FORMAT = "applr-appld-1"
 MAX_BYTES = 64 * 2**20
@@ -31,10 +29,6 @@ PUBLISHED = {
     "gap": (0.25, 1.34, 8, 59, 0.43, 0.65, 0.98, 0.40),
     "open": (1.59, 0.89, 18, 18, 0.40, 0.46, 0.27, 0.42),
 }
-
-
-class AppldError(ApplrError):
-    """An APPLD file that cannot be used: one line with what, why and the remedy."""
 
 
 class Appld:
@@ -51,28 +45,27 @@ class Appld:
         self.sets = np.array([space.clip(theta) for theta in contexts.values()])
         self.layers = _layers(weights, len(self.names), layout)
         self.metadata = metadata or {}
-        self.weights = stated_weights({"training": _training(self.metadata)})
 
     @classmethod
     def load(cls, path, space=SPACE):
-        """Reads a file that `save` wrote. Raises AppldError; for one of another robot, too."""
+        """Reads a file that `save` wrote. Raises ApplrError; for one of another robot, too."""
         path = os.fspath(path)
-        data = files.read_bytes(path, MAX_BYTES, AppldError)
-        weights, header = unpack(data, path, AppldError)
+        data = files.read_bytes(path, MAX_BYTES)
+        weights, header = unpack(data, path)
         if header.get("format") != FORMAT:
-            raise AppldError(f"{path}: no APPLD file (format {header.get('format')!r}, expected {FORMAT!r})")
-        robot = header.get("robot", JACKAL.name)  # files that name none are older than other robots
+            raise ApplrError(f"{path}: no APPLD file (format {header.get('format')!r}, expected {FORMAT!r})")
+        robot = str(header.get("robot"))
         if robot != space.robot:
-            raise AppldError(f"{path}: it is for the robot {robot[:60]}: here {space.robot} runs; learn one for it")
+            raise ApplrError(f"{path}: it is for the robot {robot[:60]}: here {space.robot} runs; learn one for it")
         try:
             names = json.loads(header["names"]) if "names" in header else list(SPACE.names)
             if names != list(space.names):
-                raise AppldError(f"its sets are of {', '.join(map(str, names))[:200]}")
+                raise ApplrError(f"its sets are of {', '.join(map(str, names))[:200]}")
             layout = Layout.from_dict(json.loads(header["layout"]), 0) if "layout" in header else LAYOUT
             contexts = {str(c["name"]): space.clip(c["theta"]) for c in json.loads(header["contexts"])}
             return cls(contexts, weights, space, {k: v for k, v in header.items() if k != "contexts"}, layout)
-        except (ApplrError, KeyError, TypeError, ValueError) as error:
-            raise AppldError(f"{path}: its contexts or layers do not fit ({error})") from None
+        except (KeyError, TypeError, ValueError) as error:
+            raise ApplrError(f"{path}: its contexts or layers do not fit ({error})") from None
 
     def context(self, obs):
         """The index of the context that an observation (729,), or its first 720 entries, shows."""
@@ -99,7 +92,7 @@ class Published:
 
     def __init__(self, space=SPACE):
         if space.names != SPACE.names:
-            raise AppldError("appld:published: these sets are for the Jackal: learn some for %s" % space.robot)
+            raise ApplrError("appld:published: these sets are for the Jackal: learn some for %s" % space.robot)
         self.space, self.layout = space, LAYOUT
         self._sides = [LAYOUT.sector(bearing, math.radians(45.0)) for bearing in (0.0, -1.442, 1.442)]
         self.sets = np.array([space.clip(theta) for theta in PUBLISHED.values()])
@@ -126,21 +119,13 @@ def save(path, contexts, weights, metadata=None, space=SPACE, layout=LAYOUT):
     header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries), robot=space.robot)
     header.update(names=json.dumps(space.names), layout=json.dumps(layout.to_dict(0)))
     tensors = {k: np.ascontiguousarray(v, dtype=np.float32) for k, v in weights.items()}
-    files.write_bytes(path, safetensors.numpy.save(tensors, metadata=header), AppldError)
-
-
-def _training(metadata):
-    """What a file says of how it was made, a JSON object in its metadata; None where it says nothing of use."""
-    try:
-        return json.loads(metadata.get("training", ""))
-    except ValueError:
-        return None
+    files.write_bytes(path, safetensors.numpy.save(tensors, metadata=header))
 
 
 def _layers(weights, outputs, layout):
     if not 1 <= outputs <= MAX_CONTEXTS:
-        raise AppldError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
-    return layers_of(weights, layout.beams, outputs, "APPLD's network", AppldError)
+        raise ApplrError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
+    return layers_of(weights, layout.beams, outputs, "APPLD's network")
 
 
-__all__ = ["Appld", "AppldError", "Published", "PUBLISHED", "SpaceError", "save"]
+__all__ = ["Appld", "Published", "PUBLISHED", "save"]

@@ -2,26 +2,23 @@
 
 In C++, TrajectoryPlannerROS reads `meter_scoring` from memory that nobody sets: the same robot may multiply
 path_distance_bias and goal_distance_bias by the costmap's resolution ("per_metre") or not ("per_cell"), and drives
-differently. The applr node (nodes/planner_weights.py) finds out which, and sends biases that make a set mean what it
-meant where it was learned. No ROS here.
+differently. Every policy and set learned here is for a planner that counts per cell. The applr node
+(nodes/applr/meter_scoring.py) finds out what a planner counts, and rescales what it sends. No ROS here.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Mapping, NamedTuple, Optional
+from typing import NamedTuple, Optional
 
 import numpy as np
 
-from applr_ros1.common import files
-from applr_ros1.planner.variant import DRAWN, PER_CELL, PER_METRE
-from applr_ros1.policy.parameter_space import MAX_SET_BYTES, Space, SpaceError
+from applr_ros1.planner.variant import PER_CELL, PER_METRE
+from applr_ros1.policy.parameter_space import Space
 
 PLANNER = "TrajectoryPlannerROS"  # DWAPlannerROS always counts per metre
 # what meter_scoring multiplies, and the third weight of a trajectory's cost, which it leaves alone
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
-FIT, TRUST, SCALED, UNSCALED = "fit", "trust", "scaled", "unscaled"
-CHOICES = (FIT, TRUST, SCALED, UNSCALED)  # how the applr node knows what the planner does
 CLOSE = 0.01  # relative error with which a fitted factor counts as 1 or as the resolution; float32 gives 1e-6
 FEWEST = 20  # cells that a fit needs
 
@@ -103,13 +100,11 @@ def kind_of(factor: float) -> str:
 
 
 class Compensation:
-    """What is sent instead of a parameter set, so that it means what it was learned with.
+    """What is sent instead of a parameter set whose two biases count per cell, so that the planner drives the same.
 
     Args:
         space: the parameters; nothing is changed in one that does not set all three weights.
-        meant: what the set's distance weights count: per_metre or per_cell; drawn or None where either is as good.
-        factor: by what the planner multiplies its two biases, 1.0 or the resolution [m].
-        resolution: of the local costmap [m].
+        factor: by what the planner multiplies its two biases, 1.0 or the resolution of the local costmap [m].
         largest: the upper bound of the planner's biases.
 
     A choice among trajectories stays the same when all three weights of their costs are multiplied alike. Biases beyond
@@ -119,19 +114,12 @@ class Compensation:
         multipliers: (n,), of the parameters on their way to the planner; ones where nothing has to be changed.
     """
 
-    def __init__(
-        self,
-        space: Space,
-        meant: Optional[str] = None,
-        factor: float = 1.0,
-        resolution: float = 0.05,
-        largest: float = 5.0,
-    ):
+    def __init__(self, space: Space, factor: float = 1.0, largest: float = 5.0):
         self.multipliers = np.ones(len(space))
-        self._factor, self._at = factor, indices_of(space)
-        wanted = {PER_METRE: resolution / factor, PER_CELL: 1.0 / factor}.get(meant or "", 1.0)
-        if wanted != 1.0 and self._at is not None:
-            path, goal, occ = self._at
+        indices = indices_of(space)
+        if factor != 1.0 and indices is not None:
+            path, goal, occ = indices
+            wanted = 1.0 / factor
             excess = wanted * max(space.high[path], space.high[goal]) / largest
             self.multipliers[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
             self.multipliers[[path, goal]] = wanted * self.multipliers[occ]
@@ -142,46 +130,9 @@ class Compensation:
         return bool((self.multipliers != 1.0).any())
 
     def outgoing(self, theta: np.ndarray) -> np.ndarray:
-        """The values (n,) to be sent for parameters (n,).
-
-        Where the planner multiplies them once more, the neighbouring number is taken that gives the wanted weight
-        exactly, if there is one.
-        """
-        sent = theta * self.multipliers
-        if self._factor != 1.0 and self.needed and self._at is not None:
-            for i in (self._at.path, self._at.goal):
-                weight = theta[i] * self.multipliers[self._at.occ]
-                near = sent[i], np.nextafter(sent[i], np.inf), np.nextafter(sent[i], -np.inf)
-                sent[i] = next((value for value in near if value * self._factor == weight), sent[i])
-        return sent
+        """The values (n,) to be sent for parameters (n,)."""
+        return theta * self.multipliers
 
     def incoming(self, values: np.ndarray) -> np.ndarray:
         """What values (n,) of the planner mean as parameters (n,)."""
         return values / self.multipliers
-
-
-def stated_weights(metadata: Mapping[str, Any]) -> str:
-    """What the distance weights of a policy file's sets count: per_metre, per_cell or drawn.
-
-    The metadata's "weights", else those of the "training" or of its "options". Files that state nothing are older than
-    the choice: they were made with a planner that counted per metre.
-    """
-    training = metadata.get("training")
-    options = training.get("options") if isinstance(training, Mapping) else None
-    for place in (metadata, training, options):
-        word = place.get("weights") if isinstance(place, Mapping) else None
-        if word in (PER_METRE, PER_CELL, DRAWN):
-            return word
-    return PER_METRE
-
-
-def weights_of_set(path) -> Optional[str]:
-    """What the distance weights in a JSON file with a parameter set count; None where it states nothing.
-
-    Raises SpaceError, one line, for a word that does not exist.
-    """
-    content = files.read_json(path, MAX_SET_BYTES, SpaceError)
-    word = content.get("weights") if isinstance(content, dict) and "parameters" in content else None
-    if word not in (PER_METRE, PER_CELL, DRAWN, None):
-        raise SpaceError("%s: weights is %r: give %s, %s or %s" % (path, word, PER_METRE, PER_CELL, DRAWN))
-    return word

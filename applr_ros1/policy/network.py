@@ -6,7 +6,7 @@ answer is the mean of their outputs.
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Tuple, Type
+from typing import Any, Dict, List, Mapping, Tuple
 
 import numpy as np
 
@@ -16,9 +16,7 @@ MAX_LAYERS = 16
 Layers = List[Tuple[np.ndarray, np.ndarray]]
 
 
-def layers_of(
-    weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name: str, error: Type[ApplrError]
-) -> Layers:
+def layers_of(weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name: str) -> Layers:
     """[(weight (out, in), bias (out,)), ...] float32, after checking names, types, shapes and values.
 
     Args:
@@ -27,30 +25,47 @@ def layers_of(
         inputs: Width of the input.
         outputs: Width of the output.
         name: What the error's line begins with, a file's path for instance.
-        error: Class of the exception to raise.
     """
     layers: Layers = []
     width, count = inputs, len(weights) // 2
     names = {"%d.%s" % (i, kind) for i in range(count) for kind in ("weight", "bias")}
     if not 1 <= count <= MAX_LAYERS or set(weights) != names:
         there = ", ".join(sorted(weights)[:6])
-        raise error("%s: tensors are %s...: 0.weight, 0.bias, 1.weight... needed" % (name, there))
+        raise ApplrError("%s: tensors are %s...: 0.weight, 0.bias, 1.weight... needed" % (name, there))
     side_by_side = weights["0.weight"].shape[:-2][:1]
     for i in range(count):
         weight, bias = weights["%d.weight" % i], weights["%d.bias" % i]
         rows = outputs if i == count - 1 else bias.shape[-1] if bias.ndim else 0
         needed = (*side_by_side, rows, width), (*side_by_side, rows)
         if (weight.shape, bias.shape) != needed or 0 in side_by_side:
-            raise error(
+            raise ApplrError(
                 "%s: layer %d has shapes %s and %s, %s and %s needed" % (name, i, weight.shape, bias.shape, *needed)
             )
         if weight.dtype != np.float32 or bias.dtype != np.float32:
-            raise error("%s: layer %d is %s, float32 needed" % (name, i, weight.dtype))
+            raise ApplrError("%s: layer %d is %s, float32 needed" % (name, i, weight.dtype))
         if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-            raise error("%s: layer %d holds NaN or inf; train or copy it again" % (name, i))
+            raise ApplrError("%s: layer %d holds NaN or inf; train or copy it again" % (name, i))
         layers.append((weight, bias))
         width = rows
     return layers
+
+
+def with_mirror_images(weights: Mapping[str, np.ndarray], beams: int) -> Dict[str, np.ndarray]:
+    """Networks side by side, each followed by the network that answers as it does with left and right exchanged.
+
+    Args:
+        weights: One network, or several side by side, whose input is a scan, the angle of the local goal, and more.
+        beams: Numbers of the scan, which reaches as far to the left as to the right.
+    """
+    found = {}
+    for name, tensor in weights.items():
+        tensor = tensor if weights["0.weight"].ndim == 3 else tensor[None]
+        image = tensor
+        if name == "0.weight":
+            image = np.concatenate([tensor[..., :beams][..., ::-1], tensor[..., beams:]], axis=-1)
+            image[..., beams] *= -1.0
+        found[name] = np.stack([tensor, image], axis=1).reshape(-1, *tensor.shape[1:])
+    return found
 
 
 def forward(layers: Layers, x: Any) -> np.ndarray:

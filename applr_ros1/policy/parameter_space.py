@@ -15,14 +15,11 @@ import numpy as np
 from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check
 from applr_ros1.planner.parameters.declarations import servers
 
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
-
-
-class SpaceError(ApplrError):
-    """An action or a parameter vector that must not reach the planner; one line says which value and why."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +27,7 @@ class Target:
     """One dynamic_reconfigure value that follows a parameter of theta.
 
     server: below move_base's name, such as "local_costmap/inflater_layer"; names: accepted names, the newest first
-    (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is mirrored.
+    (servers differ: `path_distance_bias` was `pdist_scale` in kinetic); sign: -1 where the value is negated.
     """
 
     server: str
@@ -66,7 +63,7 @@ class Space:
     def clip(self, theta):
         """The nearest parameters (n,) float64 inside the ranges, counts rounded to whole numbers.
 
-        Raises SpaceError when the length is wrong or a value is not finite (1e9 is clipped, NaN is refused).
+        Raises ApplrError when the length is wrong or a value is not finite (1e9 is clipped, NaN is refused).
         """
         theta = np.asarray(theta, dtype=np.float64)
         self._check(theta, "parameter")
@@ -76,7 +73,7 @@ class Space:
     def to_theta(self, action):
         """The parameters (n,) float64 for an action (n,) in [-1, 1]: scaled to the ranges, clipped, counts rounded.
 
-        Raises SpaceError for NaN, inf and wrong lengths.
+        Raises ApplrError for NaN, inf and wrong lengths.
         """
         action = np.asarray(action, dtype=np.float64)
         self._check(action, "action")
@@ -99,17 +96,17 @@ class Space:
         """The parameters (n,) of {name: value}; missing names are taken from `base` (theta_0).
 
         Raises:
-            SpaceError: A name is unknown, a value is no number, or one lies outside its range.
+            ApplrError: A name is unknown, a value is no number, or one lies outside its range.
         """
         theta = np.array(self.theta0 if base is None else base, dtype=np.float64)
         for name, value in values.items():
             if name not in self.names:
-                raise SpaceError(f"unknown parameter {name!r}: use {', '.join(self.names)}")
+                raise ApplrError(f"unknown parameter {name!r}: use {', '.join(self.names)}")
             if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise SpaceError(f"parameter {name} is {value!r}: give a number")
+                raise ApplrError(f"parameter {name} is {value!r}: give a number")
             i = self.names.index(name)
             if not self.low[i] <= value <= self.high[i]:
-                raise SpaceError(f"parameter {name} is {value}: give {self.low[i]:g} to {self.high[i]:g}")
+                raise ApplrError(f"parameter {name} is {value}: give {self.low[i]:g} to {self.high[i]:g}")
             theta[i] = value
         return self.clip(theta)
 
@@ -125,7 +122,7 @@ class Space:
     def requests(self, theta):
         """One request for each of move_base's servers, {server: {name: value}}, for parameters (n,), clipped.
 
-        Raises SpaceError, before there is any request, for a wrong length or a value that is not finite.
+        Raises ApplrError, before there is any request, for a wrong length or a value that is not finite.
         """
         return self.requests_for(self.clip(theta))
 
@@ -144,17 +141,16 @@ class Space:
     def read(self, path):
         """The parameters (n,) in a JSON file: {name: value}, or {"parameters": {name: value}, ...}.
 
-        Names left out keep theta_0. "weights" beside "parameters" says what the set's distance weights count
-        (distance_weights.weights_of_set). Raises SpaceError.
+        Names left out keep theta_0. Raises ApplrError.
         """
-        values = files.read_json(path, MAX_SET_BYTES, SpaceError)
+        values = files.read_json(path, MAX_SET_BYTES)
         values = values.get("parameters", values) if isinstance(values, dict) else values
         if not isinstance(values, dict):
-            raise SpaceError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')
+            raise ApplrError(f'{path}: holds no object; give one such as {{"max_vel_x": 1.0}}')
         try:
             return self.from_dict(values)
-        except SpaceError as e:
-            raise SpaceError(f"{path}: {e}") from None
+        except ApplrError as e:
+            raise ApplrError(f"{path}: {e}") from None
 
     def to_json(self):
         """The space as a JSON string (what an actor file's metadata hold)."""
@@ -172,23 +168,35 @@ class Space:
     def stated(cls, values, robot):
         """The space that a dict from to_json describes; without targets, for it belongs to no move_base.
 
-        Raises SpaceError where it describes none.
+        Raises ApplrError where it describes none.
         """
         try:
             low, high, theta0 = (np.array(values[name], dtype=np.float64) for name in ("low", "high", "theta0"))
             integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))
         except (KeyError, TypeError, ValueError):
-            raise SpaceError("parameter space: names, low, high, integer or theta0 are missing or damaged") from None
+            raise ApplrError("parameter space: names, low, high, integer or theta0 are missing or damaged") from None
         if any(column.shape != (len(names),) for column in (low, high, integer, theta0)):
-            raise SpaceError("parameter space: names, low, high, integer and theta0 differ in length")
+            raise ApplrError("parameter space: names, low, high, integer and theta0 differ in length")
         return cls(names, low, high, integer, theta0, robot=str(robot))
 
     def _check(self, vector, what):
         if vector.shape[-1:] != (len(self.names),):
-            raise SpaceError(f"{what} vector has shape {vector.shape}: {len(self.names)} values are needed")
+            raise ApplrError(f"{what} vector has shape {vector.shape}: {len(self.names)} values are needed")
         if not np.all(np.isfinite(vector)):
             bad = np.argwhere(~np.isfinite(vector))[0]
-            raise SpaceError(f"{what} {self.names[bad[-1]]} is {vector[tuple(bad)]}: refused, not finite")
+            raise ApplrError(f"{what} {self.names[bad[-1]]} is {vector[tuple(bad)]}: refused, not finite")
+
+
+def counts_cells(path):
+    """Whether a JSON file with a set states `"meter_scoring": false`: its distance biases are meant per cell.
+
+    static_search.py writes so. A set that states nothing is sent as it is. Raises ApplrError for another statement.
+    """
+    values = files.read_json(path, MAX_SET_BYTES)
+    stated = values.get("meter_scoring") if isinstance(values, dict) else None
+    if stated not in (None, False):
+        raise ApplrError(f"{path}: meter_scoring is {stated!r}: sets count per cell; give false or leave it out")
+    return stated is False
 
 
 @lru_cache(maxsize=32)
@@ -196,7 +204,7 @@ def space_of(robot):
     """The parameter space that a robots.Robot describes.
 
     Raises:
-        SpaceError: A parameter that move_base does not have, a range that its server does not take, or a kind that
+        ApplrError: A parameter that move_base does not have, a range that its server does not take, or a kind that
             differs; one line.
         ParameterError: The robot's parameter files cannot be used.
     """
@@ -208,7 +216,7 @@ def space_of(robot):
     for array in (*arrays, integer):
         array.setflags(write=False)
     targets = {
-        p.name: tuple(Target(s.server, s.names, -1.0 if s.mirrored else 1.0) for s in p.settings) for p in robot.space
+        p.name: tuple(Target(s.server, s.names, -1.0 if s.negated else 1.0) for s in p.settings) for p in robot.space
     }
     return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name)
 
@@ -220,22 +228,22 @@ def _start(robot, parameter, tree):
     for setting in parameter.settings:
         where = f"server {setting.server} of move_base" if setting.server else "move_base's own server"
         if setting.server not in known_servers:
-            raise SpaceError(f"{label}: there is no {where}; give {', '.join(filter(None, known_servers))}")
+            raise ApplrError(f"{label}: there is no {where}; give {', '.join(filter(None, known_servers))}")
         known = {name: p for p in known_servers[setting.server].parameters for name in (p.name,) + p.aliases}
         declared = known.get(setting.names[0])
         if declared is None:
-            raise SpaceError(f"{label}: {where} has no parameter {setting.names[0]}; docs/parameters.md lists them")
+            raise ApplrError(f"{label}: {where} has no parameter {setting.names[0]}; docs/parameters.md lists them")
         if declared.type not in ("double", "int"):
-            raise SpaceError(f"{label}: {setting.names[0]} is no number in {where}; take another parameter")
+            raise ApplrError(f"{label}: {setting.names[0]} is no number in {where}; take another parameter")
         if (declared.type == "int") != parameter.integer:
-            raise SpaceError(f"{label}: give integer: {str(declared.type == 'int').lower()}, as in {where}")
-        ends = sorted((-parameter.low, -parameter.high) if setting.mirrored else (parameter.low, parameter.high))
+            raise ApplrError(f"{label}: give integer: {str(declared.type == 'int').lower()}, as in {where}")
+        ends = sorted((-parameter.low, -parameter.high) if setting.negated else (parameter.low, parameter.high))
         if not declared.min <= ends[0] <= ends[1] <= declared.max:
-            raise SpaceError(f"{label}: {where} takes {declared.min:g} to {declared.max:g}; stay within it")
+            raise ApplrError(f"{label}: {where} takes {declared.min:g} to {declared.max:g}; stay within it")
     first = parameter.settings[0]
-    value = (check.branch(tree, first.server) or {})[first.names[0]]
+    value = branch(tree, first.server)[first.names[0]]
     if not parameter.low <= value <= parameter.high:
-        raise SpaceError(f"{label}: move_base starts with {value:g}; include it in the range")
+        raise ApplrError(f"{label}: move_base starts with {value:g}; include it in the range")
     return value
 
 

@@ -7,7 +7,7 @@ and the launch file take what it returns. docs/robots.md says how to describe an
 from __future__ import annotations
 
 from applr_ros1.robots.description import Robot
-from applr_ros1.robots.kinds import RobotError
+from applr_ros1.robots.field_types import RobotError
 from applr_ros1.robots.reader import NAMES, load
 
 JACKAL = load("jackal")  # the robot where none is named

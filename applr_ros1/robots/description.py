@@ -11,7 +11,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
-from applr_ros1.robots.kinds import RobotError, choice, points, real, ros_name, vector, whole
+from applr_ros1.common.trees import branch
+from applr_ros1.robots.field_types import RobotError, choice, points, real, ros_name, vector, whole
 
 
 @dataclass(frozen=True)
@@ -149,7 +150,7 @@ class Simulation:
     correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute deviation while
     it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one wheel against
     obstacles [N m]. full_lift: a wheel this high above the ground pulls no more [m]. wheel_rub, body_rub, undo: fitted
-    by `python -m sim_bridge.fit_kinematic`: friction of a wheel and of the body along an obstacle, and the share of an
+    by `python -m training.fit_kinematic`: friction of a wheel and of the body along an obstacle, and the share of an
     overlap that is undone in a step.
     """
 
@@ -174,12 +175,12 @@ class Setting:
     """One dynamic_reconfigure value of move_base that follows a parameter of the space.
 
     server: below move_base's name, such as DWAPlannerROS. names: accepted names, the newest first (servers differ:
-    path_distance_bias was pdist_scale before). mirrored: it takes the negative value.
+    path_distance_bias was pdist_scale before). negated: it takes the negative value.
     """
 
     server: str
     names: Tuple[str, ...]
-    mirrored: bool = False
+    negated: bool = False
 
 
 @dataclass(frozen=True)
@@ -249,11 +250,3 @@ def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[
         return float(numbers[0])
     except OverflowError:  # an integer beyond every limit
         return math.inf if numbers[0] > 0 else -math.inf
-
-
-def branch(tree: Dict[str, Any], path: str) -> Dict[str, Any]:
-    """The part of a nested parameter tree at "a/b"; {} where there is none."""
-    here: Any = tree
-    for part in filter(None, path.split("/")):
-        here = here.get(part, {}) if isinstance(here, dict) else {}
-    return here if isinstance(here, dict) else {}

@@ -8,12 +8,13 @@ from __future__ import annotations
 import os
 from dataclasses import MISSING, fields
 from functools import lru_cache
-from typing import Any, Dict, Tuple
+from typing import Any, Dict
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import description as sections
 from applr_ros1.robots import limits, parameter_files, yaml_file
 from applr_ros1.robots.description import Robot
-from applr_ros1.robots.kinds import RobotError, real, shown
+from applr_ros1.robots.field_types import RobotError, mapping, number
 from applr_ros1.robots.space_section import space
 
 FILE = "robot.yaml"
@@ -48,7 +49,7 @@ def load(name_or_folder: str) -> Robot:
         return _read(os.path.join(_HERE, name))
     folder = os.path.abspath(name) if name else ""
     if not os.path.isdir(folder):
-        raise RobotError("robot %s: give %s, or a folder with %s" % (name or "''", ", ".join(NAMES), FILE))
+        raise RobotError(f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}")
     return _read(folder)
 
 
@@ -56,31 +57,24 @@ def load(name_or_folder: str) -> Robot:
 def _read(folder: str) -> Robot:
     path = os.path.join(folder, FILE)
     given = yaml_file.read(path)
-    name = os.path.basename(folder)
     try:
-        return _robot(name, folder, given)
-    except RobotError as error:
-        raise RobotError("%s: %s" % (path, error)) if not str(error).startswith(folder) else error from None
+        return _robot(folder, given)
+    except ApplrError as error:
+        raise RobotError(str(error) if str(error).startswith(folder) else f"{path}: {error}") from None
 
 
-def _robot(name: str, folder: str, given: Dict[str, Any]) -> Robot:
-    known = tuple(_SECTIONS) + _OTHERS
-    for key in given:
-        if key not in known:
-            raise RobotError("%s is unknown: there are %s" % (key, ", ".join(known)))
-    for key in known:
+def _robot(folder: str, given: Dict[str, Any]) -> Robot:
+    mapping(given, "", (*_SECTIONS, *_OTHERS))
+    for key in (*_SECTIONS, *_OTHERS):
         if key not in given and key not in _OPTIONAL:
-            raise RobotError("%s is missing: give it" % key)
-    made = {key: _section(kind, given.get(key, {}), key) for key, kind in _SECTIONS.items()}
-    scale = real(0.05, 20.0).metadata["take"](given["world_scale"], "world_scale")
-    setup = parameter_files.setup(given["move_base"], folder, "move_base")
+            raise RobotError(f"{key} is missing: give it")
     robot = Robot(
-        name=name,
+        name=os.path.basename(folder),
         folder=folder,
-        world_scale=scale,
+        world_scale=number(0.05, 20.0)(given["world_scale"], "world_scale"),
         space=space(given["parameter_space"], "parameter_space"),
-        move_base=setup,
-        **made,
+        move_base=parameter_files.setup(given["move_base"], folder, "move_base"),
+        **{key: _section(kind, given.get(key, {}), key) for key, kind in _SECTIONS.items()},
     )
     limits.check(robot)
     return robot
@@ -88,16 +82,11 @@ def _robot(name: str, folder: str, given: Dict[str, Any]) -> Robot:
 
 def _section(kind: Any, given: Any, label: str) -> Any:
     """One of the dataclasses of description.py from a mapping."""
-    if not isinstance(given, dict):
-        raise RobotError("%s is %s: give a mapping of names and values" % (label, shown(given)))
-    known: Tuple[str, ...] = tuple(f.name for f in fields(kind))
-    for key in given:
-        if key not in known:
-            raise RobotError("%s.%s is unknown: there are %s" % (label, key, ", ".join(known)))
+    mapping(given, label, [f.name for f in fields(kind)])
     values = {}
     for f in fields(kind):
         if f.name in given:
-            values[f.name] = f.metadata["take"](given[f.name], "%s.%s" % (label, f.name))
+            values[f.name] = f.metadata["take"](given[f.name], f"{label}.{f.name}")
         elif f.default is MISSING:
-            raise RobotError("%s.%s is missing: give it" % (label, f.name))
+            raise RobotError(f"{label}.{f.name} is missing: give it")
     return kind(**values)

@@ -9,70 +9,57 @@ import re
 from typing import Any, Tuple
 
 from applr_ros1.robots.description import Setting, SpaceParameter
-from applr_ros1.robots.kinds import ROS_NAME, RobotError, real, shown
+from applr_ros1.robots.field_types import ROS_NAME, RobotError, mapping, number, shown
 
 MAX_PARAMETERS = 64
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
-_KEYS = ("range", "integer", "sets")
-_SET_KEYS = ("server", "name", "aliases", "mirrored")
-_number = real(-1e6, 1e6).metadata["take"]
 
 
 def space(section: Any, label: str) -> Tuple[SpaceParameter, ...]:
     """The parameters in the order of the file.
 
-    section: {NAME: {range: [low, high], integer: BOOL, sets: [{server, name, aliases, mirrored}, ...]}, ...}; without
+    section: {NAME: {range: [low, high], integer: BOOL, sets: [{server, name, aliases, negated}, ...]}, ...}; without
     a name a setting has that of the parameter; the server "" is move_base itself.
     """
-    if not isinstance(section, dict) or not 1 <= len(section) <= MAX_PARAMETERS:
-        raise RobotError("%s is %s: give one to %d parameters by name" % (label, shown(section), MAX_PARAMETERS))
-    return tuple(_parameter(name, given, "%s.%s" % (label, name)) for name, given in section.items())
+    if not 1 <= len(mapping(section, label)) <= MAX_PARAMETERS:
+        raise RobotError(f"{label} names {len(section)} parameters: give one to {MAX_PARAMETERS}")
+    return tuple(_parameter(name, given, f"{label}.{name}") for name, given in section.items())
 
 
-def _parameter(name, given, label):
+def _parameter(name: Any, given: Any, label: str) -> SpaceParameter:
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise RobotError("%s: a parameter's name has letters, digits and _ only" % label)
-    _known(given, _KEYS, label)
+        raise RobotError(f"{label}: a parameter's name has letters, digits and _ only")
+    given = mapping(given, label, ("range", "integer", "sets"))
     bounds = given.get("range")
     if not isinstance(bounds, list) or len(bounds) != 2:
-        raise RobotError("%s.range is %s: give [smallest, largest]" % (label, shown(bounds)))
-    low, high = (_number(value, label + ".range") for value in bounds)
+        raise RobotError(f"{label}.range is {shown(bounds)}: give [smallest, largest]")
+    low, high = (number(-1e6, 1e6)(value, label + ".range") for value in bounds)
     if not low < high:
-        raise RobotError("%s.range is [%g, %g]: give a smaller number and a larger one" % (label, low, high))
-    integer = _flag(given.get("integer", False), label + ".integer")
+        raise RobotError(f"{label}.range is [{low:g}, {high:g}]: give a smaller number and a larger one")
+    integer = _flag(given, "integer", label)
     if integer and not (low.is_integer() and high.is_integer()):
-        raise RobotError("%s.range is [%g, %g]: give whole numbers for an integer" % (label, low, high))
+        raise RobotError(f"{label}.range is [{low:g}, {high:g}]: give whole numbers for an integer")
     sets = given.get("sets")
-    if not isinstance(sets, list) or not 1 <= len(sets) <= 16:
-        raise RobotError("%s.sets is %s: give a list of {server: SERVER, name: NAME}" % (label, shown(sets)))
-    settings = tuple(_setting(entry, name, "%s.sets[%d]" % (label, i)) for i, entry in enumerate(sets))
-    if settings[0].mirrored:
-        raise RobotError("%s.sets[0] is mirrored: give the value that has the parameter's own sign first" % label)
+    if not isinstance(sets, list) or not sets:
+        raise RobotError(f"{label}.sets is {shown(sets)}: give a list of {{server: SERVER, name: NAME}}")
+    settings = tuple(_setting(entry, name, f"{label}.sets[{i}]") for i, entry in enumerate(sets))
+    if settings[0].negated:
+        raise RobotError(f"{label}.sets[0] is negated: give the value that has the parameter's own sign first")
     return SpaceParameter(name, low, high, integer, settings)
 
 
-def _setting(given, name, label):
-    _known(given, _SET_KEYS, label)
-    server = given.get("server")
-    aliases = given.get("aliases", [])
-    names = [given.get("name", name)] + (aliases if isinstance(aliases, list) else [aliases])
-    for key, value in [("server", server)] + [("name", value) for value in names]:
-        if key == "server" and value == "":  # move_base itself
-            continue
+def _setting(given: Any, name: str, label: str) -> Setting:
+    given = mapping(given, label, ("server", "name", "aliases", "negated"))
+    server, aliases = given.get("server"), given.get("aliases", [])
+    names = [given.get("name", name), *(aliases if isinstance(aliases, list) else [aliases])]
+    for value in names + [server] * (server != ""):  # "": move_base itself
         if not isinstance(value, str) or not ROS_NAME.fullmatch(value) or value.startswith("/"):
-            raise RobotError("%s.%s is %s: give a name of move_base's" % (label, key, shown(value)))
-    return Setting(server, tuple(names), _flag(given.get("mirrored", False), label + ".mirrored"))
+            raise RobotError(f"{label} has the name {shown(value)}: give server and name as move_base has them")
+    return Setting(server, tuple(names), _flag(given, "negated", label))
 
 
-def _flag(value, label):
+def _flag(given: Any, key: str, label: str) -> bool:
+    value = given.get(key, False)
     if not isinstance(value, bool):
-        raise RobotError("%s is %s: give true or false" % (label, shown(value)))
+        raise RobotError(f"{label}.{key} is {shown(value)}: give true or false")
     return value
-
-
-def _known(given, keys, label):
-    if not isinstance(given, dict):
-        raise RobotError("%s is %s: give a mapping of %s" % (label, shown(given), ", ".join(keys)))
-    for key in given:
-        if key not in keys:
-            raise RobotError("%s.%s is unknown: there are %s" % (label, key, ", ".join(keys)))

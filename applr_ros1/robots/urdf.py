@@ -10,7 +10,7 @@ import sys
 from typing import List
 from xml.sax.saxutils import quoteattr
 
-from applr_ros1.robots import load, outline
+from applr_ros1.robots import geometry, load
 from applr_ros1.robots.description import Robot
 
 _COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
@@ -20,7 +20,7 @@ def urdf(robot: Robot) -> str:
     """The URDF of a robot, a text."""
     base, body, laser = robot.base, robot.body, robot.laser
     shapes = [_visual((*body.centre, body.bottom + body.size[2] / 2), _box(body.size), "body")]
-    for x, y in outline.wheel_places(base):
+    for x, y in geometry.wheel_places(base):
         wheel = _cylinder(base.wheel_radius, base.wheel_width)
         shapes.append(_visual((x, y, base.axle_height), wheel, "black", "1.5708 0 0"))
     radius = max((base.wheel_radius - base.axle_height + body.bottom) / 2, 0.1 * base.wheel_radius)

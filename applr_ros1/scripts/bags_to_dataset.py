@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """Makes a dataset for offline training of recorded drives (training/bags_to_dataset.py)."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("training.bags_to_dataset"))
+    run_script("training.bags_to_dataset")

@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """rosrun applr_ros1 check_robot.py: checks the description of a robot (training/check_robot.py). See --help."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("training.check_robot"))
+    run_script("training.check_robot")

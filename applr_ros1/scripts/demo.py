@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """What ./applr demo runs: one course, headless, with progress, a result line and a picture."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("applr_ros1.nodes.demo"))
+    run_script("applr_ros1.nodes.tools.demo")

@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """rosrun applr_ros1 evaluate.py: methods x worlds x trials, then the paper's tables and figures. See --help."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("training.evaluate"))
+    run_script("training.evaluate")

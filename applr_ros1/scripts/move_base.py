@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
-"""The navigation node /move_base; see applr_ros1/nodes/move_base_node.py."""
-
-import sys
+"""The navigation node /move_base; see applr_ros1/nodes/move_base/node.py."""
 
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("applr_ros1.nodes.move_base_node", node=True))
+    run_script("applr_ros1.nodes.move_base.node", node=True)

@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """The picture of the parameters for RViz; see applr_ros1/nodes/parameter_panel.py."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("applr_ros1.nodes.parameter_panel", node=True))
+    run_script("applr_ros1.nodes.parameter_panel", node=True)

@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """Prints the URDF of a robot, given by name or folder, for the parameter robot_description in launch files."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("applr_ros1.robots.urdf"))
+    run_script("applr_ros1.robots.urdf")

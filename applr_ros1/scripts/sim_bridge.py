@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """The simulated Jackal as a ROS node (sim_bridge/ros_bridge.py)."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("sim_bridge.ros_bridge", node=True))
+    run_script("sim_bridge.ros_bridge", node=True)

@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
 """rosrun applr_ros1 static_search.py: the best single parameter set (training/static_search.py). See --help."""
 
-import sys
-
 from applr_ros1.common.errors import run_script
 
 if __name__ == "__main__":
-    sys.exit(run_script("training.static_search"))
+    run_script("training.static_search")

@@ -1,7 +1,7 @@
 """TD3 of stable-baselines3 learns in the environment; its policy becomes an actor file.
 
 The environment follows Gymnasium, so any library can learn in it. The file is driven like the included policy:
-`./applr demo mode:=applr policy:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`. A good policy
+`./applr demo method:=applr policy:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`. A good policy
 takes some 100,000 steps; this shows the way.
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 from stable_baselines3 import TD3
 from stable_baselines3.common.noise import NormalActionNoise
 
-import training.mdp.env
+import training.env.env
 from applr_ros1.policy import actor
 
 
@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--out", default="actor.safetensors", help="file to write (default %(default)s)")
     options = parser.parse_args()
 
-    env = gymnasium.make(training.mdp.env.ID, worlds=options.world, simulator="kinematic")
+    env = gymnasium.make(training.env.env.ID, worlds=options.world, simulator="kinematic")
     noise = NormalActionNoise(np.zeros(env.action_space.shape), np.full(env.action_space.shape, 0.3))
     model = TD3("MlpPolicy", env, action_noise=noise, learning_starts=50, policy_kwargs={"net_arch": [64, 64]}, seed=0)
     model.learn(options.steps, progress_bar=False)

@@ -13,6 +13,7 @@ import numpy as np
 
 import sim_bridge
 import worlds
+from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
 from training.bags.writer import BagWriter, RecordingEpisode
@@ -22,7 +23,9 @@ def record(bag: Path, courses: int, decisions: int) -> None:
     """Drive `courses` built-in worlds for at most `decisions` decisions each, and record what a robot would."""
     random = np.random.default_rng(0)
     with BagWriter(bag) as writer:
-        episode = RecordingEpisode(sim_bridge.make("kinematic"), MoveBase(), writer, limit=decisions)
+        episode = RecordingEpisode(
+            sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, limit=decisions
+        )
         for number in range(courses):
             outcome = episode.reset(worlds.load("generated:%d" % number), seed=number)
             while not outcome.over:
@@ -34,8 +37,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--courses", type=int, default=6, help="drives to record (default %(default)s)")
     parser.add_argument("--decisions", type=int, default=20, help="of each drive at most (default %(default)s)")
-    parser.add_argument("--updates", default="300", help="gradient steps (default %(default)s)")
-    parser.add_argument("--hidden", default="256,256", help="sizes of the hidden layers (default %(default)s)")
+    parser.add_argument("--gradient-steps", default="300", help="gradient steps (default %(default)s)")
+    parser.add_argument("--net-arch", nargs="+", default=["256", "256"], help="hidden layers (default 256 256)")
     parser.add_argument("--out", default="offline", help="folder to write; must be new (default %(default)s)")
     options = parser.parse_args()
 
@@ -45,9 +48,10 @@ def main() -> None:
     command = [sys.executable, "-m", "training.bags_to_dataset", str(out / "drives.bag"), "--out", str(out / "dataset")]
     subprocess.run(command + ["--finish", "5.925"], check=True)
     command = [sys.executable, "-m", "training.train", "--dataset", str(out / "dataset"), "--out", str(out / "run")]
-    command += ["--updates", options.updates, "--hidden", options.hidden, "--bc-alpha", "2.5", "--eval-worlds", "none"]
+    command += ["--gradient-steps", options.gradient_steps, "--net-arch", *options.net_arch, "--bc-alpha", "2.5"]
+    command += ["--eval-worlds", "none"]
     subprocess.run(command, check=True)
-    print("%s: drive it with mode:=applr policy:=..." % (out / "run" / "actor.safetensors"))
+    print("%s: drive it with method:=applr policy:=..." % (out / "run" / "actor.safetensors"))
 
 
 if __name__ == "__main__":

@@ -1,17 +1,15 @@
 """A reward with a term of one's own, compared with the standard reward on the same drive.
 
 ApplrEnv takes any Reward. This one also charges for hurrying past obstacles: for each decision, the distance driven per
-metre of free space. A term that is to be an option of train.py is added in training/mdp/reward.py.
+metre of free space. A term that is to be an option of train.py is added in training/env/reward.py.
 """
 
 import argparse
-from dataclasses import dataclass
 
-from training.mdp.env import ApplrEnv
-from training.mdp.reward import Reward
+from training.env.env import ApplrEnv
+from training.env.reward import Reward
 
 
-@dataclass(frozen=True)
 class Considerate(Reward):
     """The standard reward and a term of our own.
 

@@ -11,10 +11,10 @@ import numpy as np
 import sim_bridge
 import worlds
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import JACKAL
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.episode import Episode
+from tests.support.jackal import JACKAL
+from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
 DECISIONS = 10  # of each course, 20 simulated seconds
@@ -23,7 +23,7 @@ DECISIONS = 10  # of each course, 20 simulated seconds
 def control_cycle():
     """Mean time of MoveBase.step with scan, both costmaps, plan and control, at the Jackal's parameters."""
     warm_up()
-    move_base = MoveBase()
+    move_base = MoveBase(JACKAL)
     step, took = move_base.step, []
 
     def timed(*arguments):
@@ -47,7 +47,7 @@ def sim_speed_kinematic():
 
 
 def sim_speed_kinematic_5hz():
-    """With five global plans per simulated second: train.py --planner-frequency 5."""
+    """With five global plans per simulated second."""
     return _speed("kinematic", 5.0)
 
 

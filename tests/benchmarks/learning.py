@@ -14,8 +14,8 @@ BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
 
 
 def _replay(transitions=6000):
-    from training.experience.replay import Replay
-    from training.experience.trajectory import Layout
+    from training.replay.buffer import Replay
+    from training.replay.trajectory import Layout
 
     replay = Replay(Layout(), int(1.2 * transitions))
     for trajectory in _trajectories(transitions // 13):
@@ -24,7 +24,7 @@ def _replay(transitions=6000):
 
 
 def _trajectories(n, t=13):
-    from training.experience.trajectory import Layout, Trajectory
+    from training.replay.trajectory import Layout, Trajectory
 
     rng = np.random.default_rng(0)
     for i in range(n):
@@ -58,12 +58,12 @@ def td3_updates(device="cpu"):
     """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
     import torch
 
-    from training.gorila.batch import draw_batch
-    from training.td3.td3 import TD3, TD3Config
+    from training.learner.batch import draw_batch
+    from training.td3.td3 import TD3, TD3Options
 
     replay, td3, rng = (
         _replay(),
-        TD3(OBSERVATIONS, ACTIONS, TD3Config(hidden=HIDDEN), device=device),
+        TD3(OBSERVATIONS, ACTIONS, TD3Options(net_arch=list(HIDDEN)), device=device),
         np.random.default_rng(0),
     )
     finish = torch.cuda.synchronize if device == "cuda" else lambda: None
@@ -110,18 +110,18 @@ def actor_inference():
     return 1e6 / _rate(lambda: actor.action(observation), rounds=5, seconds=0.2), "us"
 
 
-def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
-    """Transitions/s from packed bytes to the replay and the journal, with the paper's share of gradient steps."""
+def learner_intake(device="cpu", utd_ratio=0.1, seconds=8.0):
+    """Transitions/s from packed bytes to the replay and the store, with the paper's share of gradient steps."""
     import tempfile
 
-    from training.experience.trajectory import Layout
-    from training.gorila.learner import Learner, LearnerConfig
+    from training.learner.learner import Learner, LearnerOptions
+    from training.replay.trajectory import Layout
 
-    blobs = [t.pack() for t in _trajectories(20000 if updates_per_transition == 0 else 4000)]
+    blobs = [t.pack() for t in _trajectories(20000 if utd_ratio == 0 else 4000)]
     with tempfile.TemporaryDirectory() as folder:
         learner = Learner(
             Layout(),
-            LearnerConfig(capacity=300_000, updates_per_transition=updates_per_transition, device=device),
+            LearnerOptions(buffer_size=300_000, utd_ratio=utd_ratio, device=device),
             folder,
         )
         begun = time.perf_counter()
@@ -136,17 +136,16 @@ def learner_intake(device="cpu", updates_per_transition=0.1, seconds=8.0):
 def actor_rate(actors, seconds=20.0):
     """Transitions per second of so many processes with random parameters in the built-in train worlds."""
 
-    from training.experience.trajectory import Trajectory
-    from training.gorila.config import TrainConfig
-    from training.gorila.scheduler import TaskScheduler
-    from training.workers.local import ChildProcesses
-    from training.workers.tasks import RunnerSpec, WorkerSettings
+    from training.actors.pool import make_pool
+    from training.actors.scheduler import TaskScheduler
+    from training.actors.tasks import RunnerSpec, WorkerSettings
+    from training.replay.trajectory import Trajectory
 
-    scheduler = TaskScheduler(TrainConfig(warmup=10**9).resolved(), 250)
+    scheduler = TaskScheduler(0, 250, lambda transitions: 0.5, random=10**9)
     scheduler.ready = True
-    options = {"env": "training.mdp.env:ApplrEnv", "options": {"worlds": "generated:train"}}
-    settings = WorkerSettings(collect=RunnerSpec("training.gorila.collector:Collector", options))
-    pool = ChildProcesses(settings, scheduler.next_task, actors)
+    options = {"env": "training.env.env:ApplrEnv", "options": {"worlds": "generated:train"}}
+    settings = WorkerSettings(collect=RunnerSpec("training.actors.collector:Collector", options))
+    pool = make_pool(settings, scheduler.next_task, actors)
     try:
         came, begun = 0, None
         while begun is None or time.perf_counter() - begun < seconds:

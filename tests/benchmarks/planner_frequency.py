@@ -2,7 +2,7 @@
 """What fewer global plans per second change in the drives: `python tests/benchmarks/planner_frequency.py [--worlds N]`.
 
 Drives the default parameters, the best single set and the included policy in the environment that training uses, at
-20, 10 and 5 plans per simulated second (train.py --planner-frequency), with the same worlds and seeds. Prints a row for
+20, 10 and 5 plans per simulated second of the environment, with the same worlds and seeds. Prints a row for
 each: success rate, mean time of the successes, the ratio of it to 20 Hz, and the processor time per simulated second.
 """
 
@@ -19,7 +19,7 @@ import worlds
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.parameter_space import SPACE
-from training.mdp.env import ApplrEnv
+from training.env.env import ApplrEnv
 
 MODELS = Path(__file__).resolve().parents[2] / "applr_ros1" / "models"
 

@@ -25,14 +25,13 @@ def measure(count=200, rate=20.0, stand_in=False):
     rate: changes a second (they come between control cycles as in driving). The servers are those of our move_base
     node, idle; stand_in: of dynamic_reconfigure's own Python library.
     """
-    from ros_harness import session, wait_for
-
-    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
     from applr_ros1.policy.parameter_space import SPACE
+    from tests.support.ros_harness import session, wait_for
 
     ros = session()
     if stand_in:
-        node = ros.python("tests/fake_move_base.py")
+        node = ros.python("tests/support/fake_move_base.py")
     else:
         node = ros.python("-m", "applr_ros1.scripts.move_base", "cmd_vel:=/cmd_vel")
     client = ReconfigureClient()

@@ -1,6 +1,5 @@
 """The running stack for all tests of this folder: bridge, relay, move_base, collision monitor and applr node."""
 
-import json
 import os
 import signal
 import time
@@ -22,7 +21,7 @@ NODES = {
     ),
     "move_base": ("odom:=odometry/filtered", "cmd_vel:=move_base/cmd_vel"),
     "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
-    "applr": ("_mode:=applr", "_period:=%g" % PERIOD),
+    "applr": ("_method:=applr", "_period:=%g" % PERIOD),
 }
 READY = {"collision_monitor": "/collision_monitor/action"}  # says nothing; its topic shows that it is up
 
@@ -49,15 +48,18 @@ class Stack:
     def __init__(self, ros, folder):
         import actionlib
         import rospy
+        from applr_ros1.msg import Decision
         from move_base_msgs.msg import MoveBaseAction
-        from relay import Relay
-        from ros_harness import wait_for
         from std_msgs.msg import String
+
+        from tests.faults.relay import Relay
+        from tests.support.fake_robot import decided
+        from tests.support.ros_harness import wait_for
 
         self.ros, self.nodes, self.decisions, self.actions = ros, {}, [], []
         rospy.set_param("/use_sim_time", True)
         rospy.set_param("/sim_bridge/world", str(alley(folder)))
-        rospy.Subscriber("/applr/decision", String, lambda m: self.decisions.append(json.loads(m.data)))
+        rospy.Subscriber("/applr/decision", Decision, lambda m: self.decisions.append(decided(m)))
         rospy.Subscriber("/collision_monitor/action", String, lambda m: self.actions.append(m.data))
         self.relay = Relay()
         for name in NODES:
@@ -72,17 +74,18 @@ class Stack:
         """Starts a node of NODES, also after it was killed, with the parameters that a launch file gives it."""
         import rospy
 
-        from applr_ros1.planner.parameters.declarations import JACKAL
+        from tests.support.jackal import JACKAL
 
         if name == "move_base":
-            rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD, "weights": "per_cell"}))
+            rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD}))
         self.nodes[name] = self.ros.python("applr_ros1/scripts/%s.py" % name, *NODES[name])
         if wait:
             self.wait_until_up(name)
 
     def wait_until_up(self, name):
         import rosgraph
-        from ros_harness import wait_for
+
+        from tests.support.ros_harness import wait_for
 
         child = self.nodes[name]
 
@@ -100,8 +103,9 @@ class Stack:
 
     def back_to_the_start(self):
         import rospy
-        from ros_harness import wait_for
         from std_srvs.srv import Empty
+
+        from tests.support.ros_harness import wait_for
 
         self.client.cancel_all_goals()
         self.client.stop_tracking_goal()
@@ -110,7 +114,7 @@ class Stack:
         self.relay.touched = False
 
     def send(self, x=GOAL, **more):
-        from move_base_stack import goal
+        from tests.support.move_base_stack import goal
 
         self.client.send_goal(goal(x, **more))
 
@@ -140,7 +144,7 @@ class Stack:
 
     def until(self, condition, seconds, what):
         """Waits as wait_for does; a failure says where the robot is and what the collision monitor did."""
-        from ros_harness import wait_for
+        from tests.support.ros_harness import wait_for
 
         try:
             return wait_for(condition, seconds, what)
@@ -150,12 +154,12 @@ class Stack:
             raise AssertionError("%s; %s; %s" % (late, state, self.actions[-3:])) from None
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def running(tmp_path_factory):
     import rospy
-    from ros_harness import session
 
-    from applr_ros1.common.ros_shutdown import LONGEST
+    from applr_ros1.common.ros_node import LONGEST
+    from tests.support.ros_harness import session
 
     stack = Stack(session(), tmp_path_factory.mktemp("stack"))
     yield stack

@@ -16,8 +16,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 
-from applr_ros1.nodes import processes
+from applr_ros1.nodes.tools import processes
 
 WARM_UP = 0.2  # share of the time left out of the trends: kernels are loaded, buffers and caches fill
 EVERY = 60.0  # simulated seconds between samples
@@ -29,7 +30,7 @@ FIELDS = ("simulated_s", "wall_s", "process", "pid", "memory_mb", "descriptors",
 def processes_below(root):
     """{name: pid} of the stack's processes: the nodes by their ROS names, the others by their programs."""
     found = {}
-    for pid in [root, *processes.descendants(root)]:
+    for pid in [root, *(process.pid for process in psutil.Process(root).children(recursive=True))]:
         try:
             words = Path("/proc/%d/cmdline" % pid).read_text().split("\0")
         except OSError:
@@ -151,7 +152,7 @@ class Soak:
         from std_srvs.srv import Trigger
 
         import worlds
-        from applr_ros1.nodes import goal
+        from applr_ros1.nodes.tools import send_goal as goal
 
         self._client.cancel_all_goals()
         rospy.set_param("/sim_bridge/world", name)

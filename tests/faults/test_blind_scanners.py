@@ -81,6 +81,7 @@ def drive(bend, blind_from, monitor):
     return False, stood
 
 
+@pytest.mark.fault("11b")
 @pytest.mark.parametrize("kind", BLIND)
 def test_a_wall_at_full_speed(kind, measured):
     for blind_from in BLIND_FROM[kind in NEEDS_A_SCAN_BEFORE :]:
@@ -90,6 +91,7 @@ def test_a_wall_at_full_speed(kind, measured):
         measured("stands after", stood, "s")
 
 
+@pytest.mark.fault("11b")
 def test_without_the_monitor_it_is_a_contact():
     contact, _ = drive(BLIND["all NaN"], 2.5, None)
     assert contact

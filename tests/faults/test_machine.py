@@ -7,11 +7,13 @@ import time
 
 import pytest
 import rosgraph
-from ros_harness import RosMaster, wait_for
+
+from tests.support.ros_harness import RosMaster, wait_for
 
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.fault("25")
 def test_the_processor_is_busy(stack, measured):
     """Two endless loops per core: commands stay young enough to drive on, and left-out cycles are reported."""
     stack.under_way(room=10.0)
@@ -35,6 +37,7 @@ def test_the_processor_is_busy(stack, measured):
     stack.drives_again()
 
 
+@pytest.mark.fault("24")
 def test_two_stacks_on_one_machine(stack, measured):
     """A second master with a robot of its own: neither hears the other, and the end of one leaves the other alone."""
     stack.under_way(room=12.0)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import rospy
 from dynamic_reconfigure.client import Client
-from move_base_stack import PLANNER, SUCCEEDED
-from ros_harness import wait_for
 
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from tests.support.move_base_stack import PLANNER, SUCCEEDED
+from tests.support.ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
 LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
@@ -19,7 +19,7 @@ PERIODS = 3  # decision periods after which a silent applr node counts as lost
 @pytest.fixture
 def client(stack):
     """The applr node's own client: the eight parameters as the servers have them."""
-    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 
     client = ReconfigureClient()
     wait_for(lambda: not client.connect(), 5.0, "servers")
@@ -33,6 +33,7 @@ def has_what_was_decided(stack, client):
     return all(decided[name] == there[name] for name in decided if not name.endswith("_scale"))
 
 
+@pytest.mark.fault("3")
 def test_the_planner_freezes(stack, client, measured):
     """SIGSTOP: no commands come, so the base stops; requests are given up in time; then all goes on."""
     stack.under_way()
@@ -46,8 +47,9 @@ def test_the_planner_freezes(stack, client, measured):
     wait_for(lambda: has_what_was_decided(stack, client), 3.0, "parameters")
 
 
+@pytest.mark.fault("4", "14")
 def test_the_planner_is_killed_and_comes_back(stack, measured):
-    from applr_ros1.nodes.reconfigure_client import ReconfigureClient
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].kill, 1.0), "s")
@@ -66,6 +68,7 @@ def test_the_planner_is_killed_and_comes_back(stack, measured):
     anew.close()
 
 
+@pytest.mark.fault("8")
 def test_the_applr_node_is_killed(stack, client, measured):
     """The planner is back on theta_0 within three periods, and commands keep coming."""
     stack.under_way(room=10.0)
@@ -85,6 +88,7 @@ def test_the_applr_node_is_killed(stack, client, measured):
     wait_for(lambda: not on_theta_0(), 5.0, "parameters of the new node")
 
 
+@pytest.mark.fault("14a")
 def test_the_collision_monitor_is_killed(stack, measured):
     """Nothing reaches the base any more, so it stands; the launch file starts the node again."""
     stack.under_way()
@@ -93,6 +97,7 @@ def test_the_collision_monitor_is_killed(stack, measured):
     stack.drives_again()
 
 
+@pytest.mark.fault("14a")
 def test_commands_get_lost_on_the_way(stack, measured):
     stack.under_way()
     took = stack.stands_after(lambda: stack.relay.bend.__setitem__("command", lambda _: None), 1.0)
@@ -101,6 +106,7 @@ def test_commands_get_lost_on_the_way(stack, measured):
     stack.drives_again()
 
 
+@pytest.mark.fault("6")
 def test_a_persons_change_is_in_the_next_observation(stack):
     stack.under_way(room=10.0)
     person = Client(PLANNER, timeout=3.0)
@@ -114,6 +120,7 @@ def test_a_persons_change_is_in_the_next_observation(stack):
     person.close()
 
 
+@pytest.mark.fault("7")
 @pytest.mark.parametrize("seconds", [2.0, pytest.param(60.0, marks=pytest.mark.long)])
 def test_fifty_changes_of_parameters_in_a_second(stack, measured, seconds):
     clients = [Client(server, timeout=5.0) for server in (PLANNER, *LAYERS)]

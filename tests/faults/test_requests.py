@@ -7,13 +7,15 @@ import time
 import pytest
 import rospy
 from geometry_msgs.msg import Twist
-from move_base_stack import ABORTED, PREEMPTED, SUCCEEDED, collect, goal
-from ros_harness import wait_for
+
+from tests.support.move_base_stack import ABORTED, PREEMPTED, SUCCEEDED, collect, goal
+from tests.support.ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
 RECALLED = 8
 
 
+@pytest.mark.fault("15")
 def test_a_hundred_goals_in_a_second(stack, measured):
     from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseActionResult
 
@@ -39,6 +41,7 @@ def test_a_hundred_goals_in_a_second(stack, measured):
     publisher.unregister()
 
 
+@pytest.mark.fault("15")
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
@@ -61,6 +64,7 @@ def test_goals_that_cannot_be(stack, measured, bad, words):
     assert "\n" not in stack.client.get_goal_status_text()
 
 
+@pytest.mark.fault("16")
 def test_make_plan_and_clear_costmaps_all_the_time(stack, measured):
     """Calls that held up the control would do so in each of three windows; a machine that is busy now and then does not
     in all of them.
@@ -134,6 +138,7 @@ def mad(stack):
     publisher.unregister()
 
 
+@pytest.mark.fault("11b")
 def test_a_frozen_image_at_full_speed(stack, mad, measured):
     """The scanner sends the same image under new stamps while the robot drives at 2 m/s towards a wall."""
     mad(2.0)
@@ -150,6 +155,7 @@ def test_a_frozen_image_at_full_speed(stack, mad, measured):
     measured("stands after", took, "s")
 
 
+@pytest.mark.fault("14b")
 def test_a_planner_gone_mad(stack, mad, measured):
     """Full speed at a wall, and numbers that are none: the robot stands before the wall."""
     stack.until(lambda: abs(stack.relay.speed) < 0.01, 3.0, "standstill")

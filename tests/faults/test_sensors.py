@@ -4,8 +4,9 @@ import math
 
 import pytest
 import rospy
-from move_base_stack import ABORTED, SUCCEEDED
-from ros_harness import wait_for
+
+from tests.support.move_base_stack import ABORTED, SUCCEEDED
+from tests.support.ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -22,6 +23,7 @@ def stands_and_goes_on(stack, stream, fault, words, within=2.0):
     return took
 
 
+@pytest.mark.fault("10")
 def test_no_scan(stack, measured):
     took = stands_and_goes_on(stack, "scan", lambda scan: None, "no usable scan on /front/scan")
     measured("stands after", took, "s")
@@ -35,6 +37,7 @@ def beams(change):
     return bend
 
 
+@pytest.mark.fault("11")
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -48,6 +51,7 @@ def test_scans_that_cannot_be_used(stack, measured, change, words):
     measured("stands after", stands_and_goes_on(stack, "scan", beams(change), words), "s")
 
 
+@pytest.mark.fault("11")
 def test_odd_beams_are_ordinary(stack):
     stack.under_way()
     stack.relay.bend["scan"] = beams(lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:])
@@ -58,6 +62,7 @@ def test_odd_beams_are_ordinary(stack):
     assert all(math.isfinite(value) for value in stack.decisions[-1]["theta"].values())
 
 
+@pytest.mark.fault("11a")
 def test_another_scanner_is_taken(stack, measured):
     """It comes up late, with another number of beams than the one before."""
     stack.under_way()
@@ -79,11 +84,13 @@ def stamped(seconds):
     return bend
 
 
+@pytest.mark.fault("12")
 @pytest.mark.parametrize("seconds", [-5.0, 5.0], ids=["old", "ahead"])
 def test_stamps_of_scans_that_are_old_or_ahead(stack, measured, seconds):
     measured("stands after", stands_and_goes_on(stack, "scan", stamped(seconds), "no usable scan"), "s")
 
 
+@pytest.mark.fault("12")
 def test_scans_out_of_order_change_nothing(stack):
     stack.under_way()
     held = []
@@ -98,12 +105,14 @@ def test_scans_out_of_order_change_nothing(stack):
     assert min(slowest) > 0.3
 
 
+@pytest.mark.fault("12")
 def test_no_transform(stack, measured):
     took = stands_and_goes_on(stack, "tf", lambda tf: None, "transform odom <- base_link is")
     assert any("transform odom <- base_link" in action for action in stack.actions)
     measured("stands after", took, "s")
 
 
+@pytest.mark.fault("12a")
 def test_a_transform_far_ahead(stack, measured):
     """One message stamped half a minute ahead does not hold the robot up for half a minute."""
     stack.under_way()
@@ -121,6 +130,7 @@ def test_a_transform_far_ahead(stack, measured):
     measured("drives again within", stack.relay.now - since, "s")
 
 
+@pytest.mark.fault("12")
 def test_a_frame_that_nobody_knows(stack):
     def renamed(scan):
         scan.header.frame_id = "front_lazer"
@@ -129,6 +139,7 @@ def test_a_frame_that_nobody_knows(stack):
     stands_and_goes_on(stack, "scan", renamed, "front_lazer")
 
 
+@pytest.mark.fault("10a")
 def test_no_odometry(stack, measured):
     """The transforms are still there; the velocity is not measured any more."""
     stack.under_way()
@@ -139,11 +150,13 @@ def test_no_odometry(stack, measured):
     stack.drives_again()
 
 
+@pytest.mark.fault("13")
 def test_the_clock_stands_still(stack, measured):
     took = stands_and_goes_on(stack, "clock", lambda clock: None, "/clock has not moved")
     measured("stands after", took, "s")
 
 
+@pytest.mark.fault("13")
 def test_the_clock_jumps_back(stack, measured):
     stack.under_way()
     count = len(stack.decisions)

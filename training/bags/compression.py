@@ -24,10 +24,6 @@ PIECE = 2**20
 zstd = rosbag2.zstd
 
 
-class TooLarge(ApplrError):
-    """A part of a bag that unpacks to more than its bound."""
-
-
 def unpack(make: Callable[[], Any], data: bytes) -> bytes:
     """What `data` unpacks to, one stream after the other.
 
@@ -36,7 +32,7 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
         data: The compressed bytes.
 
     Raises:
-        TooLarge: It is more than MAX_UNPACKED bytes.
+        ApplrError: It is more than MAX_UNPACKED bytes.
         EOFError: The data end in the middle of a stream.
     """
     parts, size = [], 0
@@ -47,7 +43,7 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
             data = b""
             size += len(part)
             if size > MAX_UNPACKED:
-                raise TooLarge("unpacks to more than %d MiB" % (MAX_UNPACKED >> 20))
+                raise ApplrError("unpacks to more than %d MiB" % (MAX_UNPACKED >> 20))
             parts.append(part)
             if not part and decompressor.needs_input:
                 raise EOFError("compressed data end too early")
@@ -56,7 +52,7 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
 
 
 class BoundedFile:
-    """A zstd file, unpacked as it is read; raises TooLarge behind MAX_FILE bytes."""
+    """A zstd file, unpacked as it is read; raises ApplrError behind MAX_FILE bytes."""
 
     def __init__(self, file: BinaryIO, mode: str = "rb"):
         self._file, self._size = zstd.ZstdFile(file), 0
@@ -72,7 +68,7 @@ class BoundedFile:
         data = self._file.read(size)
         self._size += len(data)
         if self._size > MAX_FILE:
-            raise TooLarge("unpacks to more than %d GiB" % (MAX_FILE >> 30))
+            raise ApplrError("unpacks to more than %d GiB" % (MAX_FILE >> 30))
         return data
 
 

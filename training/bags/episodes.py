@@ -13,17 +13,17 @@ from typing import Iterator, List, Optional, Set, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import place
+from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tally import Tally
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
-from training.experience.trajectory import Layout, Trajectory
-from training.mdp.episode import TIME_LIMIT
-from training.mdp.episode import nearest as smallest
-from training.mdp.outcome import Outcome
-from training.mdp.reward import Reward, failed
+from training.env.episode import TIME_LIMIT
+from training.env.episode import nearest as smallest
+from training.env.outcome import Outcome
+from training.env.reward import Reward, failed
+from training.replay.trajectory import Layout, Trajectory
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
@@ -211,7 +211,6 @@ def _happened(recording, goal, before, moment, nearest) -> None:
     if during.any():
         outcome.decision_min = smallest(nearest[during], recording.robot.laser.range_min)
     outcome.contact = any(before.at < at <= moment.at for at in recording.collisions)
-    outcome.jerk = _jerk(recording, before.at, moment.at)
     if goal.ended and moment.at == goal.end:
         outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
 
@@ -365,14 +364,7 @@ def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
     known = [t for time, t in recording.transforms.get((frame, recording.odometry.frame), ()) if time <= at]
     if not known:
         raise Skipped("no transform between the plan's frame and the odometry's")
-    return (*place(known[-1], x, y), a + known[-1][2])
-
-
-def _jerk(recording, start, end) -> float:
-    """Mean |change of acceleration| of the odometry's speed [m/s^3], at 50 ms as in simulation."""
-    times = np.arange(start, end, SECOND // 20)
-    speed = np.interp(times, recording.odometry.stamp, recording.odometry.twist[:, 0])
-    return float(np.abs(np.diff(speed, 2)).mean() * 400.0) if len(times) > 2 else 0.0
+    return (*transform_point(known[-1], x, y), a + known[-1][2])
 
 
 def _exactly(stamps, stamp) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 
 from applr_ros1.policy.decision import PERIOD
 from training.bags.reader import SECOND, Recording
-from training.mdp.episode import CONTROL_PERIOD
+from training.env.episode import CONTROL_PERIOD
 
 SUCCEEDED, ABORTED = 3, (4, 5)
 

@@ -1,12 +1,11 @@
 """Reads what a bag recorded of a drive: ROS 1 bags and ROS 2 / mcap folders alike, through rosbags.
 
 episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds
-(/applr/decision, /applr/observation) says exactly which messages a decision saw, and is compared where it is there.
+(/applr/decision) says exactly which messages a decision saw, and is compared where it is there.
 """
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -181,15 +180,11 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         "/tf": _tf,
         "/tf_static": _tf,
         topics.applr + "/decision": _decision,
-        topics.applr + "/typed/decision": _typed_decision,
-        topics.applr + "/observation": _observation,
-        topics.applr + "/weights": _weights,
+        topics.applr + "/parameters": _multipliers,
     }
     updates = re.compile(re.escape(base) + r"(?:/[^/]+){0,2}/parameter_updates")
     heavy: Dict[str, List[Tuple[int, int]]] = {topics.scan: [], topics.plan: []}
     rows: List[tuple] = []
-    if any(c.topic == topics.applr + "/typed/decision" for c in reader.connections):  # the same as the JSON
-        del light[topics.applr + "/decision"], light[topics.applr + "/observation"]
     connections = [c for c in reader.connections if c.topic in light or c.topic in heavy or updates.fullmatch(c.topic)]
     if not reader.message_count:
         raise BagError("%s: holds no messages" % recording.path)
@@ -254,22 +249,6 @@ def _tf(recording, at, message, rows):
 
 
 def _decision(recording, at, message, rows):
-    try:
-        decision = json.loads(message.data)
-        decision = {
-            "at": at,
-            "number": int(decision["number"]),
-            "goal": str(decision["goal"]),
-            **{key: int(decision[key]) for key in ("stamp", "scan", "odometry", "plan")},
-            "theta_prev": decision["theta_prev"],
-            "theta": decision.get("theta"),
-        }
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return
-    recording.decisions.append(decision)
-
-
-def _typed_decision(recording, at, message, rows):
     number = int(message.number)
     before, after = (dict(zip(p.names, map(float, p.values))) for p in (message.before, message.after))
     stamps = {name: _nanoseconds(getattr(message, name)) for name in ("scan", "odometry", "plan")}
@@ -283,21 +262,11 @@ def _nanoseconds(time) -> int:
     return int(time.sec) * SECOND + int(time.nanosec)
 
 
-def _observation(recording, at, message, rows):
-    label = message.layout.dim[0].label if message.layout.dim else ""
-    if re.fullmatch(r"observation \d{1,12}", label):
-        number = int(label.split()[1])
-        recording.observations.setdefault(number, []).append((at, np.array(message.data, dtype=np.float32)))
-
-
-def _weights(recording, at, message, rows):
+def _multipliers(recording, at, message, rows):
     """What the planner has from now on are a set's values multiplied by these."""
-    try:
-        given = {str(name): float(factor) for name, factor in json.loads(message.data).items()}
-    except (ValueError, TypeError, AttributeError, RecursionError):
-        return
+    given = {str(name): float(factor) for name, factor in zip(message.names, message.multipliers)}
     if set(given) <= set(recording.space.names) and all(0.0 < factor < np.inf for factor in given.values()):
-        recording.multipliers = given
+        recording.multipliers = {name: factor for name, factor in given.items() if factor != 1.0}
 
 
 def _parameters(recording, at, message, topic):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Mapping, Optional
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -20,9 +20,11 @@ from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.reader import SECOND, TopicNames
-from training.mdp.episode import Episode
-from training.mdp.outcome import Outcome
+from training.env.episode import Episode
+from training.env.outcome import Outcome
 
+MESSAGES = Path(__file__).resolve().parents[2] / "msg"  # of the catkin package
+PLOTTED = 8  # fields of Parameters.msg beside its lists
 PAUSE = 5.0  # s of time between two courses of a bag
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
 _RESULT = {
@@ -175,19 +177,35 @@ class BagWriter:
         """Write that the robot touches something."""
         self._put(self.topics.collision, "std_msgs/msg/Bool", time, True)
 
-    def decision(self, time: float, number: int, observation, **what) -> None:
-        """As the applr node tells of a decision: observation (729,), and what it came from."""
-        dim = self._make(
-            "std_msgs/msg/MultiArrayDimension", "observation %d" % number, len(observation), len(observation)
-        )
-        self._put(
-            self.topics.applr + "/observation",
-            "std_msgs/msg/Float32MultiArray",
-            time,
-            self._make("std_msgs/msg/MultiArrayLayout", [dim], 0),
-            np.asarray(observation, np.float32),
-        )
-        self._put(self.topics.applr + "/decision", "std_msgs/msg/String", time, json.dumps(dict(what, number=number)))
+    def decision(
+        self, time: float, number: int, goal: str, observation, seen: Mapping[str, float], before, after
+    ) -> None:
+        """As the applr node tells of a decision (msg/Decision.msg).
+
+        Args:
+            time: When it was made.
+            number: Which one it is.
+            goal: Its goal's id.
+            observation: (729,).
+            seen: The times [s] of the scan, odometry and plan that it was made from.
+            before: {name: value} that the planner had.
+            after: {name: value} that was chosen; {} where it was refused.
+        """
+        kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
+        if kinds[1] not in self.store.types:
+            for kind in kinds:
+                text = (MESSAGES / (kind.rpartition("/")[2] + ".msg")).read_text(encoding="utf-8")
+                self.store.register(get_types_from_msg(text, kind))
+        header = self._header(time, self.robot.frames.odom)
+        times = [self._time(seen[name]) for name in ("scan", "odometry", "plan")]
+        sets = [
+            self._make(kinds[0], header, list(of), np.array(list(of.values())), np.ones(len(of)), *[np.nan] * PLOTTED)
+            for of in (before, after)
+        ]
+        place = [np.nan] * 5  # pose and local goal, which no reader needs
+        observation = np.asarray(observation, np.float32)
+        fields = header, number, goal, *times, *place, observation, *sets, ""
+        self._put(self.topics.applr + "/decision", kinds[1], time, *fields)
 
     # -- how they are written ----------------------------------------------------------------------
     def _put(self, topic, kind, time, *fields) -> None:
@@ -296,18 +314,8 @@ class RecordingEpisode(Episode):
         now, outcome = self._now, self.outcome
         assert outcome is not None  # decide() has checked it
         self._number += 1
-        stamp = str(nanoseconds(now))
-        self.writer.decision(
-            now,
-            self._number,
-            self.observation(outcome),
-            stamp=stamp,
-            scan=stamp,
-            odometry=stamp,
-            plan=stamp,
-            goal=self._goal_id,
-            theta_prev=self.space.as_dict(outcome.theta),
-        )
+        seen, before = dict.fromkeys(("scan", "odometry", "plan"), now), self.space.as_dict(outcome.theta)
+        self.writer.decision(now, self._number, self._goal_id, self.observation(outcome), seen, before, {})
 
     def _parameters(self, later: float = 0.0) -> None:
         for server in self.space.servers:

@@ -14,10 +14,10 @@ import cma
 import numpy as np
 
 from applr_ros1.policy.parameter_space import Space
+from training.actors.tasks import TrialResult
 from training.baselines.race import Result, race
 from training.baselines.set_trials import SetTrials
 from training.evaluation.score import summary, trial_seconds
-from training.workers.tasks import TrialResult
 
 FINALISTS = 5  # generations whose means and winners take part in the last race
 FINAL_BLOCK = 8  # trials between two tests of the last race

@@ -1,4 +1,4 @@
-"""Evaluation while training: rounds of trials on held-out worlds, and which actor was best. gorila/run.py holds one.
+"""Evaluation while training: rounds of trials on held-out worlds, and which actor was best. learner/run.py holds one.
 
 The first round drives the planner's default parameters: the line in the learning curves, and what is to be beaten.
 """
@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 from applr_ros1.common.files import StorageError, read_bytes, write_bytes
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
+from applr_ros1.planner.variant import OURS
+from training.actors.tasks import POLICY, Answer, Trial, TrialResult
 from training.evaluation.score import summary
 from training.evaluation.trials import plan
-from training.workers.tasks import POLICY, Answer, Trial, TrialResult
 
 THETA0 = -1  # number of the round that drives the default
 CHOOSING = 2**31  # added to seeds of trials that choose: evaluate.py's seeds are smaller, so it judges on others
@@ -31,7 +31,6 @@ class PeriodicEvaluation:
         contact_seconds: what a contact adds to a trial's time in the score [s].
         setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
             of another number of worlds or trials or another price of a contact.
-        weights: how the planner's distance biases count.
         planner: kind of planner (applr_ros1/planner/variant.py).
     """
 
@@ -44,13 +43,12 @@ class PeriodicEvaluation:
         seed: int,
         contact_seconds: float,
         setting: str = "",
-        weights: str = DEFAULT_WEIGHTS,
         planner: str = OURS,
     ):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
         self.contact_seconds, self.setting = contact_seconds, setting
-        self.weights, self.planner = weights, planner
+        self.planner = planner
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None  # of the round under way
         self._results: List[TrialResult] = []
@@ -73,7 +71,7 @@ class PeriodicEvaluation:
         self.step, self.version = step, version
         method = ("dwa", "dwa") if number == THETA0 else ("policy", POLICY)
         seed = CHOOSING + self.seed
-        trials = plan(self.worlds, [method], self.trials, seed, 0, [self.weights], self.planner)
+        trials = plan(self.worlds, [method], self.trials, seed, 0, self.planner)
         self._open = len(trials)
         return trials
 

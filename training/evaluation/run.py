@@ -1,34 +1,25 @@
-"""Drives methods x worlds x trials in a pool of workers, into a folder that can be continued.
-
-evaluate.py and compare_simulators.py call it.
-"""
+"""Drives methods x worlds x trials in a pool of workers, into a folder that can be continued. evaluate.py calls it."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import time
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Sequence, Tuple
 
 from tqdm import tqdm
 
-from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
+from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.robots import JACKAL, Robot
+from training.actors.tasks import RunnerSpec, Trial, TrialResult
+from training.common.provenance import provenance
+from training.evaluation.remembered import RememberedTrials
 from training.evaluation.store import TRIALS, Store
 from training.evaluation.trials import TRIAL_RUNNER, described, plan, world_list
-from training.provenance import provenance
-from training.workers.pool import Pool, make_pool
-from training.workers.tasks import Answer, RunnerSpec, Trial, WorkerSettings
 from worlds import World
-
-AHEAD = 8  # finished trials held back per worker, until those before them are done too
-
-
-class EvaluationError(ApplrError):
-    """A trial that cannot be driven; one line."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +35,8 @@ class EvaluationOptions:
     ray_address: str = ""
     out: str = "results"
     seed: int = 0
-    weights: Tuple[str, ...] = (DEFAULT_WEIGHTS,)
     planner: str = OURS
     monitor: bool = False
-    as_they_are: bool = False
     traces: int = 1
     runner: str = TRIAL_RUNNER
     robot: Robot = JACKAL
@@ -67,13 +56,12 @@ def evaluate(options: EvaluationOptions) -> None:
         options.trials,
         options.seed,
         options.traces,
-        options.weights,
         options.planner,
     )
     store = Store(options.out, settings(options, worlds, chosen), trials)
     try:
-        if store.done < len(trials):
-            drive(trials, store, options)
+        if len(store.results) < len(trials):
+            drive(store, options)
     finally:
         store.close()
     print("%d trials in %s" % (len(trials), os.path.join(options.out, TRIALS)))
@@ -97,94 +85,39 @@ def settings(
         "robot": described(options.robot),
         "simulator": options.simulator,
         "protocol": options.protocol,
-        "weights": options.weights,
         "planner": options.planner,
         "monitor": options.monitor,
-        "as_they_are": options.as_they_are,
         "seed": options.seed,
     }
 
 
 def _description(spec: str, options: EvaluationOptions) -> Dict[str, Any]:
-    """A method's description, with those of what stands for it with these kinds of weights."""
     method = methods.make(spec, options.robot)
-    found = {**method.describe(), "period_s": method.period}
-    for kind in options.weights:
-        other = methods.for_weights(spec, kind, options.robot)
-        if other != spec:
-            found[kind] = methods.make(other, options.robot).describe()
-    return found
+    return {**method.describe(), "period_s": method.period}
 
 
-def drive(trials: List[Trial], store: Store, options: EvaluationOptions) -> None:
-    """Drives what is missing, and appends it in the plan's order."""
+def drive(store: Store, options: EvaluationOptions) -> None:
+    """Drives the plan's trials that the store does not hold."""
     began = time.monotonic()
-    workers = min(options.workers, len(trials) - store.done)
-    ordered = Ordered(trials, store.done, ahead=AHEAD * workers + 1)
+    done, wanted = len(store.results), len(store.plan)
+    workers = min(options.workers, wanted - done)
     arguments: Dict[str, Any] = {"simulator": options.simulator, "protocol": options.protocol}
     if options.monitor:
         arguments["monitor"] = True
-    if options.as_they_are:
-        arguments["as_they_are"] = True
     if options.robot is not JACKAL:  # a worker of one's own need not know of robots
         arguments["robot"] = options.robot.folder
+    kind = "ray" if options.ray_address else "processes"
     runner = RunnerSpec(options.runner, arguments)
-    pool = make_pool(
-        WorkerSettings(trial=runner),
-        ordered.next_task,
-        workers,
-        "ray" if options.ray_address else "processes",
-        options.ray_address,
-    )
-    bar = tqdm(total=len(trials), initial=store.done, unit="trial", dynamic_ncols=True, smoothing=0.05)
-    try:
-        for answer in ordered.answers(pool):
-            trial, result = answer.task, answer.result
-            assert isinstance(trial, Trial)
-            assert result is not None
-            store.append(trial, result, answer.data)
-            bar.update()
-            how = "%.1f s" % result.time_s if result.success else result.reason
-            bar.set_postfix_str("%s %s %s" % (trial.world, trial.method, how), refresh=False)
-    finally:
-        bar.close()
-        pool.close()
-        seconds = time.monotonic() - began
-        store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)
+    bar = tqdm(total=wanted, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
 
+    def show(trial: Trial, result: TrialResult) -> None:
+        bar.update()
+        how = "%.1f s" % result.time_s if result.success else result.reason
+        bar.set_postfix_str("%s %s %s" % (trial.world, trial.method, how), refresh=False)
 
-class Ordered:
-    """Trials for a pool, and their answers in the plan's order.
-
-    Args:
-        trials: the plan.
-        first: how many of them are done already.
-        ahead: how many trials may be given beyond the first whose answer is not there yet.
-    """
-
-    def __init__(self, trials: Sequence[Trial], first: int, ahead: int):
-        self.trials, self.ahead = trials, ahead
-        self._given = self._out = first
-
-    def next_task(self, slot: int) -> Optional[Trial]:
-        """The pool's next_task."""
-        if self._given >= min(len(self.trials), self._out + self.ahead):
-            return None
-        self._given += 1
-        return self.trials[self._given - 1]
-
-    def answers(self, pool: Pool) -> Iterator[Answer]:
-        """Each answer as soon as all before it are there. Raises EvaluationError where a trial failed by an error."""
-        ready: Dict[Trial, Answer] = {}
-        while self._out < len(self.trials):
-            for answer in pool.poll(1.0):
-                assert isinstance(answer.task, Trial)
-                if answer.error:
-                    raise EvaluationError(
-                        "trial %d of %s in %s failed: %s"
-                        % (answer.task.trial, answer.task.method, answer.task.world, answer.error)
-                    )
-                ready[answer.task] = answer
-            while self._out < len(self.trials) and self.trials[self._out] in ready:
-                yield ready.pop(self.trials[self._out])
-                self._out += 1
+    with bar, closing(RememberedTrials(runner, workers, kind, options.ray_address, store)) as trials:
+        try:
+            trials.run(store.plan, show)
+        finally:
+            seconds = time.monotonic() - began
+            store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)

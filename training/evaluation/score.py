@@ -7,9 +7,9 @@ from typing import Any, Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
+from training.actors.tasks import TrialResult
+from training.env.episode import TIME_LIMIT
 from training.evaluation.store import flag
-from training.mdp.episode import TIME_LIMIT
-from training.workers.tasks import TrialResult
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
 CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]

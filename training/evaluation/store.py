@@ -1,7 +1,8 @@
 """An evaluation's folder, which a kill at any moment costs only the trials that were under way.
 
-trials.csv and measures.csv hold a row per trial in the plan's order, evaluation.json what was asked, traces/ the driven
-paths. evaluate.py appends, the report reads.
+trials.sqlite holds the result of each trial; trials.csv and measures.csv, a row per trial in the plan's order, are
+written from it. evaluation.json says what was asked, traces/ holds the driven paths. evaluate.py writes, the report
+reads; searches and refinements keep their trials in such a table too.
 """
 
 from __future__ import annotations
@@ -11,177 +12,168 @@ import io
 import json
 import os
 import re
+import sqlite3
+import time
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Optional, Sequence
 
-import numpy as np
-
 from applr_ros1.common.arrays import unpack_npz
-from applr_ros1.common.errors import reason
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
-from applr_ros1.policy.decision import PERIOD
-from applr_ros1.robots import JACKAL
-from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN, described, key_of
-from training.storage import Lock, make_folder
-from training.workers.tasks import Trial, TrialResult
+from training.actors.tasks import Trial, TrialResult
+from training.common.folders import Lock, make_folder
+from training.evaluation.trials import COLUMNS, MEASURES
 
-OLDER = {
-    "weights": ["per_metre"],
-    "planner": "ours",
-    "robot": described(JACKAL),
-    "monitor": False,
-    "as_they_are": True,
-    "worlds_with_movers": [],
-}  # what evaluations drove that do not name them
-TRIALS, MEASURES_FILE, SETTINGS, TRACES = "trials.csv", "measures.csv", "evaluation.json", "traces"
+TABLE, TRIALS, MEASURES_FILE = "trials.sqlite", "trials.csv", "measures.csv"
+SETTINGS, TRACES = "evaluation.json", "traces"
 MAX_TRACE = 2**26  # bytes, packed and unpacked
+SHOWN_EVERY = 10.0  # [s] between two writings of the CSV files while trials come in
+
+
+class TrialTable:
+    """Results of trials in an SQLite file: one row, the trial and how it went, for each.
+
+    Args:
+        path: of the file, which is made where it is missing.
+        setting: what beside the trial tells results apart, as JSON values.
+
+    Raises:
+        StorageError: with one line, from every method, for a file that cannot be read or written or is none of ours.
+    """
+
+    def __init__(self, path: os.PathLike | str, setting: Sequence[Any] = ()):
+        self.path, self.setting = Path(path), list(setting)
+        self._do("CREATE TABLE IF NOT EXISTS trials (trial TEXT PRIMARY KEY, result TEXT NOT NULL)")
+
+    def find(self, trial: Trial) -> Optional[TrialResult]:
+        """The result of a trial, or None."""
+        rows = self._do("SELECT result FROM trials WHERE trial = ?", self._key(trial))
+        try:
+            return TrialResult(**json.loads(rows[0][0])) if rows else None
+        except (TypeError, ValueError):
+            raise StorageError("%s: holds a result that is none; give another --out" % self.path) from None
+
+    def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
+        """Keep a trial, but for its trace. It is on the disk when this returns."""
+        self._do("INSERT OR REPLACE INTO trials VALUES (?, ?)", self._key(trial), json.dumps(asdict(result)))
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def _key(self, trial: Trial) -> str:
+        return json.dumps([self.setting, asdict(replace(trial, trace=False))])
+
+    def _do(self, statement: str, *values: str) -> List[Any]:
+        try:
+            if not hasattr(self, "_connection"):
+                self._connection = sqlite3.connect(str(self.path), isolation_level=None)
+            return self._connection.execute(statement, values).fetchall()
+        except sqlite3.Error as error:
+            raise StorageError(
+                "%s: cannot be used (%s); the trials in it are safe, the same command continues" % (self.path, error)
+            ) from None
 
 
 class Store:
     """The folder, locked for this process. `settings`: what must be the same when an evaluation is continued."""
 
     def __init__(self, out, settings: Dict[str, Any], plan: Sequence[Trial]):
-        self.folder = make_folder(out)
-        self._several = len({trial.weights for trial in plan}) > 1  # then the last column names each trial's weights
-        more = (WEIGHTS_COLUMN,) if self._several else ()
+        self.folder, self.plan = make_folder(out), plan
         self._lock = Lock(self.folder, "evaluate.py")
         try:
-            self.done = self._begun_with = self._check(settings, plan)
-            self._files = [
-                _Table(self.folder / TRIALS, COLUMNS + more, self.done),
-                _Table(self.folder / MEASURES_FILE, MEASURES + more, self.done),
-            ]
+            self._settings = self._checked(settings)
+            self.table = TrialTable(self.folder / TABLE)
+            found = ((trial, self.table.find(trial)) for trial in plan)
+            self.results: Dict[Trial, TrialResult] = {trial: result for trial, result in found if result is not None}
+            self._begun_with = len(self.results)
+            self._show()
         except BaseException:
             self._lock.close()
             raise
 
-    def _check(self, settings, plan) -> int:
-        """How many trials are already there. StorageError where they are another evaluation's."""
+    def _checked(self, settings: Dict[str, Any]) -> Dict[str, Any]:
+        """The settings with what else is noted. StorageError where the folder is another evaluation's."""
         path = self.folder / SETTINGS
-        rows = [read_rows(self.folder / TRIALS, COLUMNS), read_rows(self.folder / MEASURES_FILE, MEASURES)]
-        if rows[0] and not path.exists():
-            raise StorageError("%s: holds trials, but %s is missing; give another --out" % (self.folder, SETTINGS))
-        if path.exists():
-            stored = read_json(path)
-            for name in settings:
-                there = stored.get(name, OLDER.get(name)) if isinstance(stored, dict) else None
-                if json.loads(json.dumps(settings[name])) != there:
-                    remedy = "give another --out, or the same options"
-                    if name == "methods":
-                        remedy += "; training.report --join shows the methods of two folders together"
-                    raise StorageError(
-                        "%s: was begun with another %s (%s, now %s); %s"
-                        % (self.folder, name, _short(there), _short(settings[name]), remedy)
-                    )
-        done = min(len(r) for r in rows)
-        if done > len(plan):
-            raise StorageError(
-                "%s: holds %d trials, more than the %d asked for; give another --out or more --trials"
-                % (self.folder, done, len(plan))
-            )
-        for number, (row, measures, trial) in enumerate(zip(rows[0][:done], rows[1], plan)):
-            key = dict(zip(KEY, key_of(trial)))
-            if any(row[name] != cell or measures[name] != cell for name, cell in key.items()):
+        if not path.exists() or not (self.folder / TABLE).exists():
+            if (self.folder / TRIALS).exists():
                 raise StorageError(
-                    "%s: line %d is trial %s, but this evaluation's is %s; give another --out"
-                    % (
-                        self.folder / TRIALS,
-                        number + 2,
-                        "/".join(row[name] for name in KEY[:3]),
-                        "/".join(key[name] for name in KEY[:3]),
-                    )
+                    "%s: holds trials, but %s or %s is missing; give another --out" % (self.folder, SETTINGS, TABLE)
                 )
-        self._settings = dict(read_json(path) if path.exists() else {}, **settings)
-        write_json(path, self._settings)
-        return done
+            write_json(path, settings)
+            return dict(settings)
+        stored = read_json(path)
+        for name in settings:
+            there = stored.get(name) if isinstance(stored, dict) else None
+            if json.loads(json.dumps(settings[name])) != there:
+                remedy = "give another --out, or the same options"
+                if name == "methods":
+                    remedy += "; training.report --join shows the methods of two folders together"
+                raise StorageError(
+                    "%s: was begun with another %s (%s, now %s); %s"
+                    % (self.folder, name, _short(there), _short(settings[name]), remedy)
+                )
+        return stored
 
-    def append(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
-        """The next trial of the plan. Its row in trials.csv comes last: what is there is whole."""
+    def find(self, trial: Trial) -> Optional[TrialResult]:
+        """The result of a trial of the plan, or None."""
+        return self.results.get(trial)
+
+    def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
+        """Keep a trial; its row comes last: what is there is whole."""
         if trace:
-            name = trace_name(trial.world, trial.method, trial.trial, trial.weights if self._several else "")
-            write_bytes(make_folder(self.folder / TRACES) / name, trace)
-        for file in reversed(self._files):
-            file.append([_cell(getattr(trial if hasattr(trial, name) else result, name)) for name in file.columns])
-        self.done += 1
+            write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
+        self.table.add(trial, result)
+        self.results[trial] = result
+        if time.monotonic() > self._shown + SHOWN_EVERY:
+            self._show()
+
+    def _show(self) -> None:
+        """Writes the CSV files: the trials that were driven, in the plan's order."""
+        for name, columns in ((MEASURES_FILE, MEASURES), (TRIALS, COLUMNS)):
+            rows = [
+                [_cell(getattr(trial if hasattr(trial, column) else result, column)) for column in columns]
+                for trial, result in ((trial, self.results.get(trial)) for trial in self.plan)
+                if result is not None
+            ]
+            write_bytes(self.folder / name, _lines([columns, *rows]))
+        self._shown = time.monotonic()
 
     def finish(self, seconds: float, provenance: Optional[Dict[str, Any]] = None, **more: Any) -> None:
         """Notes how long was worked on it, in all sessions together, and where this session's trials come from."""
         self._settings["wall_s"] = round(self._settings.get("wall_s", 0.0) + seconds, 1)
         if provenance is not None:
-            session = dict(provenance, trials=self.done - self._begun_with, wall_s=round(seconds, 1))
+            driven = len(self.results) - self._begun_with
+            session = dict(provenance, trials=driven, wall_s=round(seconds, 1))
             self._settings["provenance"] = [*self._settings.get("provenance", []), session]
         self._settings.update(more)
         write_json(self.folder / SETTINGS, self._settings)
 
     def close(self) -> None:
-        """Closes the files and lets go of the folder."""
-        for file in self._files:
-            file.close()
-        self._lock.close()
-
-
-class _Table:
-    """A CSV that rows are appended to, each flushed to disk; opened, it holds its header and `keep` rows."""
-
-    def __init__(self, path: Path, columns: Sequence[str], keep: int):
-        self.path, self.columns = path, columns
-        text = _lines([columns, *(row.values() for row in read_rows(path, columns)[:keep])])
-        if not path.exists() or path.read_bytes() != text:
-            write_bytes(path, text)
+        """Writes the CSV files, and lets go of the folder."""
         try:
-            self._file = os.open(str(path), os.O_WRONLY | os.O_APPEND)
-        except OSError as error:
-            raise StorageError("%s: cannot be written (%s)" % (path, reason(error))) from None
-
-    def append(self, row: Sequence[str]) -> None:
-        data = _lines([row])
-        try:
-            if os.write(self._file, data) != len(data):
-                raise OSError(28, "no space left on device")
-            os.fsync(self._file)
-        except OSError as error:
-            raise StorageError(
-                "%s: cannot be written (%s); the trials above are safe, the same command continues"
-                % (self.path, reason(error))
-            ) from None
-
-    def close(self) -> None:
-        os.close(self._file)
+            self._show()
+        finally:
+            self.table.close()
+            self._lock.close()
 
 
 def read_rows(path: os.PathLike | str, columns: Sequence[str]) -> List[Dict[str, str]]:
-    """The whole rows of a CSV of ours by their columns' names; a torn tail is left out. [] where there is no file.
-
-    A row has the given columns, and WEIGHTS_COLUMN too where several kinds of weights were driven.
+    """The rows of a CSV of ours by their columns' names; [] where there is no file.
 
     Raises:
-        StorageError: when the file is of another kind, or damaged before its end.
+        StorageError: when the file is of another kind, or damaged.
     """
-    path = Path(path)
-    if not path.exists():
+    if not Path(path).exists():
         return []
-    text = read_bytes(path).decode("utf-8", "replace")
-    lines = text[: text.rfind("\n") + 1]
-    rows = list(csv.reader(io.StringIO(lines.replace("\0", "?"))))
-    if not rows:
-        return []
-    if rows[0] == [*columns, WEIGHTS_COLUMN]:
-        columns = rows[0]
-    if rows[0] != list(columns):
-        raise StorageError(
-            "%s: its columns are %s, expected %s; give another folder"
-            % (path, _short(",".join(rows[0])), ",".join(columns))
-        )
-
-    def whole(row: List[str]) -> bool:
-        return len(row) == len(columns) and row[columns.index("trial")].isdigit()
-
-    good = 1
-    while good < len(rows) and whole(rows[good]):
-        good += 1
-    if any(whole(row) for row in rows[good:]):
-        raise StorageError("%s: line %d is damaged, with good lines behind it; mend or remove it" % (path, good + 1))
-    return [dict(zip(columns, row)) for row in rows[1:good]]
+    rows = list(csv.reader(io.StringIO(read_bytes(path).decode("utf-8", "replace").replace("\0", "?"))))
+    for number, row in enumerate(rows, start=1):
+        if row != list(columns) if number == 1 else len(row) != len(columns):
+            raise StorageError(
+                "%s: line %d is %s, expected %s; give another folder"
+                % (path, number, _short(",".join(row)), ",".join(columns))
+            )
+    return [dict(zip(columns, row)) for row in rows[1:]]
 
 
 def flag(cell: str) -> bool:
@@ -195,24 +187,20 @@ def _cell(value: Any) -> str:
     return str(round(value, 4) if isinstance(value, float) else value)
 
 
-def trace_name(world: str, method: str, trial: int, weights: str = "") -> str:
-    """File name of a trial's trace; weights: given where several are driven."""
-    parts = [world, method, trial] + [weights] * bool(weights)
-    return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in parts) + ".npz"
+def trace_name(world: str, method: str, trial: int) -> str:
+    """File name of a trial's trace."""
+    return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
 
 
-def read_trace(
-    folder: os.PathLike | str, world: str, method: str, trial: int, weights: str = ""
-) -> Optional[Dict[str, Any]]:
+def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
     """{"time", "pose", "twist", "theta", "decided"} of a trial whose trace was kept, else None.
 
-    decided: when each row of theta was chosen [s]; traces of older evaluations have one every 2 s.
+    decided: when each row of theta was chosen [s].
     """
-    path = Path(folder) / TRACES / trace_name(world, method, trial, weights)
+    path = Path(folder) / TRACES / trace_name(world, method, trial)
     try:
-        arrays = unpack_npz(read_bytes(path, MAX_TRACE), str(path), MAX_TRACE, StorageError)
-        found = {name: arrays[name] for name in ("time", "pose", "twist", "theta")}
-        return dict(found, decided=arrays.get("decided", PERIOD * np.arange(len(found["theta"]))))
+        arrays = unpack_npz(read_bytes(path, MAX_TRACE), str(path), MAX_TRACE)
+        return {name: arrays[name] for name in ("time", "pose", "twist", "theta", "decided")}
     except (StorageError, KeyError):
         return None
 

@@ -1,8 +1,7 @@
 """Evaluation trials: which there are, what seed each has, and the one runner that drives them.
 
-evaluate.py, the periodic evaluation of a training, static_search.py and compare_simulators.py all plan Trials and have
-them driven by TrialRunner in a pool of workers. A trial depends on its task only, not on who drives it or what was
-driven before.
+evaluate.py, the periodic evaluation of a training and static_search.py plan Trials and have them driven by TrialRunner
+in a pool of workers. A trial depends on its task only, not on who drives it or what was driven before.
 """
 
 from __future__ import annotations
@@ -18,28 +17,27 @@ import numpy as np
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS, OURS
+from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
-from training.mdp.episode import TIME_LIMIT, Episode
-from training.mdp.outcome import Trace
-from training.mdp.reward import Reward
-from training.workers.tasks import POLICY, Answer, Trial, TrialResult
-from training.workers.worker import PolicyWeights
-from worlds import World, WorldError, field
+from training.actors.tasks import POLICY, Answer, Trial, TrialResult
+from training.actors.worker import PolicyWeights
+from training.env.episode import TIME_LIMIT, Episode, counting_cells
+from training.env.outcome import Trace
+from training.env.reward import Reward
+from worlds import World, WorldError, barn_grid
 
 KEY = ("world", "method", "trial", "seed")
-WEIGHTS_COLUMN = "weights"  # the last one, in both tables, where several kinds of weights are driven
 COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
 MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
 
 
 class Protocol(NamedTuple):
-    """Rules of a trial. end_on_contact: a collision ends it."""
+    """Rules of a trial. end_on_collision: a collision ends it."""
 
-    end_on_contact: bool
+    end_on_collision: bool
     sentence: str
 
 
@@ -57,11 +55,6 @@ PROTOCOLS = {
 }
 
 
-def key_of(trial: Trial) -> Tuple[str, str, str, str]:
-    """The cells of KEY in a trial's row."""
-    return trial.world, trial.method, str(trial.trial), str(trial.seed)
-
-
 def seed_of(base: int, world: str, trial: int) -> int:
     """The trial's seed: the same for every method, and whatever other worlds are driven."""
     return int(np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1)
@@ -73,7 +66,6 @@ def plan(
     trials: int,
     seed: int,
     traces: int = 1,
-    weights: Sequence[str] = (DEFAULT_WEIGHTS,),
     planner: str = OURS,
 ) -> List[Trial]:
     """All trials in the order of trials.csv.
@@ -87,14 +79,12 @@ def plan(
         trials: of each method in each world.
         seed: of all of them.
         traces: of so many trials of each method in each world the driven path is kept.
-        weights: kinds of distance weights; each drives every method with the same seeds.
         planner: kind of planner (applr_ros1/planner/variant.py).
     """
     return [
-        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, kind, planner, trial < traces)
+        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces)
         for trial in range(trials)
         for world, world_spec in worlds
-        for kind in weights
         for method, method_spec in chosen
     ]
 
@@ -106,11 +96,11 @@ def under(protocol: str, world: World) -> World:
     """
     if protocol == "paper" or (world.movers and not len(world.cylinders)):
         return world
-    if not field.fill_of(world.cylinders)[[0, -1]].all():
+    if not barn_grid.fill_of(world.cylinders)[[0, -1]].all():
         raise WorldError(
             "%s is no BARN world: --protocol %s needs one; give generated:N or a BARN file" % (world.name, protocol)
         )
-    return dataclasses.replace(world, course=field.challenge_course(world.course.path))
+    return dataclasses.replace(world, course=barn_grid.challenge_course(world.course.path))
 
 
 def at_scale(protocol: str, spec: str, robot: Robot = JACKAL) -> World:
@@ -128,7 +118,7 @@ TRIAL_RUNNER = "training.evaluation.trials:TrialRunner"  # as workers are told
 
 
 class TrialRunner:
-    """Runner of Trial tasks (training/workers/worker.py): one after the other, with one simulator.
+    """Runner of Trial tasks (training/actors/worker.py): one after the other, with one simulator.
 
     There is a planner of each kind that the tasks name.
 
@@ -140,9 +130,6 @@ class TrialRunner:
         monitor: whether the collision monitor stands between the planner and the base.
         planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
         robot: name or folder of the robot that drives; worlds are at its scale.
-        as_they_are: whether sets are sent as they are even where the planner's distance weights count otherwise than
-            where the set was learned; else they are sent so that they mean the same, as the applr node does.
-        learnt_with: what the distance weights of the policy that is being learnt count.
         time_limit: time after which a trial ends and counts as failed [s].
     """
 
@@ -155,19 +142,17 @@ class TrialRunner:
         monitor: bool = False,
         planner_frequency: Optional[int] = None,
         robot: str = JACKAL.name,
-        as_they_are: bool = False,
-        learnt_with: Optional[str] = None,
         time_limit: float = TIME_LIMIT,
     ):
-        self.robot, self.as_they_are, self.learnt_with = load(robot), as_they_are, learnt_with
+        self.robot = load(robot)
         self.space = space_of(self.robot)
         self.protocol, self.reward, self.monitor = protocol, Reward(**(reward or {})), monitor
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
         self.time_limit = time_limit
-        self._params = self.robot.parameters()
+        self._params = counting_cells(self.robot.parameters())
         if planner_frequency is not None:
             self._params["planner_frequency"] = float(planner_frequency)
-        self._episodes: Dict[Tuple[str, str], Episode] = {}
+        self._episodes: Dict[str, Episode] = {}
         self._worlds: Dict[str, World] = {}
         self._methods: Dict[str, methods.Method] = {}
 
@@ -175,10 +160,9 @@ class TrialRunner:
         """Drives the trial; policy: what a trial of the method POLICY drives."""
         world, method = self._world(task.world_spec), self._method(task, policy)
         method.reset(task.seed)
-        episode = self.episode(task.weights, task.planner)
+        episode = self.episode(task.planner)
         episode.set_period(self.period or method.period)
         episode.layout = method.layout
-        episode.meant = None if self.as_they_are else method.weights
         outcome = episode.reset(world, task.seed)
         if method.commands:
             episode.take_over()
@@ -208,20 +192,19 @@ class TrialRunner:
         )
         return Answer(task, result=result, data=pack_trace(episode.trace) if task.trace else b"")
 
-    def episode(self, weights: str, planner: str) -> Episode:
+    def episode(self, planner: str) -> Episode:
         """The loop that drives this kind of planner, made when first asked for."""
-        key = weights, planner
-        if key not in self._episodes:
-            self._episodes[key] = Episode(
+        if planner not in self._episodes:
+            self._episodes[planner] = Episode(
                 self.simulator,
-                MoveBase(self._params, weights=weights, planner=planner),
+                MoveBase(self._params, planner=planner),
                 self.robot,
-                end_on_contact=PROTOCOLS[self.protocol].end_on_contact,
+                end_on_collision=PROTOCOLS[self.protocol].end_on_collision,
                 record=True,
                 monitor=self.monitor,
             )
-            self._episodes[key].time_limit = self.time_limit
-        return self._episodes[key]
+            self._episodes[planner].time_limit = self.time_limit
+        return self._episodes[planner]
 
     def _world(self, spec: str) -> World:
         if spec not in self._worlds:
@@ -236,18 +219,17 @@ class TrialRunner:
         if task.method_spec == POLICY:
             if policy is None:
                 raise ValueError("a trial of the policy came without a policy")
-            return methods.ObservationPolicy(_Learnt(policy, self.robot, self.learnt_with))
-        spec = methods.for_weights(task.method_spec, task.weights, self.robot)
-        if spec not in self._methods:
-            self._methods[spec] = methods.make(spec, self.robot)
-        return self._methods[spec]
+            return methods.ObservationPolicy(_Learnt(policy, self.robot))
+        if task.method_spec not in self._methods:
+            self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
+        return self._methods[task.method_spec]
 
 
 class _Learnt:
     """The policy that is being learnt, as what ObservationPolicy asks."""
 
-    def __init__(self, policy: PolicyWeights, robot: Robot, weights: Optional[str]):
-        self.policy, self.weights = policy, weights
+    def __init__(self, policy: PolicyWeights, robot: Robot):
+        self.policy = policy
         self.space, self.layout = space_of(robot), layout_of(robot)
 
     def theta(self, observation: np.ndarray) -> np.ndarray:

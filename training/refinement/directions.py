@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from applr_ros1.policy import network
-from training.td3.averaging import Weights, mirrored
+from training.td3.symmetry import Weights, mirrored
 
 
 class Directions:

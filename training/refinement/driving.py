@@ -14,11 +14,11 @@ from applr_ros1.common.files import read_bytes, write_bytes
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor
+from training.actors.tasks import Trial
+from training.actors.worker import PolicyWeights
 from training.evaluation.trials import TrialRunner
 from training.policy_file import weights_of
 from training.refinement.directions import Directions
-from training.workers.tasks import Trial
-from training.workers.worker import PolicyWeights
 
 SHIFTED_RUNNER = "training.refinement.driving:ShiftedRunner"  # as workers are told
 ORIGIN = "found_from"  # in the header of a file of directions
@@ -89,7 +89,7 @@ def known_directions(path: str, origin: Dict[str, Any]) -> Optional[Directions]:
 
 def _read(path: str) -> Tuple[Directions, Optional[str]]:
     """The directions in a file, and what it states of where they come from."""
-    tensors, header = unpack(read_bytes(path), path, ApplrError)
+    tensors, header = unpack(read_bytes(path), path)
     if set(tensors) != {"mean", "basis"}:
         raise ApplrError("%s: holds no directions of a refinement; give another --results" % path)
     return Directions(tensors["mean"], tensors["basis"]), header.get(ORIGIN)

@@ -9,10 +9,10 @@ from typing import Callable, Iterator, List, NamedTuple, Sequence
 
 import numpy as np
 
+from training.actors.tasks import Trial, TrialResult
 from training.evaluation.remembered import RememberedTrials
 from training.evaluation.score import trial_seconds
 from training.refinement.slopes import Fit, fit
-from training.workers.tasks import Trial, TrialResult
 
 DIGITS = 4  # of coefficients, in what is driven and in what is written
 MakeTrial = Callable[[str, str], Trial]  # of a world's specification and a JSON list of coefficients

@@ -4,6 +4,6 @@ Started as `python -m training.report results/`; evaluate.py calls `write` when 
 written to results/report/, with an index.html that shows it all.
 """
 
-from training.report.page import ReportError, write
+from training.report.page import write
 
-__all__ = ["ReportError", "write"]
+__all__ = ["write"]

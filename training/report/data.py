@@ -17,19 +17,15 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
 from applr_ros1.policy.parameter_space import Space
 from training.evaluation.score import FAILURE_SECONDS
-from training.evaluation.store import MEASURES_FILE, OLDER, SETTINGS, TRIALS, flag, read_rows, read_trace
-from training.evaluation.trials import COLUMNS, KEY, MEASURES, WEIGHTS_COLUMN
+from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, flag, read_rows, read_trace
+from training.evaluation.trials import COLUMNS, KEY, MEASURES
 from worlds import builtin
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
 # what joined evaluations must have in common
-SAME = ("simulator", "protocol", "weights", "planner", "monitor", "as_they_are", "robot", "seed")
-
-
-class ReportError(ApplrError):
-    """No report can be made: one line."""
+SAME = ("simulator", "protocol", "planner", "monitor", "robot", "seed")
 
 
 @dataclass(frozen=True)
@@ -61,75 +57,68 @@ class Cell:
 
 
 class Results:
-    """cells[method][world] of one kind of weights, the evaluation's settings, and how worlds are grouped.
+    """cells[method][world], the evaluation's settings, and how worlds are grouped.
 
     Args:
         folder: the folder of an evaluation.
-        weights: the kind, where several were driven; the first one if left out.
         joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
             whose trials count as if they were here.
 
     Raises:
-        ReportError: there are no trials, a folder is given twice, or the joined evaluations do not fit together.
+        ApplrError: there are no trials, a folder is given twice, or the joined evaluations do not fit together.
         StorageError: a folder cannot be read.
     """
 
-    def __init__(self, folder: os.PathLike | str, weights: str = "", joined: Sequence[os.PathLike | str] = ()):
+    def __init__(self, folder: os.PathLike | str, joined: Sequence[os.PathLike | str] = ()):
         self.folder, self.joined = Path(folder), [Path(other) for other in joined]
         self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
         rows, measures, resolved = [], [], set()
         for place in (self.folder, *self.joined):
             if place.resolve() in resolved:
-                raise ReportError("%s: given twice, so that its trials would count twice; join it once" % place)
+                raise ApplrError("%s: given twice, so that its trials would count twice; join it once" % place)
             resolved.add(place.resolve())
             found = read_rows(place / TRIALS, COLUMNS)
             for driven in dict.fromkeys((row["world"], row["method"]) for row in found):
                 if self._folder_of.setdefault(driven, place) != place:
-                    raise ReportError(
+                    raise ApplrError(
                         "%s and %s both have %s of %s; join other worlds or other methods"
                         % (self._folder_of[driven], place, *driven)
                     )
             rows += found
             measures += read_rows(place / MEASURES_FILE, MEASURES)
-        several = list(dict.fromkeys(row[WEIGHTS_COLUMN] for row in rows if WEIGHTS_COLUMN in row))
-        self.kind = (weights or several[0]) if several else ""
-        rows = [row for row in rows if row.get(WEIGHTS_COLUMN, "") == self.kind]
         if not rows:
-            raise ReportError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
+            raise ApplrError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
         self.settings = _settings(self.folder)
         self._digests = {tuple(self.settings.get("worlds", [])): self.settings.get("worlds_sha256")}
         for place in self.joined:
             self._join(place)
-        self.weights: List[str] = several or self.settings.get("weights", OLDER["weights"])
-        self.planner: str = self.settings.get("planner", OLDER["planner"])
-        self.robot: Dict[str, Any] = self.settings.get("robot", OLDER["robot"])  # trials.described gives it
+        self.planner: str = self.settings["planner"]
+        self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
         self.space = Space.stated(self.robot["space"], self.robot["name"])
-        if self.settings.get("monitor", OLDER["monitor"]):
+        if self.settings["monitor"]:
             self.planner += ", with the collision monitor"
         self.count = len(rows)
         self.methods = list(dict.fromkeys(row["method"] for row in rows))
         self.worlds = list(dict.fromkeys(row["world"] for row in rows))
-        self._moving = set(self.settings.get("worlds_with_movers", OLDER["worlds_with_movers"]))
+        self._moving = set(self.settings["worlds_with_movers"])
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
         self.rivals = [m for m in self.methods if m != self.baseline]
         try:
             self.cells = self._cells(rows, measures)
         except ValueError as error:
-            raise ReportError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
+            raise ApplrError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
 
     def _join(self, place: Path) -> None:
-        """Takes over another evaluation's worlds and methods. Raises ReportError where something else differs, too."""
+        """Takes over another evaluation's worlds and methods. Raises ApplrError where something else differs, too."""
         here, there = self.settings, _settings(place)
-        other = [name for name in SAME if here.get(name, OLDER.get(name)) != there.get(name, OLDER.get(name))]
+        other = [name for name in SAME if here.get(name) != there.get(name)]
         names, digest = tuple(there.get("worlds", [])), there.get("worlds_sha256")
         if self._digests.setdefault(names, digest) != digest:
             other.append("set of worlds of the same names")
         methods, more = here.get("methods", {}), there.get("methods", {})
         other += [name for name in methods if name in more and methods[name] != more[name]]
         if other:
-            raise ReportError(
-                "%s: driven with another %s than %s; it cannot be joined" % (place, other[0], self.folder)
-            )
+            raise ApplrError("%s: driven with another %s than %s; it cannot be joined" % (place, other[0], self.folder))
         here["methods"] = {**methods, **more}
         known = set(here.get("worlds", []))
         for name, spec in zip(there.get("worlds", []), there.get("world_specs", [])):
@@ -143,12 +132,12 @@ class Results:
     def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
         """What was recorded of a trial (store.read_trace), None where nothing was."""
         place = self._folder_of.get((world, method))
-        return read_trace(place, world, method, trial, self.kind) if place else None
+        return read_trace(place, world, method, trial) if place else None
 
     @staticmethod
     def _cells(rows: List[Dict[str, str]], measures: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:
         def key(row: Dict[str, str]) -> Tuple[str, ...]:
-            return (*(row[name] for name in KEY), row.get(WEIGHTS_COLUMN, ""))
+            return tuple(row[name] for name in KEY)
 
         extra = {key(row): row for row in measures}
         nothing = dict.fromkeys(MEASURES, "nan")

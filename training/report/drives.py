@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence
+from typing import Any, Dict, List, Optional
 
 import numpy as np
 
 from applr_ros1.common.files import read_bytes, write_bytes
+from training.common.folders import make_folder
 from training.report.data import Results
 from training.report.figures import colors, load
-from training.storage import make_folder
 from worlds import World
 
 FILE = "drives.html"
@@ -27,31 +27,29 @@ ASIDE = 3.5  # m to its sides in which obstacles are shown; BARN's fields are 4.
 MOST_TRIALS = 10  # of a method in a world
 
 
-def write(kinds: Sequence[Results], out: Path, title: str) -> str:
+def write(results: Results, out: Path, title: str) -> str:
     """Writes the page into the folder `out`.
 
     Args:
-        kinds: the results of each kind of weights.
+        results: of the evaluation.
         out: the folder of the report.
         title: of the page.
 
     Returns:
         The file's name; "" where no trace was kept.
     """
-    first = kinds[0]
-    found = [_world(kinds, name) for name in first.worlds]
+    found = [_world(results, name) for name in results.worlds]
     worlds = [world for world in found if world is not None]
     if not worlds:
         return ""
-    shade = colors(first)
+    shade = colors(results)
     page = {
         "title": title,
-        "methods": [{"name": m, "color": shade[m]} for m in first.methods],
-        "weights": [results.kind or results.weights[0] for results in kinds],
-        "planner": first.planner,
-        "parameters": first.space.names,
+        "methods": [{"name": m, "color": shade[m]} for m in results.methods],
+        "planner": results.planner,
+        "parameters": results.space.names,
         "period": PERIOD,
-        "body": first.robot["body"],
+        "body": results.robot["body"],
         "worlds": worlds,
     }
     data = json.dumps(page, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("</", "<\\/")
@@ -59,15 +57,10 @@ def write(kinds: Sequence[Results], out: Path, title: str) -> str:
     return FILE
 
 
-def _world(kinds: Sequence[Results], name: str) -> Optional[Dict[str, Any]]:
+def _world(results: Results, name: str) -> Optional[Dict[str, Any]]:
     """A world with its drives; None where there are none, or where the world's file has gone since."""
-    drives = [
-        drive
-        for number, results in enumerate(kinds)
-        for place, method in enumerate(results.methods)
-        for drive in _drives(results, name, method, {"m": place, "w": number})
-    ]
-    world = load(kinds[0], name) if drives else None
+    drives = [drive for place, method in enumerate(results.methods) for drive in _drives(results, name, method, place)]
+    world = load(results, name) if drives else None
     if world is None:
         return None
     points = [np.cumsum(drive["p"], axis=0)[:, :2] / 100.0 for drive in drives]
@@ -91,7 +84,7 @@ def _world(kinds: Sequence[Results], name: str) -> Optional[Dict[str, Any]]:
     }
 
 
-def _drives(results: Results, world: str, method: str, label: Dict[str, int]) -> List[Dict[str, Any]]:
+def _drives(results: Results, world: str, method: str, place: int) -> List[Dict[str, Any]]:
     """The drives of one method in a world whose traces were kept: how each ended, and what was driven."""
     cell, found = results.cells[method].get(world), []
     for trial in range(0 if cell is None else min(MOST_TRIALS, len(cell.success))):
@@ -102,7 +95,7 @@ def _drives(results: Results, world: str, method: str, label: Dict[str, int]) ->
         rows = np.unique(np.append(np.arange(0, last, EVERY), last))
         steps = np.rint(trace["pose"][rows] * 100.0).astype(int)
         drive: Dict[str, Any] = {
-            **label,
+            "m": place,
             "k": trial,
             "t": round(float(cell.time[trial]), 1),
             "ok": bool(cell.success[trial]),

@@ -12,9 +12,10 @@ from typing import Dict, List, Optional, Tuple
 import numpy as np
 
 import worlds as worlds_package
+from applr_ros1.common.errors import ApplrError
 from training.report.data import Results
 from training.report.regions import REGIONS, region_of
-from worlds import World, WorldError
+from worlds import World
 
 # the baseline red and applr green, as in the paper
 COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
@@ -44,7 +45,7 @@ def times(results: Results, folder: Path) -> Optional[str]:
     sets = [s for s in ("Training", "Test", "Other") if len(results.of_set(s)) >= 2]
     if not sets:
         return None
-    figure, axes = canvas(len(sets))
+    figure, axes = canvas(len(sets), size=(8.0, 4.0) if len(sets) == 1 else (5.5, 4.0))
     shade = colors(results)
     for ax, name in zip(axes[0], sets):
         base = results.cells[results.baseline]
@@ -60,7 +61,7 @@ def times(results: Results, folder: Path) -> Optional[str]:
             if not points:
                 continue
             x, y = np.array(points, dtype=float).T
-            ax.plot(x, y, "o", ms=3.5, color=shade[method], alpha=0.7, label=method)
+            ax.plot(x, y, "o", ms=4.5, color=shade[method], alpha=0.8, label=method)
             if len(x) > 2:
                 ax.plot(x, np.polyval(np.polyfit(x, y, 1), x), "--", lw=1.4, color=shade[method])
         ax.set(
@@ -72,7 +73,7 @@ def times(results: Results, folder: Path) -> Optional[str]:
         ax.grid(alpha=0.25)
         ax.xaxis.get_major_locator().set_params(integer=True)
     names = {name: handle for ax in axes[0] for handle, name in zip(*ax.get_legend_handles_labels())}
-    figure.legend(list(names.values()), list(names), loc="outside right upper", frameon=False)
+    figure.legend(list(names.values()), list(names), loc="outside right upper", frameon=False, markerscale=1.5)
     return _save(figure, folder, "times.png")
 
 
@@ -164,7 +165,7 @@ def load(results: Results, name: str) -> Optional[World]:
             try:
                 world = under(results.settings.get("protocol", "paper"), worlds_package.load(spec))
                 return worlds_package.scaled(world, results.robot["world_scale"])
-            except WorldError as error:
+            except ApplrError as error:
                 log.warning("no map of %s: %s", name, error)
     return None
 

@@ -13,16 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import List, Sequence, Tuple
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
+from training.common.folders import make_folder
+from training.common.provenance import sentences
 from training.evaluation.trials import PROTOCOLS
-from training.provenance import sentences
 from training.report import drives, figures, paper
-from training.report.data import ReportError, Results
+from training.report.data import Results
 from training.report.planners import planners
 from training.report.table import Table
 from training.report.tables import PAPER
 from training.report.tables_more import MORE
-from training.storage import make_folder
 
 FOLDER = "report"
 CURVES = ("learning_curves.png", "curves.png")  # what a training run calls its picture
@@ -55,56 +56,42 @@ def write(folder, training: str = "", beside: Sequence[str] = (), joined: Sequen
             which all tables count in.
 
     Raises:
-        ReportError: trials or plotting library are missing, or joined evaluations do not fit together.
+        ApplrError: trials or plotting library are missing, or joined evaluations do not fit together.
         StorageError: the folder cannot be read or written.
     """
     results = Results(folder, joined=joined)
     out = make_folder(results.folder / FOLDER)
-    kinds = _kinds(results)
-    others = [kind for other in beside for kind in _kinds(Results(other))]
-    made = (_joined([make(each) for each in kinds], results) for make in PAPER + MORE)
-    tables = [table for table in (*made, *([planners(kinds + others)] if beside else [])) if table.rows]
+    label = _label(results)
+    made = [make(results) for make in PAPER + MORE]
+    made = [replace(table, title="%s (%s)" % (table.title, label)) for table in made]
+    if beside:
+        made.append(planners([results, *map(Results, beside)]))
+    tables = [table for table in made if table.rows]
     pictures = _pictures(results, out, training)
     for table in tables:
         for ending, text in (("csv", table.csv()), ("tex", table.latex()), ("md", table.markdown())):
             write_bytes(out / ("%s.%s" % (table.name, ending)), text.encode())
     title, facts = _facts(results)
-    if drives.write(kinds, out, title):
+    if drives.write(results, out, title):
         facts.append("%s shows the drives of all methods side by side, world by world, as an animation." % drives.FILE)
     write_bytes(out / "report.md", _markdown(title, facts, tables, pictures).encode())
     write_bytes(out / "index.html", _html(title, facts, tables, pictures).encode())
     return str(out / "index.html")
 
 
-def _kinds(results: Results) -> List[Results]:
-    """The results of each kind of weights that was driven."""
-    return [results] + [Results(results.folder, kind, results.joined) for kind in results.weights[1:]]
-
-
-def _joined(tables: List[Table], results: Results) -> Table:
-    """One table of those of each kind of weights; its title or a column says which kind it is."""
-    first = tables[0]
-    title = "%s (%s)" % (first.title, _label(results, results.weights))
-    if all(table.rows == first.rows for table in tables):
-        return replace(first, title=title)
-    rows = [[row[0], kind, *row[1:]] for kind, table in zip(results.weights, tables) for row in table.rows]
-    notes = list(dict.fromkeys(note for table in tables for note in table.notes))
-    return Table(first.name, title, [first.columns[0], "weights", *first.columns[1:]], rows, notes)
-
-
-def _label(results: Results, kinds: List[str]) -> str:
-    """What every caption says: the methods, the kinds of weights, the planner."""
+def _label(results: Results) -> str:
+    """What every caption says: the methods and the planner."""
     names = [m for m in results.methods if "-without-" not in m]
     more = len(results.methods) - len(names)
     methods = ", ".join(names) + (" and %d with one parameter held" % more if more else "")
-    return "methods %s; weights %s; planner %s" % (methods, " and ".join(kinds), results.planner)
+    return "methods %s; planner %s" % (methods, results.planner)
 
 
 def _pictures(results: Results, out: Path, training: str) -> List[Tuple[str, str]]:
     """The pictures as a list of (file, caption)."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise ReportError("the report's pictures need matplotlib; install it, or give --no-report")
-    label = _label(results, [results.kind or results.weights[0]])
+        raise ApplrError("the report's pictures need matplotlib; install it, or give --no-report")
+    label = _label(results)
     found = [(figures.times(results, out), "%s (%s)" % (TIMES % results.baseline, label))]
     for world in figures.chosen(results):
         found.append((figures.paths(results, out, world), "Driven paths over the map of %s (%s)" % (world, label)))
@@ -126,7 +113,7 @@ def _curves(run: Path, out: Path) -> str:
         if (run / name).is_file():
             shutil.copyfile(run / name, out / "learning_curves.png")
             return "learning_curves.png"
-    raise ReportError("%s holds no learning curves (%s); give the folder of a training run" % (run, ", ".join(CURVES)))
+    raise ApplrError("%s holds no learning curves (%s); give the folder of a training run" % (run, ", ".join(CURVES)))
 
 
 def _facts(results: Results) -> Tuple[str, List[str]]:
@@ -134,20 +121,14 @@ def _facts(results: Results) -> Tuple[str, List[str]]:
     per = sorted({len(c.success) for cells in results.cells.values() for c in cells.values()})
     trials = str(per[0]) if len(per) == 1 else "%d to %d" % (per[0], per[-1])
     facts = [
-        "%d trials%s: %d worlds × %d methods × %s trials. Simulator: %s. Planner: %s."
+        "%d trials: %d worlds × %d methods × %s trials. Simulator: %s. Planner: %s."
         % (
             results.count,
-            " of each kind of weights" if len(results.weights) > 1 else "",
             len(results.worlds),
             len(results.methods),
             trials,
             s.get("simulator", "not recorded"),
             results.planner,
-        ),
-        "The planner's two distance biases count: %s.%s"
-        % (
-            " and ".join(results.weights),
-            " The pictures show %s." % results.kind if results.kind else "",
         ),
     ]
     if s.get("protocol") in PROTOCOLS:

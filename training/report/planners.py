@@ -1,4 +1,4 @@
-"""The table that puts several evaluations side by side: kinds of planner, kinds of distance weights, the monitor.
+"""The table that puts several evaluations side by side: kinds of planner, the monitor.
 
 page.py writes it where further evaluations are given.
 """
@@ -9,39 +9,38 @@ from typing import List, Sequence
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from training.report import statistics
-from training.report.data import SETS, ReportError, Results
+from training.report.data import SETS, Results
 from training.report.table import Table
 from training.report.tables import NONE, _number, _span
 
 
-def planners(kinds: Sequence[Results]) -> Table:
-    """A row for each planner, kind of weights, set of worlds and method.
+def planners(evaluations: Sequence[Results]) -> Table:
+    """A row for each planner, set of worlds and method.
 
     Args:
-        kinds: the results of each planner with each kind of weights.
+        evaluations: the results of each planner.
 
     Raises:
-        ReportError: where the evaluations were driven under different protocols or in different simulators.
+        ApplrError: where the evaluations were driven under different protocols or in different simulators.
     """
     table = Table(
         "planners",
-        "All planners and kinds of distance weights",
-        ["planner", "weights", "worlds", "method", "time [s]", "95 % interval", "gain [%]"]
+        "All planners",
+        ["planner", "worlds", "method", "time [s]", "95 % interval", "gain [%]"]
         + ["success [%]", "collided [%]", "trials"],
     )
     for name in ("protocol", "simulator"):
-        values = {str(results.settings.get(name)) for results in kinds}
+        values = {str(results.settings.get(name)) for results in evaluations}
         if len(values) > 1:
-            raise ReportError("evaluations of different %ss do not compare: %s" % (name, ", ".join(sorted(values))))
-    for results in kinds:
+            raise ApplrError("evaluations of different %ss do not compare: %s" % (name, ", ".join(sorted(values))))
+    for results in evaluations:
         for name in SETS:
             worlds = results.of_set(name)
             for method in results.methods if worlds else []:
                 table.rows.append(_row(results, name, worlds, method))
-    table.notes = [
-        "Times are means over the successful trials; the gain is over the baseline with the same planner and weights."
-    ]
+    table.notes = ["Times are means over the successful trials; the gain is over the baseline with the same planner."]
     return table
 
 
@@ -53,7 +52,6 @@ def _row(results: Results, name: str, worlds: List[str], method: str) -> List[st
         gain = _number(100 * statistics.gain(results, method, worlds)[0], 1)
     return [
         results.planner,
-        results.kind or results.weights[0],
         name,
         method,
         _number(mean),

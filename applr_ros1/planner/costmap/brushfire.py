@@ -3,7 +3,7 @@
 Called by inflation_layer.InflationLayer. In C++ every update spreads all obstacles anew: a queue ordered by distance,
 first in first out, along 4-neighbours. Every cell's winner follows from its neighbours' winners at lower distances
 alone, so when a few obstacles come or go only the cells that depend on them are evaluated again; the result is the
-same cell for cell (tests/test_inflation.py).
+same cell for cell (tests/planner/costmap/test_inflation.py).
 
 Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
   level (uint8)  WALL on the padding, NONE where nothing reaches, else 1 + index of the distance to the source

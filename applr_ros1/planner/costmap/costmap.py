@@ -34,10 +34,6 @@ Layer = Union[StaticLayer, ObstacleLayer, InflationLayer]
 NOTHING = (1e30, 1e30, -1e30, -1e30)  # bounds that hold no point
 
 
-class CostmapError(ApplrError):
-    """A costmap that cannot be made or used so; the message is one line."""
-
-
 @dataclass
 class LayerDescription:
     """One layer of a costmap: its name in the parameter files, its settings, and an obstacle layer's sources.
@@ -100,7 +96,7 @@ class Costmap:
 
     def _allocate(self, size_x_m, size_y_m, resolution, origin):
         if not (resolution > 0 and size_x_m / resolution >= 1 and size_y_m / resolution >= 1):
-            raise CostmapError(
+            raise ApplrError(
                 "costmap of %g x %g m at %g m has no cells: give a positive resolution below the size"
                 % (size_x_m, size_y_m, resolution)
             )
@@ -159,21 +155,13 @@ class Costmap:
         for layer in self.inflation_layers:
             layer.set_inscribed_radius(self.inscribed_radius)
 
-    def set_inflation(self, **values: Any) -> None:
-        """Set any of inflation_radius, cost_scaling_factor, enabled, inflate_unknown; shows at the next update."""
-        self.configure(self.inflation.name, **values)
-
-    def set_obstacles(self, **values: Any) -> None:
-        """Set any field of ObstacleParameters; shows at the next update."""
-        self.configure(self.obstacles.name, **values)
-
     def configure(self, name: str, **values: Any) -> None:
         """Set any of the parameters of the layer `name`; they show at the next update."""
         layer: Any = next(layer for layer in self.layers if layer.name == name)
         layer.configure(replace(layer.parameters, **values))
 
     def set_map(self, topic: str, given: StaticMap) -> None:
-        """A map from a topic: the static layers that listen to it take it. MapError for one that cannot be used.
+        """A map from a topic: the static layers that listen to it take it. ApplrError for one that cannot be used.
 
         A costmap that does not roll takes the map's size, resolution and origin, and is empty until its next update.
         """
@@ -189,7 +177,7 @@ class Costmap:
                 layer.take(given)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Occupancies (h, w) int8 that changed in the map of a topic, from its cell (x, y) on. MapError: not on it."""
+        """Occupancies (h, w) int8 that changed in the map of a topic, from cell (x, y) on. ApplrError: not on it."""
         for layer in self.static_layers:
             p = layer.parameters
             if p.map_topic == topic and p.subscribe_to_updates:
@@ -199,7 +187,7 @@ class Costmap:
         """One layered update for the robot's pose (x, y, yaw). `scan`: a new PointCloud of the first source."""
         x, y, yaw = (float(v) for v in robot_pose)
         if not math.isfinite(x + y + yaw):
-            raise CostmapError("costmap update at the pose %g %g %g: the pose must be finite" % (x, y, yaw))
+            raise ApplrError("costmap update at the pose %g %g %g: the pose must be finite" % (x, y, yaw))
         pose = (x, y, yaw)
         nx, ny = self.size
         if scan is not None:
@@ -282,13 +270,13 @@ class Costmap:
             layer.reset()
         self._changed((0, 0) + self.size)
 
-    def clear_outside(self, pose: Sequence[float], side: float, inverted: bool = False) -> None:
+    def clear_outside(self, pose: Sequence[float], side: float) -> None:
         """Clearing recovery: the obstacle layers forget what lies outside the square of `side` [m] about the pose.
 
         The master shows it after the next update.
         """
         for layer in self.obstacle_layers:
-            layer.clear_outside(pose, side, inverted)
+            layer.clear_outside(pose, side)
 
     def paint(self, cells: np.ndarray) -> None:
         """Write the non-zero cells (ny, nx) over the master and inflate the whole map: a map made by hand."""

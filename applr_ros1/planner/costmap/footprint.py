@@ -21,10 +21,6 @@ ON_LETHAL = -1.0
 HUGE = float(np.finfo(np.float64).max)
 
 
-class FootprintError(ApplrError):
-    """A footprint that cannot be used; the message is one line."""
-
-
 def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray:
     """Vertices (n, 2) float64 [m] from the parameter `footprint`: a string "[[x, y], ...]" or a sequence.
 
@@ -43,18 +39,16 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
     if points.size == 0:
         return np.zeros((0, 2))
     if points.ndim != 2 or points.shape[1] != 2:
-        raise FootprintError("footprint %.60r has a point that is not a pair: write it as [[x, y], ...]" % (text,))
+        raise ApplrError("footprint %.60r has a point that is not a pair: write it as [[x, y], ...]" % (text,))
     if len(points) < 3:
-        raise FootprintError(
-            "footprint %.60r has fewer than three points: give three or more, or a robot_radius" % (text,)
-        )
+        raise ApplrError("footprint %.60r has fewer than three points: give three or more, or a robot_radius" % (text,))
     if not np.all(np.isfinite(points)):
-        raise FootprintError("footprint %.60r has a coordinate that is not finite" % (text,))
+        raise ApplrError("footprint %.60r has a coordinate that is not finite" % (text,))
     return points.astype(np.float64)
 
 
-def _not_points(text: object) -> FootprintError:
-    return FootprintError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % (text,))
+def _not_points(text: object) -> ApplrError:
+    return ApplrError("footprint %.60r is not a list of points: write it as [[x, y], [x, y], ...]" % (text,))
 
 
 def circle(radius: float) -> np.ndarray:

@@ -97,13 +97,9 @@ def walk_line(x0, y0, x1, y1, xs, ys, start):
     return n
 
 
-def line_cells(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
-    """The cells from (x0, y0) to (x1, y1) as an (n, 2) int64 array, both ends included."""
-    n = max(abs(x1 - x0), abs(y1 - y0)) + 1
-    xs = np.empty(n, np.int64)
-    ys = np.empty(n, np.int64)
-    walk_line(int(x0), int(y0), int(x1), int(y1), xs, ys, 0)
-    return np.stack((xs, ys), axis=1)
+def union(a: Tuple, b: Tuple) -> Tuple:
+    """The smallest rectangle (x0, y0, x1, y1) around two."""
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 def roll(

@@ -15,7 +15,7 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap import brushfire
-from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance
+from applr_ros1.planner.costmap.grid import LETHAL, UNKNOWN, cell_distance, union
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
 FEW = 4096  # up to so many changed obstacle cells the costs are repaired, beyond it computed anew
@@ -219,11 +219,11 @@ class InflationLayer:
         self._spread_reach = self.reach
         grids = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
         if before is not None:
-            union = (min(before[0], rect[0]), min(before[1], rect[1]), max(before[2], rect[2]), max(before[3], rect[3]))
-            count = brushfire.seed_changes(base, self._level, *rect, *union, self._changed)
+            both = union(before, rect)
+            count = brushfire.seed_changes(base, self._level, *rect, *both, self._changed)
             if count >= 0 and brushfire.repair(self._changed, count, *grids, self._queue, self._lost):
                 return
-            brushfire.wipe(self._level, self._cost, *self._around(union, self.reach))
+            brushfire.wipe(self._level, self._cost, *self._around(both, self.reach))
         seeds = self._changed
         while True:
             count = brushfire.seed_changes(base, self._level, *rect, *rect, seeds)

@@ -20,6 +20,7 @@ from applr_ros1.planner.costmap.grid import (
     cell_distance,
     roll,
     size_in_meters,
+    union,
     world_to_map,
     world_to_map_no_bounds,
 )
@@ -112,7 +113,7 @@ class ObstacleLayer:
                 self.default,
             )
         touched = self._bounds
-        touched[:] = bounds if self._extra is None else _union(bounds, self._extra)
+        touched[:] = bounds if self._extra is None else union(bounds, self._extra)
         self._extra = None
         if len(self.buffers) == 1 and len(self.buffers[0].clouds) == 1:
             source = self.buffers[0].source
@@ -178,8 +179,8 @@ class ObstacleLayer:
         """Everything back to the default value. The newest scan stays and marks again."""
         self.cells[:] = self.default
 
-    def clear_outside(self, pose: Sequence[float], side: float, inverted: bool = False) -> None:
-        """Recovery: cells outside (inside, if inverted) the square of `side` [m] about the pose become 255.
+    def clear_outside(self, pose: Sequence[float], side: float) -> None:
+        """Recovery: cells outside the square of `side` [m] about the pose become 255.
 
         clear_costmap_recovery.cpp:351, costmap_layer.cpp:21; corner rows and columns count as outside.
         """
@@ -193,14 +194,10 @@ class ObstacleLayer:
             ]
         xs, ys = np.arange(nx), np.arange(ny)
         inside = ((ys > ends[2]) & (ys < ends[3]))[:, None] & ((xs > ends[0]) & (xs < ends[1]))[None, :]
-        self.cells[inside == bool(inverted)] = UNKNOWN
+        self.cells[~inside] = UNKNOWN
         ox, oy = self.origin.tolist()
         whole = ox, oy, ox + size_in_meters(nx, self.resolution), oy + size_in_meters(ny, self.resolution)
-        self._extra = whole if self._extra is None else _union(self._extra, whole)
-
-
-def _union(a, b):
-    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+        self._extra = whole if self._extra is None else union(self._extra, whole)
 
 
 @kernel

@@ -11,7 +11,7 @@ from typing import Dict, Optional, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, place
+from applr_ros1.common.angles import Pose, compose, transform_point
 from applr_ros1.common.kernels import kernel
 
 Quaternion = Tuple[float, float, float, float]
@@ -77,14 +77,17 @@ def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
 def moved(observation: Observation, frame: Pose) -> Observation:
     """The same observation in the frame in which `frame` (x, y, yaw) is the pose of its present frame."""
     start = observation.origin
-    origin = None if start is None else (*place(frame, start[0], start[1]), start[2])
+    origin = None if start is None else (*transform_point(frame, start[0], start[1]), start[2])
     if isinstance(observation, LaserScan):
         pose = compose(frame, observation.sensor_pose)
         rotation = None if observation.rotation is None else _turned(observation.rotation, frame[2])
         return replace(observation, sensor_pose=pose, rotation=rotation, origin=origin)
     x, y, z = observation.position
     return replace(
-        observation, position=(*place(frame, x, y), z), rotation=_turned(observation.rotation, frame[2]), origin=origin
+        observation,
+        position=(*transform_point(frame, x, y), z),
+        rotation=_turned(observation.rotation, frame[2]),
+        origin=origin,
     )
 
 

@@ -21,10 +21,6 @@ from applr_ros1.planner.costmap.merge import merge, replace
 Bounds = Tuple[float, float, float, float]
 
 
-class MapError(ApplrError):
-    """A map that cannot be used; the message is one line."""
-
-
 @dataclass(frozen=True)
 class StaticMap:
     """An occupancy grid as nav_msgs/OccupancyGrid has it.
@@ -39,12 +35,12 @@ class StaticMap:
     frame: str = ""
 
     def checked(self) -> StaticMap:
-        """A copy with contiguous int8 cells. MapError for one that no costmap can have."""
+        """A copy with contiguous int8 cells. ApplrError for one that no costmap can have."""
         cells = np.array(self.cells, dtype=np.int8, order="C")
         if cells.ndim != 2 or cells.size == 0:
-            raise MapError("a map of %s cells: give it rows and columns" % "x".join(map(str, cells.shape)))
+            raise ApplrError("a map of %s cells: give it rows and columns" % "x".join(map(str, cells.shape)))
         if not (math.isfinite(self.resolution) and self.resolution > 0 and all(map(math.isfinite, self.origin))):
-            raise MapError(
+            raise ApplrError(
                 "a map with resolution %r m and origin %r: give finite numbers and a resolution above 0"
                 % (self.resolution, tuple(self.origin))
             )
@@ -135,11 +131,11 @@ class StaticLayer:
         self._due = self._all()
 
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
-        """Occupancies (h, w) int8 for the map's cells from (x, y) on. MapError where they are not on the map."""
+        """Occupancies (h, w) int8 for the map's cells from (x, y) on. ApplrError where they are not on the map."""
         h, w = cells.shape
         ny, nx = (0, 0) if self.cells is None else self.cells.shape
         if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:
-            raise MapError("an update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
+            raise ApplrError("an update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
         self.cells[y : y + h, x : x + w] = self._costs[np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)]
         due = self._due or (x, y, x + w, y + h)
         self._due = min(due[0], x), min(due[1], y), max(due[2], x + w), max(due[3], y + h)

@@ -8,8 +8,8 @@ import math
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
 from applr_ros1.planner.angles import LARGEST_TURN
+from applr_ros1.planner.costmap.footprint_cost import UNSURE, outline_cost
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.costmap.outline import UNSURE, outline_cost
 from applr_ros1.planner.dwa.closed_form import AT_BORDER, arc, arc_errors, exact_end_cells, sure_end_cells
 from applr_ros1.planner.dwa.critics import final_distance, footprint_scale, scale_footprint, weighted_sum
 from applr_ros1.planner.dwa.generator import (

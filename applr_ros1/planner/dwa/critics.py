@@ -1,7 +1,7 @@
 """The critics of one trajectory, each over all its points, in the order of the C++ planner.
 
-Called for single trajectories and for what is shown of a cycle (every_sample.py); the search finds the same costs with
-less work. A negative value refuses the trajectory. docs/planner_dwa.md section 6.
+Called for single trajectories and for what is shown of a cycle (score_all_samples.py); the search finds the same costs
+with less work. A negative value refuses the trajectory. docs/planner_dwa.md section 6.
 """
 
 import math
@@ -10,8 +10,8 @@ import numpy as np
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
+from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.costmap.outline import outline_cost
 from applr_ros1.planner.dwa.generator import ground_speed
 from applr_ros1.planner.dwa.oscillation import is_barred
 from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH

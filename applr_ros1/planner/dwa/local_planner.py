@@ -8,7 +8,7 @@ from typing import Any, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.angles import wrapped
+from applr_ros1.planner.angles import normalize_angle
 from applr_ros1.planner.dwa.local_plan import EMPTY, LocalPlan
 from applr_ros1.planner.dwa.planner import Choice, DWAPlanner
 from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate, Triple
@@ -132,4 +132,4 @@ class DWALocalPlanner(LocalPlanner):
 
 def _wrapped(pose):
     """The pose with its angle gone through a quaternion."""
-    return pose[0], pose[1], wrapped(pose[2])
+    return pose[0], pose[1], normalize_angle(pose[2])

@@ -7,19 +7,18 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.angles import wrapped
+from applr_ros1.planner.angles import normalize_angle
+from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.costmap.grid import INSCRIBED
-from applr_ros1.planner.costmap.outline import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.dwa.critics import total_cost
-from applr_ros1.planner.dwa.every_sample import Samples, every_sample
 from applr_ros1.planner.dwa.generator import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.oscillation import clear
 from applr_ros1.planner.dwa.preparation import prepare
 from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
+from applr_ros1.planner.dwa.score_all_samples import Samples, score_all_samples
 from applr_ros1.planner.dwa.search import find_best
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
-from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.planner.sampling_planner import cost_cloud, updated
 
 DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
@@ -86,7 +85,7 @@ class DWAPlanner:
         Numbers of samples below 1 become 1. Raises ParameterError.
         """
         names = [name for name in PARAMETERS.names or () if name not in DERIVED]
-        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES, ParameterError)
+        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES)
         self._wanted = wanted
         self._scratch = allocate_scratch(*(wanted[name] for name in SAMPLES))
         self._take_parameters()
@@ -141,7 +140,9 @@ class DWAPlanner:
         """Begin a cycle that only stops or turns: pose, velocity and weights as find_best_path takes them."""
         self._look_at(costmap, plan)
         (x, y, yaw), (vx, vy, w) = pose, velocity
-        if prepare(self._record, self._scratch, self._scene.plan, x, y, wrapped(yaw), vx, vy, wrapped(w)):
+        if prepare(
+            self._record, self._scratch, self._scene.plan, x, y, normalize_angle(yaw), vx, vy, normalize_angle(w)
+        ):
             self._aligned_plan = self._scene.plan
 
     def find_best_path(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
@@ -190,9 +191,9 @@ class DWAPlanner:
         cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, vx, vy, w, -1.0)
         return cost, steps
 
-    def every_sample(self) -> Samples:
-        """All samples of the last search with what each critic says (every_sample.Samples), for display and tests."""
-        return every_sample(self._record, self._flags_before, self._grids, self._scratch, self._scene)
+    def score_all_samples(self) -> Samples:
+        """All samples of the last search with what each critic says, for display and tests."""
+        return score_all_samples(self._record, self._flags_before, self._grids, self._scratch, self._scene)
 
     def grids(self) -> List[np.ndarray]:
         """The four grids (ny, nx) int32 of the last search as C++ holds them: path, goal, nose to goal, nose on path.
@@ -220,7 +221,7 @@ class DWAPlanner:
 
     def trajectory_cloud(self) -> np.ndarray:
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
-        points = self.every_sample().points
+        points = self.score_all_samples().points
         cloud = np.zeros((len(points), 5), np.float32)
         cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
         return cloud

@@ -9,9 +9,9 @@ import math
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.angles import wrapped
+from applr_ros1.planner.angles import normalize_angle
+from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.costmap.outline import outline_cost
 from applr_ros1.planner.dwa.bounds import fill_bounds, probe
 from applr_ros1.planner.dwa.critics import (
     HUGE,
@@ -40,7 +40,7 @@ def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     through a quaternion before that.
     """
     p = params[0]
-    aligned = prepare(params, scratch, scene.plan, x, y, wrapped(yaw), vx, vy, wrapped(w))
+    aligned = prepare(params, scratch, scene.plan, x, y, normalize_angle(yaw), vx, vy, normalize_angle(w))
     start = scratch.start
     begin_floods(p, grids, start, scene, aligned)
     nx, ny, nw = sample_axes(p, scratch, scene.plan)
@@ -51,7 +51,7 @@ def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     steps = step_count(p, vx, vy, w)
     stored = commanded(p, start, vx, vy, w, steps)
     remember(p, state[0], start[0], start[1], start[2], stored[0], stored[1], stored[2])
-    return cost, sample, steps, (vx, vy, w), stored, wrapped(stored[2]), aligned
+    return cost, sample, steps, (vx, vy, w), stored, normalize_angle(stored[2]), aligned
 
 
 @kernel(error_model="numpy")

@@ -8,7 +8,7 @@ from typing import Any, Mapping, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.angles import angle_difference, wrapped
+from applr_ros1.planner.angles import angle_difference, normalize_angle
 
 STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
 Triple = Tuple[float, float, float]
@@ -71,7 +71,7 @@ class StopRotate:
         if self._is_turned(pose, goal):
             self.rotating = False
             return TURNED, STANDING
-        vx, vy, w = velocity[0], velocity[1], wrapped(velocity[2])
+        vx, vy, w = velocity[0], velocity[1], normalize_angle(velocity[2])
         if not self.rotating and not self.is_stopped(velocity):
             return STOPPING, self._slower((vx, vy, w))
         self.rotating = True

@@ -12,8 +12,8 @@ it everywhere:
   edge, the one outside is never taken; and it is always reached later, so it never lists the edge's cell first.
 
 Whether the wave leaves everywhere is looked up after each flood (`leaves`), with some slack for potentials that are not
-settled; if it does not, the flood is repeated with a wider fence, and then without one. tests/test_navfn.py compares
-both on many maps.
+settled; if it does not, the flood is repeated with a wider fence, and then without one.
+tests/planner/navfn/test_navfn.py compares both on many maps.
 """
 
 from __future__ import annotations

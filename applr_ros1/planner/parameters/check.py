@@ -9,12 +9,15 @@ import difflib
 import math
 import sys
 from collections import Counter
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.limits import MAX_CELLS
+from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.parameters.consistency import check_consistency, check_turn
 from applr_ros1.planner.parameters.declarations import (
     BEHAVIOUR,
     DEFAULT_RECOVERIES,
@@ -27,7 +30,7 @@ from applr_ros1.planner.parameters.declarations import (
     namespace,
     static_tables,
 )
-from applr_ros1.planner.parameters.dwa_planner_parameters import remarks
+from applr_ros1.planner.parameters.dwa_planner_parameters import warnings as dwa_warnings
 from applr_ros1.planner.parameters.layers import (
     COSTMAPS,
     INHERITED,
@@ -38,19 +41,6 @@ from applr_ros1.planner.parameters.layers import (
     layers,
     sources,
 )
-from applr_ros1.planner.parameters.together import check_together, check_turn
-from applr_ros1.planner.variant import Variant
-
-
-def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Optional[Dict[str, Any]]:
-    """The sub-dict of a nested tree at "a/b" (the tree itself at ""); None where there is none."""
-    here: Any = tree
-    for part in filter(None, path.split("/")):
-        here = here.setdefault(part, {}) if create else here.get(part)
-        if not isinstance(here, dict):
-            return None
-    return here
-
 
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may give as lists
 
@@ -92,7 +82,7 @@ def _check_outline(text: str, label: str) -> None:
     """Raise ParameterError where a footprint parameter is no list of at least three points within 100 m."""
     try:
         good = bool((np.abs(footprint.parse(text)) < 100.0).all())
-    except footprint.FootprintError:
+    except ApplrError:
         good = False
     if not good:
         shown = text if len(text) < 60 else text[:57] + "..."
@@ -137,27 +127,27 @@ def check(tree: Dict[str, Any]) -> List[str]:
     return problems
 
 
-def remark(tree: Dict[str, Any]) -> List[str]:
+def warnings(tree: Dict[str, Any]) -> List[str]:
     """What a tree without mistakes gives in vain, or at a risk: one line each."""
     lines: List[str] = []
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
-        found = remarks(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
+        found = dwa_warnings(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
         lines += ["DWAPlannerROS/" + line for line in found]
     lines += [
         "recovery_behaviors has the name %r more than once: as in C++ the default behaviours take the place of the "
         "list; give each a name of its own" % name
         for name in _repeated(_behaviours(tree))
     ]
-    lines += _remark_behaviours(tree)
+    lines += _warn_of_behaviours(tree)
     tree = arranged(tree)
-    _remark_layers(tree, tables(tree), lines)
+    _warn_of_layers(tree, tables(tree), lines)
     return lines
 
 
-def _remark_behaviours(tree):
+def _warn_of_behaviours(tree):
     """What C++ would clear otherwise: one line each."""
     usual = {p.name: p.default for p in BEHAVIOUR if p.name in ("affected_maps", "invert_area_to_clear")}
-    given = [(path, branch(tree, path) or {}) for path in dict.fromkeys([*USUAL, *_behaviours(tree)])]
+    given = [(path, branch(tree, path)) for path in dict.fromkeys([*USUAL, *_behaviours(tree)])]
     return [
         "%s/%s is without effect: a clearing clears both costmaps outside of its square" % (path, name)
         for path, own in given
@@ -166,16 +156,16 @@ def _remark_behaviours(tree):
     ]
 
 
-def _remark_layers(tree, known, lines):
+def _warn_of_layers(tree, known, lines):
     """Parameters of layers and sources that no list names, and a robot that sees nothing."""
     for path in [path for path in known if path.partition("/")[0] in COSTMAPS]:
-        for name, value in (branch(tree, path) or {}).items():
+        for name, value in branch(tree, path).items():
             label = "%s/%s" % (path, name)
             if isinstance(value, dict) and label not in known:
                 which = "observation_sources" if "/" in path else "plugins"
                 lines.append("%s has no effect: %s of %s does not name it" % (label, which, path))
     seen = [layer for layer in layers("local_costmap", tree.get("local_costmap", {})) if layer.kind == OBSTACLE_LAYER]
-    if not any(sources(branch(tree, layer.path) or {}) for layer in seen):
+    if not any(sources(branch(tree, layer.path)) for layer in seen):
         lines.append("local_costmap has no observation source: the robot will not see obstacles")
 
 
@@ -216,7 +206,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     full: Dict[str, Any] = {}
     tree = arranged(tree)
     for path, parameters in tables(tree).items():
-        have, here = branch(tree, path) or {}, branch(full, path, create=True)
+        have, here = branch(tree, path), branch(full, path, create=True)
         assert here is not None  # it has just been created
         for p in parameters:
             label = "%s/%s" % (path, p.name) if path else p.name
@@ -238,7 +228,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:
-        own = branch(tree, name) or {}
+        own = branch(tree, name)
         usual = full.get(name, {})
         full[name] = {
             p.name: convert(p, own.get(p.name, usual.get(p.name, p.default)), "%s/%s" % (name, p.name))
@@ -261,13 +251,12 @@ def _check_behaviours(full, names):
 
 def _check_whole(full):
     """What only shows when several parameters are looked at together, and the plugins there are."""
-    Variant(full["applr"]["weights"] or None).checked()
     known = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
     for name, plugins in known.items():
         if full[name] not in plugins:
             raise ParameterError("%s is %s: give %s" % (name, full[name], " or ".join(plugins)))
     planner = namespace(full["base_local_planner"])
-    check_together(planner, full[planner])
+    check_consistency(planner, full[planner])
     for name in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
         if "sim_granularity" in full[name]:
             check_turn(name, full[name])

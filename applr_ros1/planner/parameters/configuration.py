@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any, Dict
 
 from applr_ros1.planner.parameters.check import clamp, convert
+from applr_ros1.planner.parameters.consistency import check_consistency
 from applr_ros1.planner.parameters.declarations import ParameterError, servers
-from applr_ros1.planner.parameters.together import check_together
 
 
 class Configuration:
@@ -69,7 +69,7 @@ class Configuration:
                     wanted.update({name: value for name in (p.name,) + p.aliases})
         new = dict(has)
         new.update(wanted)
-        check_together(server, new)
+        check_consistency(server, new)
         if server == "":
             for name in ("base_global_planner", "base_local_planner"):
                 new[name] = self._start[server][name]  # nothing else can be loaded: it stays

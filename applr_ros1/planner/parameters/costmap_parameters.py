@@ -7,14 +7,9 @@ from __future__ import annotations
 
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, flag, listing, real, text, whole
 
-# Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
+# Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
 # fmt: off
-# What the Jackal's files give; files without `plugins` get the set of layers.py
-PLUGINS = [
-    {"name": "obstacles_layer", "type": "costmap_2d::ObstacleLayer"},
-    {"name": "inflater_layer", "type": "costmap_2d::InflationLayer"},
-]
 COMBINATION = (
     ("Overwrite", 0, "Known cells of this layer replace those of the costmap."),
     ("Maximum", 1, "The larger value of layer and costmap is kept."),
@@ -22,124 +17,124 @@ COMBINATION = (
 
 # Live, through dynamic_reconfigure: the costmap, its inflation layer, its obstacle layer
 COSTMAP = (
-    real("transform_tolerance", 0.3, 0.0, 10.0, 0.5, "s", "Largest age at which a robot pose is still used."),
-    real("update_frequency", 5.0, 0.0, 100.0, 20.0, "Hz",
+    real("transform_tolerance", 0.3, 0.0, 10.0, "s", "Largest age at which a robot pose is still used."),
+    real("update_frequency", 5.0, 0.0, 100.0, "Hz",
         "How often the costmap is updated with the newest scan. With 0 it is never updated."),
-    real("publish_frequency", 0.0, 0.0, 100.0, 5.0, "Hz",
+    real("publish_frequency", 0.0, 0.0, 100.0, "Hz",
         "Highest rate at which the costmap is published. With 0 it is never published."),
-    whole("width", 10, 0, INT_MAX, 10, "m", "Size of the costmap along x.", not_zero=True),
-    whole("height", 10, 0, INT_MAX, 10, "m", "Size of the costmap along y.", not_zero=True),
-    real("resolution", 0.05, 0.0, 50.0, 0.05, "m", "Edge length of a cell; at most width and height.",
+    whole("width", 10, 0, INT_MAX, "m", "Size of the costmap along x.", not_zero=True),
+    whole("height", 10, 0, INT_MAX, "m", "Size of the costmap along y.", not_zero=True),
+    real("resolution", 0.05, 0.0, 50.0, "m", "Edge length of a cell; at most width and height.",
         not_zero=True),
-    real("origin_x", 0.0, -INF, INF, 0.0, "m", "Position of the lower corner of the costmap along x."),
-    real("origin_y", 0.0, -INF, INF, 0.0, "m", "Position of the lower corner of the costmap along y."),
-    text("footprint", "[]", "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]",
+    real("origin_x", 0.0, -INF, INF, "m", "Position of the lower corner of the costmap along x."),
+    real("origin_y", 0.0, -INF, INF, "m", "Position of the lower corner of the costmap along y."),
+    text("footprint", "[]",
         "Outline of the robot as a list of points [[x, y], ...] in metres. With [] a circle of robot_radius is used."),
-    real("robot_radius", 0.46, 0.0, 10.0, 0.46, "m", "Radius of a round robot, used where no footprint is given."),
-    real("footprint_padding", 0.01, -INF, INF, 0.1, "m",
+    real("robot_radius", 0.46, 0.0, 10.0, "m", "Radius of a round robot, used where no footprint is given."),
+    real("footprint_padding", 0.01, -INF, INF, "m",
         "Distance by which the footprint is enlarged on every side."),
 )
 
 INFLATION = (
-    flag("enabled", True, True, "Whether costs are spread around obstacles."),
-    real("cost_scaling_factor", 10.0, 0.0, 100.0, 10.0, "1/m",
+    flag("enabled", True, "Whether costs are spread around obstacles."),
+    real("cost_scaling_factor", 10.0, 0.0, 100.0, "1/m",
         "Rate at which the cost falls with the distance from an obstacle; larger values fall faster."),
-    real("inflation_radius", 0.55, 0.0, 50.0, 0.3, "m", "Distance up to which an obstacle has a cost around it."),
-    flag("inflate_unknown", False, False, "Whether unknown cells take inflated costs."),
+    real("inflation_radius", 0.55, 0.0, 50.0, "m", "Distance up to which an obstacle has a cost around it."),
+    flag("inflate_unknown", False, "Whether unknown cells take inflated costs."),
 )
 
 OBSTACLES = (
-    flag("enabled", True, True, "Whether the laser scan marks and clears cells."),
-    flag("footprint_clearing_enabled", True, True, "Whether cells under the footprint of the robot are always free."),
-    real("max_obstacle_height", 2.0, 0.0, 50.0, 2.0, "m", "Height above which points do not count as obstacles."),
-    whole("combination_method", 1, -INT_MAX - 1, INT_MAX, 1, "",
+    flag("enabled", True, "Whether the laser scan marks and clears cells."),
+    flag("footprint_clearing_enabled", True, "Whether cells under the footprint of the robot are always free."),
+    real("max_obstacle_height", 2.0, 0.0, 50.0, "m", "Height above which points do not count as obstacles."),
+    whole("combination_method", 1, -INT_MAX - 1, INT_MAX, "",
         "How this layer is combined with the costmap.", enum=COMBINATION),
 )
 
 STATIC_MAP = (
-    flag("enabled", True, None, "Whether the map is written into the costmap."),
+    flag("enabled", True, "Whether the map is written into the costmap."),
 )
 
 # Read once, when the node starts: the costmap, its layers, the sources of an obstacle layer
 STATIC_COSTMAP = (
-    text("global_frame", "map", "odom",
+    text("global_frame", "map",
         "Frame of the costmap. The two costmaps may have different ones, such as map and odom; goals are transformed "
         "into the global costmap's."),
-    text("robot_base_frame", "base_link", "base_link", "Frame of the robot base."),
-    flag("rolling_window", False, True, "Whether the costmap moves along with the robot."),
-    flag("track_unknown_space", False, None,
+    text("robot_base_frame", "base_link", "Frame of the robot base."),
+    flag("rolling_window", False, "Whether the costmap moves along with the robot."),
+    flag("track_unknown_space", False,
         "Whether cells are unknown instead of free until a layer knows them. Where it is given it counts for the "
         "static and obstacle layers of the costmap, too."),
-    flag("always_send_full_costmap", False, None,
+    flag("always_send_full_costmap", False,
         "Whether the whole costmap is published each time instead of only the part that changed."),
-    listing("plugins", [], PLUGINS,
+    listing("plugins", [],
         "Names and types of the layers, from the lowest to the highest: costmap_2d::StaticLayer, "
         "costmap_2d::ObstacleLayer and costmap_2d::InflationLayer in any number and order. Without it there are "
         "static_layer (with static_map), obstacle_layer and inflation_layer, and their parameters stand at the "
         "costmap itself."),
-    real("circumscribed_radius", 0.46, 0.0, INF, None, "m",
+    real("circumscribed_radius", 0.46, 0.0, INF, "m",
         "Four times the local costmap's value is the side of the square outside of which the aggressive reset clears "
         "the costmaps."),
-    real("obstacle_range", 2.5, 0.0, INF, 2.5, "m",
+    real("obstacle_range", 2.5, 0.0, INF, "m",
         "Where it is given here it counts for all obstacle layers of the costmap."),
-    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m",
+    real("raytrace_range", 3.0, 0.0, INF, "m",
         "Where it is given here it counts for all obstacle layers of the costmap."),
-    flag("static_map", False, False,
+    flag("static_map", False,
         "Whether a file without plugins has a static layer. Without effect beside plugins."),
-    text("map_type", "costmap", "costmap", "Only costmap is supported in files without plugins."),
-    flag("meter_scoring", False, True,
+    text("map_type", "costmap", "Only costmap is supported in files without plugins."),
+    flag("meter_scoring", False,
         "Without effect; exists for Clearpath's parameter files. The value of the local planner is used."),
-    real("origin_z", 0.0, -INF, INF, 0.0, "m", "Without effect; exists for Clearpath's parameter files."),
-    flag("publish_voxel_map", False, False, "Without effect; exists for Clearpath's parameter files."),
-    real("z_resolution", 1, 0.0, INF, 1, "m", "Without effect; exists for Clearpath's parameter files."),
-    whole("z_voxels", 2, 0, INT_MAX, 2, "", "Without effect; exists for Clearpath's parameter files."),
+    real("origin_z", 0.0, -INF, INF, "m", "Without effect; exists for Clearpath's parameter files."),
+    flag("publish_voxel_map", False, "Without effect; exists for Clearpath's parameter files."),
+    real("z_resolution", 1, 0.0, INF, "m", "Without effect; exists for Clearpath's parameter files."),
+    whole("z_voxels", 2, 0, INT_MAX, "", "Without effect; exists for Clearpath's parameter files."),
 )
 
 STATIC_OBSTACLES = (
-    text("observation_sources", "", "scan",
+    text("observation_sources", "",
         "Names of the sensor sources of the layer, separated by spaces. The parameters of each stand below its name."),
-    real("obstacle_range", 2.5, 0.0, INF, 2.5, "m",
+    real("obstacle_range", 2.5, 0.0, INF, "m",
         "Distance from the sensor beyond which points are not marked, for sources that do not give their own."),
-    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m",
+    real("raytrace_range", 3.0, 0.0, INF, "m",
         "Distance from the sensor up to which rays clear cells, for sources that do not give their own."),
-    flag("track_unknown_space", False, None,
+    flag("track_unknown_space", False,
         "Whether cells of the layer are unknown until they have been observed. Without it, as the costmap."),
 )
 
 STATIC_SOURCE = (
-    text("topic", "", "front/scan", "Topic of the source. Without it, the name of the source."),
-    text("data_type", "PointCloud", "LaserScan", "Message type of the source: LaserScan, PointCloud2 or PointCloud."),
-    text("sensor_frame", "", "front_laser",
+    text("topic", "", "Topic of the source. Without it, the name of the source."),
+    text("data_type", "PointCloud", "Message type of the source: LaserScan, PointCloud2 or PointCloud."),
+    text("sensor_frame", "",
         "Frame at whose origin the rays start. Empty, or where tf does not know it: the frame in the messages."),
-    flag("marking", True, True, "Whether the points mark obstacles."),
-    flag("clearing", False, True, "Whether the rays clear the cells that they pass."),
-    flag("inf_is_valid", False, None,
+    flag("marking", True, "Whether the points mark obstacles."),
+    flag("clearing", False, "Whether the rays clear the cells that they pass."),
+    flag("inf_is_valid", False,
         "Whether a beam of a LaserScan without return (infinite range) clears cells up to raytrace_range."),
-    real("min_obstacle_height", 0.0, -INF, INF, -2.0, "m",
+    real("min_obstacle_height", 0.0, -INF, INF, "m",
         "Height in the costmap's frame below which points are dropped."),
-    real("max_obstacle_height", 2.0, -INF, INF, 2.0, "m",
+    real("max_obstacle_height", 2.0, -INF, INF, "m",
         "Height in the costmap's frame above which points are dropped."),
-    real("obstacle_range", 2.5, 0.0, INF, 2.5, "m",
+    real("obstacle_range", 2.5, 0.0, INF, "m",
         "Distance from the sensor beyond which points are not marked."),
-    real("raytrace_range", 3.0, 0.0, INF, 3.0, "m", "Distance from the sensor up to which rays clear cells."),
-    real("observation_persistence", 0.0, 0.0, INF, None, "s",
+    real("raytrace_range", 3.0, 0.0, INF, "m", "Distance from the sensor up to which rays clear cells."),
+    real("observation_persistence", 0.0, 0.0, INF, "s",
         "How long messages are kept and applied again in each update. With 0 the newest alone is used."),
-    real("expected_update_rate", 0.0, 0.0, INF, None, "s",
+    real("expected_update_rate", 0.0, 0.0, INF, "s",
         "Time without a message after which the robot stops, for sources of the local costmap. With 0 scan_timeout "
         "alone decides."),
 )
 
 STATIC_STATIC_MAP = (
-    text("map_topic", "map", None, "Topic of the map. It is read from a latched topic, as map_server has it."),
-    flag("first_map_only", False, None, "Whether maps after the first one are ignored."),
-    flag("subscribe_to_updates", False, None, "Whether changes of the map are taken from the topic map_topic_updates."),
-    flag("track_unknown_space", True, None,
+    text("map_topic", "map", "Topic of the map. It is read from a latched topic, as map_server has it."),
+    flag("first_map_only", False, "Whether maps after the first one are ignored."),
+    flag("subscribe_to_updates", False, "Whether changes of the map are taken from the topic map_topic_updates."),
+    flag("track_unknown_space", True,
         "Whether unknown cells of the map are unknown in the costmap, or else free."),
-    flag("use_maximum", False, None,
+    flag("use_maximum", False,
         "Whether the map leaves higher costs of the layers below alone, instead of replacing all of them."),
-    whole("lethal_cost_threshold", 100, -INT_MAX - 1, INT_MAX, None, "",
+    whole("lethal_cost_threshold", 100, -INT_MAX - 1, INT_MAX, "",
         "Occupancy from which on a cell is lethal; values beyond 0 and 100 count as these."),
-    whole("unknown_cost_value", -1, -INT_MAX - 1, INT_MAX, None, "", "Occupancy that means that a cell is unknown."),
-    flag("trinary_costmap", True, None,
+    whole("unknown_cost_value", -1, -INT_MAX - 1, INT_MAX, "", "Occupancy that means that a cell is unknown."),
+    flag("trinary_costmap", True,
         "Whether cells of lower occupancy are free. Otherwise their cost is in proportion to their occupancy."),
 )

@@ -1,4 +1,4 @@
-"""Every parameter of move_base, once: name, type, bounds, default, the Jackal's value, unit and a sentence.
+"""Every parameter of move_base, once: name, type, bounds, default, unit and a sentence.
 
 The rows stand in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
 costmap_parameters.py; here they are joined by dynamic_reconfigure server and name space. The .cfg files,
@@ -8,14 +8,12 @@ files import it at build time without numpy.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, Dict, List, NamedTuple, Tuple
+from typing import Any, Dict, NamedTuple, Tuple
 
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
     INFLATION,
     OBSTACLES,
-    PLUGINS,
     STATIC_COSTMAP,
     STATIC_OBSTACLES,
     STATIC_SOURCE,
@@ -44,16 +42,13 @@ __all__ = [
     "BEHAVIOUR",
     "DEFAULT_RECOVERIES",
     "INF",
-    "JACKAL",
     "GLOBAL_PLANNERS",
     "LOCAL_PLANNERS",
-    "PLUGINS",
     "RECOVERY_TYPES",
     "SERVERS",
     "STATIC",
     "Parameter",
     "ParameterError",
-    "check",
     "namespace",
     "servers",
 ]
@@ -62,17 +57,11 @@ GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
 
 
-def _with(parameters: Tuple[Parameter, ...], **jackal) -> Tuple[Parameter, ...]:
-    """The same parameters with other Jackal values."""
-    return tuple(replace(p, jackal=jackal.get(p.name, p.jackal)) for p in parameters)
-
-
-GLOBAL = dict(width=40, height=40, origin_x=-20.0, origin_y=-20.0)
 SERVERS: Dict[str, Tuple[Parameter, ...]] = {
     "": MOVE_BASE,
     "TrajectoryPlannerROS": TRAJECTORY_PLANNER,
     "DWAPlannerROS": DWA_PLANNER,
-    "global_costmap": _with(COSTMAP, **GLOBAL),
+    "global_costmap": COSTMAP,
     "global_costmap/inflater_layer": INFLATION,
     "global_costmap/obstacles_layer": OBSTACLES,
     "local_costmap": COSTMAP,
@@ -89,7 +78,7 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "aggressive_reset": AGGRESSIVE_RESET,
     "applr": APPLR_NODE,
     "rotate_recovery": ROTATE_RECOVERY,
-    "global_costmap": _with(STATIC_COSTMAP, rolling_window=False, static_map=True),
+    "global_costmap": STATIC_COSTMAP,
     "global_costmap/obstacles_layer": STATIC_OBSTACLES,
     "global_costmap/obstacles_layer/scan": STATIC_SOURCE,
     "local_costmap": STATIC_COSTMAP,
@@ -136,26 +125,3 @@ def static_tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
 def namespace(plugin: str) -> str:
     """The name space of a plugin's parameters and topics: its name without the package."""
     return plugin.rpartition("/")[2]
-
-
-def _jackal_tree() -> Dict[str, Any]:
-    tree: Dict[str, Any] = {}
-    for table in (STATIC, SERVERS):
-        for path, parameters in table.items():
-            here = tree
-            for part in filter(None, path.split("/")):
-                here = here.setdefault(part, {})
-            for p in parameters:
-                if p.jackal is not None:
-                    here.update({name: p.jackal for name in (p.name,) + p.aliases})
-    return {name: value for name, value in tree.items() if value != {}}
-
-
-JACKAL: Dict[str, Any] = _jackal_tree()
-
-
-def check(tree: Dict[str, Any]) -> List[str]:
-    """List what is wrong with a nested parameter tree, one line each; see check.py of this folder."""
-    from applr_ros1.planner.parameters import check as parameter_check
-
-    return parameter_check.check(tree)

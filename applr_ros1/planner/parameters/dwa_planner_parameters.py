@@ -5,91 +5,89 @@ Joined in declarations.py. Pure standard library: the .cfg files import this at 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, whole
 
-# Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
+# Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags and texts have no bounds and no unit.
 # fmt: off
 SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
 
 # Live, through dynamic_reconfigure
 DWA_PLANNER = (
-    real("max_vel_trans", 0.55, 0.0, INF, None, "m/s",
+    real("max_vel_trans", 0.55, 0.0, INF, "m/s",
         "Largest speed over ground. Also the speed at which the footprint counts largest, see max_scaling_factor."),
-    real("min_vel_trans", 0.1, 0.0, INF, None, "m/s",
+    real("min_vel_trans", 0.1, 0.0, INF, "m/s",
         "Smallest speed over ground, except for samples that turn at min_vel_theta or faster."),
-    real("max_vel_x", 0.55, -INF, INF, None, "m/s", "Largest forward velocity that is sampled."),
-    real("min_vel_x", 0.0, -INF, INF, None, "m/s",
+    real("max_vel_x", 0.55, -INF, INF, "m/s", "Largest forward velocity that is sampled."),
+    real("min_vel_x", 0.0, -INF, INF, "m/s",
         "Smallest forward velocity that is sampled; a negative value lets the robot drive backwards."),
-    real("max_vel_y", 0.1, -INF, INF, None, "m/s",
+    real("max_vel_y", 0.1, -INF, INF, "m/s",
         "Largest sideways velocity that is sampled. Both sideways limits are 0 for a base that cannot strafe."),
-    real("min_vel_y", -0.1, -INF, INF, None, "m/s",
+    real("min_vel_y", -0.1, -INF, INF, "m/s",
         "Smallest sideways velocity that is sampled; negative values are to the right."),
-    real("max_vel_theta", 1.0, 0.0, INF, None, "rad/s",
+    real("max_vel_theta", 1.0, 0.0, INF, "rad/s",
         "Largest angular velocity that is sampled, in both directions."),
-    real("min_vel_theta", 0.4, 0.0, INF, None, "rad/s",
+    real("min_vel_theta", 0.4, 0.0, INF, "rad/s",
         "Smallest angular velocity of a sample slower than min_vel_trans, and of the turn to the goal heading."),
-    real("acc_lim_x", 2.5, 0.0, 20.0, None, "m/s^2",
+    real("acc_lim_x", 2.5, 0.0, 20.0, "m/s^2",
         "Forward acceleration limit of the dynamic window and of stopping at the goal."),
-    real("acc_lim_y", 2.5, 0.0, 20.0, None, "m/s^2",
+    real("acc_lim_y", 2.5, 0.0, 20.0, "m/s^2",
         "Sideways acceleration limit of the dynamic window and of stopping at the goal. Without effect: the base "
         "cannot strafe, and a measured sideways velocity counts as 0."),
-    real("acc_lim_theta", 3.2, 0.0, 20.0, None, "rad/s^2",
+    real("acc_lim_theta", 3.2, 0.0, 20.0, "rad/s^2",
         "Angular acceleration limit of the dynamic window and of the turn to the goal heading."),
-    real("acc_lim_trans", 0.1, 0.0, INF, None, "m/s^2",
+    real("acc_lim_trans", 0.1, 0.0, INF, "m/s^2",
         "Without effect, as in the C++ node; exists so that clients find it."),
-    flag("prune_plan", False, None, "Whether points of the plan that the robot has passed are removed."),
-    real("xy_goal_tolerance", 0.1, -INF, INF, None, "m",
+    flag("prune_plan", False, "Whether points of the plan that the robot has passed are removed."),
+    real("xy_goal_tolerance", 0.1, -INF, INF, "m",
         "Distance from the goal position at which the position counts as reached."),
-    real("yaw_goal_tolerance", 0.1, -INF, INF, None, "rad",
+    real("yaw_goal_tolerance", 0.1, -INF, INF, "rad",
         "Difference from the goal heading at which the heading counts as reached."),
-    real("trans_stopped_vel", 0.1, -INF, INF, None, "m/s",
+    real("trans_stopped_vel", 0.1, -INF, INF, "m/s",
         "Measured velocity along either axis at which the robot counts as standing."),
-    real("theta_stopped_vel", 0.1, -INF, INF, None, "rad/s",
+    real("theta_stopped_vel", 0.1, -INF, INF, "rad/s",
         "Measured angular velocity at which the robot counts as standing."),
-    real("sim_time", 1.7, 0.0, INF, None, "s",
+    real("sim_time", 1.7, 0.0, INF, "s",
         "Duration for which each sampled velocity is simulated. With 0 no velocity is legal."),
-    real("sim_granularity", 0.025, 0.0, INF, None, "m",
+    real("sim_granularity", 0.025, 0.0, INF, "m",
         "Distance between two simulated points of a trajectory.", not_zero=True),
-    real("angular_sim_granularity", 0.1, 0.0, INF, None, "rad",
+    real("angular_sim_granularity", 0.1, 0.0, INF, "rad",
         "Rotation between two simulated points of a trajectory.", not_zero=True),
-    real("path_distance_bias", 0.6, 0.0, INF, None, "1/m",
+    real("path_distance_bias", 0.6, 0.0, INF, "1/m",
         "Weight of the final distance of a trajectory from the plan in its cost. With 0 trajectories through cells "
         "that the robot cannot enter are no longer refused by this distance."),
-    real("goal_distance_bias", 0.8, 0.0, INF, None, "1/m",
+    real("goal_distance_bias", 0.8, 0.0, INF, "1/m",
         "Weight of the final distance of a trajectory from the local goal in its cost."),
-    real("occdist_scale", 0.01, 0.0, INF, None, "",
+    real("occdist_scale", 0.01, 0.0, INF, "",
         "Weight of the largest costmap value along a trajectory in its cost. With 0 the footprint is not checked "
         "against obstacles."),
-    real("twirling_scale", 0.0, 0.0, INF, None, "s/rad", "Weight of the angular velocity of a trajectory in its cost."),
-    real("stop_time_buffer", 0.2, 0.0, INF, None, "s",
+    real("twirling_scale", 0.0, 0.0, INF, "s/rad", "Weight of the angular velocity of a trajectory in its cost."),
+    real("stop_time_buffer", 0.2, 0.0, INF, "s",
         "Without effect, as in the C++ node; exists so that clients find it."),
-    real("oscillation_reset_dist", 0.05, 0.0, INF, None, "m",
+    real("oscillation_reset_dist", 0.05, 0.0, INF, "m",
         "Distance that the robot has to move before a direction that was barred because of oscillation is allowed "
         "again."),
-    real("oscillation_reset_angle", 0.2, 0.0, INF, None, "rad",
+    real("oscillation_reset_angle", 0.2, 0.0, INF, "rad",
         "Rotation after which a direction that was barred because of oscillation is allowed again."),
-    real("forward_point_distance", 0.325, -INF, INF, None, "m",
+    real("forward_point_distance", 0.325, -INF, INF, "m",
         "Distance ahead of the robot of a second point that is kept near the plan and driven towards the goal."),
-    real("scaling_speed", 0.25, 0.0, INF, None, "m/s", "Speed above which the footprint counts larger."),
-    real("max_scaling_factor", 0.2, 0.0, INF, None, "",
+    real("scaling_speed", 0.25, 0.0, INF, "m/s", "Speed above which the footprint counts larger."),
+    real("max_scaling_factor", 0.2, 0.0, INF, "",
         "Share by which the footprint counts larger at max_vel_trans."),
-    whole("vx_samples", 3, 1, INT_MAX, None, "",
+    whole("vx_samples", 3, 1, INT_MAX, "",
         "Number of forward velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
-    whole("vy_samples", 10, 1, INT_MAX, None, "",
+    whole("vy_samples", 10, 1, INT_MAX, "",
         "Number of sideways velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
-    whole("vth_samples", 20, 1, INT_MAX, None, "",
+    whole("vth_samples", 20, 1, INT_MAX, "",
         "Number of angular velocities sampled in a control cycle. 0 counts as 1.", clamps=True),
-    flag("use_dwa", True, None,
+    flag("use_dwa", True,
         "Whether velocities are sampled that can be reached within one control period (dynamic window) instead of "
         "within sim_time."),
-    replace(RESTORE, jackal=None),
+    RESTORE,
 )
 
 
-def remarks(values, latches):
+def warnings(values, latches):
     """What is without effect, or more dangerous than it looks, in the values given for DWAPlannerROS: one line each.
 
     values: those that the parameter files give; latches: latch_xy_goal_tolerance of move_base itself.
@@ -116,23 +114,23 @@ OLDER = {
 
 # Read once, when the node starts
 STATIC_DWA_PLANNER = (
-    real("controller_frequency", 20.0, 0.0, INF, None, "Hz",
+    real("controller_frequency", 20.0, 0.0, INF, "Hz",
         "Its inverse is the control period that the dynamic window is computed with. Where it is not given, that of "
         "move_base counts."),
-    flag("sum_scores", False, None,
+    flag("sum_scores", False,
         "Whether the costs under all points of a trajectory are added instead of taking the largest."),
-    real("cheat_factor", 1.0, 0.0, INF, None, "",
+    real("cheat_factor", 1.0, 0.0, INF, "",
         "Scales the squared distance to the end of the local plan below which the second point of "
         "forward_point_distance is no longer kept near the plan."),
-    flag("latch_xy_goal_tolerance", False, None,
+    flag("latch_xy_goal_tolerance", False,
         "Without effect, as in the C++ node, which reads the parameter of the same name of move_base itself."),
-    flag("publish_cost_grid_pc", False, None,
+    flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
-    flag("publish_traj_pc", False, None,
+    flag("publish_traj_pc", False,
         "Whether the points of all legal trajectories are published as the point cloud trajectory_cloud."),
-    text("global_frame_id", "odom", None, "Frame of trajectory_cloud."),
-    text("odom_topic", "odom", None, "Topic of the odometry."),
+    text("global_frame_id", "odom", "Frame of trajectory_cloud."),
+    text("odom_topic", "odom", "Topic of the odometry."),
 ) + tuple(
-    real(old, 0.0, -INF, INF, None, "", "Older name of %s. Without effect, as in the C++ node: give %s." % (new, new))
+    real(old, 0.0, -INF, INF, "", "Older name of %s. Without effect, as in the C++ node: give %s." % (new, new))
     for old, new in OLDER.items()
 )

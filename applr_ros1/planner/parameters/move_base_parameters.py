@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, listing, real, text, whole
 
-# Read the rows as: name, default, least and largest value, value on the Jackal (None: the default), unit, sentence.
+# Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
 # fmt: off
 RECOVERY_TYPES = ("clear_costmap_recovery/ClearCostmapRecovery", "rotate_recovery/RotateRecovery")
@@ -23,106 +23,102 @@ DEFAULT_RECOVERIES = [
 
 # Live, through dynamic_reconfigure
 MOVE_BASE = (
-    text("base_global_planner", "navfn/NavfnROS", "navfn/NavfnROS",
+    text("base_global_planner", "navfn/NavfnROS",
         "Plugin name of the global planner. Only navfn is available."),
-    text("base_local_planner", "base_local_planner/TrajectoryPlannerROS", "base_local_planner/TrajectoryPlannerROS",
+    text("base_local_planner", "base_local_planner/TrajectoryPlannerROS",
         "Plugin name of the local planner: base_local_planner/TrajectoryPlannerROS or dwa_local_planner/DWAPlannerROS. "
         "Read once, when the node starts."),
-    real("planner_frequency", 0.0, 0.0, 100.0, 20.0, "Hz",
+    real("planner_frequency", 0.0, 0.0, 100.0, "Hz",
         "How often the global plan is renewed while the robot drives. With 0 a plan is made for each new goal and "
         "after each failure to find a velocity."),
-    real("controller_frequency", 20.0, 0.0, 100.0, 20.0, "Hz",
+    real("controller_frequency", 20.0, 0.0, 100.0, "Hz",
         "How often a velocity command is chosen and published. 0 or less is refused.", not_zero=True),
-    real("planner_patience", 5.0, 0.0, 100.0, 5.0, "s",
+    real("planner_patience", 5.0, 0.0, 100.0, "s",
         "Time without a global plan after which a recovery behaviour starts."),
-    real("controller_patience", 5.0, 0.0, 100.0, 15.0, "s",
+    real("controller_patience", 5.0, 0.0, 100.0, "s",
         "Time without a valid velocity command after which a recovery behaviour starts."),
-    whole("max_planning_retries", -1, -1, 1000, -1, "",
+    whole("max_planning_retries", -1, -1, 1000, "",
         "Number of failed planning attempts after which a recovery behaviour starts. -1 sets no limit."),
-    real("conservative_reset_dist", 3.0, 0.0, 50.0, 3.0, "m",
+    real("conservative_reset_dist", 3.0, 0.0, 50.0, "m",
         "Side of the square around the robot outside of which the conservative reset clears the costmaps. Read once, "
         "when the node starts."),
-    flag("recovery_behavior_enabled", True, True, "Whether recovery behaviours are tried before a goal is aborted."),
-    flag("clearing_rotation_allowed", True, True,
+    flag("recovery_behavior_enabled", True, "Whether recovery behaviours are tried before a goal is aborted."),
+    flag("clearing_rotation_allowed", True,
         "Whether the recovery behaviours may rotate the robot in place. Read once, when the node starts."),
-    flag("shutdown_costmaps", False, False, "Whether the costmaps stop updating while there is no goal."),
-    real("oscillation_timeout", 0.0, 0.0, 60.0, 0.0, "s",
+    flag("shutdown_costmaps", False, "Whether the costmaps stop updating while there is no goal."),
+    real("oscillation_timeout", 0.0, 0.0, 60.0, "s",
         "Time within which the robot has to move by oscillation_distance; otherwise a recovery behaviour starts. 0 "
         "switches this check off."),
-    real("oscillation_distance", 0.5, 0.0, 10.0, 0.5, "m",
+    real("oscillation_distance", 0.5, 0.0, 10.0, "m",
         "Distance that the robot has to move to count as not oscillating."),
-    flag("make_plan_clear_costmap", True, True,
+    flag("make_plan_clear_costmap", True,
         "Whether the make_plan service first clears a square around the robot in both costmaps."),
-    flag("make_plan_add_unreachable_goal", True, True,
+    flag("make_plan_add_unreachable_goal", True,
         "Whether the make_plan service appends the requested goal to a plan that only reaches a point near it."),
     RESTORE,
 )
 
 # Read once, when the node starts
 STATIC_MOVE_BASE = (
-    listing("recovery_behaviors", DEFAULT_RECOVERIES, None,
+    listing("recovery_behaviors", DEFAULT_RECOVERIES,
         "Names and types of the recovery behaviours in the order in which they are tried; an empty list: none. Of the "
         "default ones, and only of these, clearing_rotation_allowed leaves out the rotations."),
-    real("scan_timeout", 1.0, 0.0, INF, None, "s",
+    real("scan_timeout", 1.0, 0.0, INF, "s",
         "Age of the newest scan at which the robot is stopped. 0 switches this check off."),
-    flag("latch_xy_goal_tolerance", False, None,
+    flag("latch_xy_goal_tolerance", False,
         "Of DWAPlannerROS: whether the goal position, once reached, keeps counting as reached until the next plan."),
-    real("clearing_radius", 0.46, 0.0, INF, None, "m",
+    real("clearing_radius", 0.46, 0.0, INF, "m",
         "Half of the side of the square that make_plan_clear_costmap clears."),
 )
 
 # Of the behaviours that clear the costmaps, beside reset_distance, and of those that turn
 CLEARING = (
-    listing("layer_names", ["obstacles"], None,
+    listing("layer_names", ["obstacles"],
         "Without effect; exists for parameter files of the C++ node. All obstacle layers are cleared, whatever their "
         "names."),
-    text("affected_maps", "both", None,
+    text("affected_maps", "both",
         "Without effect; exists for parameter files of the C++ node. Both costmaps are cleared."),
-    flag("force_updating", False, None, "Without effect; exists for parameter files of the C++ node."),
-    flag("invert_area_to_clear", False, None,
+    flag("force_updating", False, "Without effect; exists for parameter files of the C++ node."),
+    flag("invert_area_to_clear", False,
         "Without effect; exists for parameter files of the C++ node. The outside of the square is cleared."),
 )
 ROTATE_RECOVERY = (
-    real("sim_granularity", 0.017, 0.0, INF, None, "rad",
+    real("sim_granularity", 0.017, 0.0, INF, "rad",
         "Rotation between two poses that are checked for collision during the turn.", not_zero=True),
-    real("frequency", 20.0, 0.0, INF, None, "Hz",
+    real("frequency", 20.0, 0.0, INF, "Hz",
         "Without effect; exists for parameter files of the C++ node. A turn is commanded at controller_frequency."),
 )
 
 # Of each behaviour that a recovery_behaviors list names
 BEHAVIOUR = (
-    real("reset_distance", 3.0, 0.0, INF, None, "m",
+    real("reset_distance", 3.0, 0.0, INF, "m",
         "Side of the square around the robot outside of which this behaviour clears the costmaps."),
 ) + CLEARING + ROTATE_RECOVERY
 
 CONSERVATIVE_RESET = (
-    real("reset_distance", 3.0, 0.0, INF, 3.0, "m",
+    real("reset_distance", 3.0, 0.0, INF, "m",
         "Side of the square that the conservative reset leaves; set from conservative_reset_dist."),
 ) + CLEARING
 
 AGGRESSIVE_RESET = (
-    real("reset_distance", 1.84, 0.0, INF, 1.84, "m",
+    real("reset_distance", 1.84, 0.0, INF, "m",
         "Side of the square that the aggressive reset leaves; four times local_costmap/circumscribed_radius."),
 ) + CLEARING
 
 STATIC_NAVFN = (
-    flag("allow_unknown", True, None, "Whether plans may lead through unknown cells."),
-    real("default_tolerance", 0.0, 0.0, INF, None, "m",
+    flag("allow_unknown", True, "Whether plans may lead through unknown cells."),
+    real("default_tolerance", 0.0, 0.0, INF, "m",
         "Distance from the goal within which a plan may end if the goal itself cannot be reached."),
-    flag("visualize_potential", False, None, "Without effect; the potential is not published."),
+    flag("visualize_potential", False, "Without effect; the potential is not published."),
 )
 
 APPLR_NODE = (
-    real("period", 2.0, 0.0, INF, None, "s",
+    real("period", 2.0, 0.0, INF, "s",
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
         "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored."),
-    real("max_speed", 0.0, 0.0, INF, None, "m/s",
+    real("max_speed", 0.0, 0.0, INF, "m/s",
         "Largest max_vel_x that is restored when the applr node has died; 0: the start-up value, whatever it is."),
-    text("weights", "", None,
-        "What path_distance_bias and goal_distance_bias count: metres (per_metre), cells (per_cell), or drawn, which "
-        "takes one of the two by the seed. Empty leaves it to meter_scoring."),
-    whole("seed", 0, 0, INT_MAX, None, "", "Seed for the value drawn of weights."),
-    whole("recovery_rounds", 0, 0, INT_MAX, None, "",
+    whole("recovery_rounds", 0, 0, INT_MAX, "",
         "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
         "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached."),
 )

@@ -20,8 +20,8 @@ class Parameter:
     """One parameter, as the C++ node declares it, with a sentence for a reader.
 
     name: as in ROS. type: "double", "int", "bool" or "str" as in dynamic_reconfigure; parameters that are read once may
-    also be a "list". default, min, max: of that type. jackal: the value in Clearpath's files, None where these leave
-    the default. unit: "" for none. doc: one or two sentences. aliases: older names that always show the same value.
+    also be a "list". default, min, max: of that type. unit: "" for none. doc: one or two sentences. aliases: older
+    names that always show the same value.
     enum: (name, value, sentence) of each choice. not_zero: 0 lies within the bounds but cannot work and is refused.
     clamps: a start-up value beyond the bounds is moved to them, as the C++ node does, instead of being refused.
     """
@@ -31,7 +31,6 @@ class Parameter:
     default: Any
     min: Any
     max: Any
-    jackal: Any
     unit: str
     doc: str
     aliases: Tuple[str, ...] = ()
@@ -39,41 +38,34 @@ class Parameter:
     not_zero: bool = False
     clamps: bool = False
 
-    @property
-    def value(self) -> Any:
-        """The value that the Jackal runs with."""
-        return self.default if self.jackal is None else self.jackal
-
 
 class ParameterError(ApplrError):
     """A name or value that cannot be taken; the message is one line with the remedy."""
 
 
-def real(name: str, default: Any, low: float, high: float, jackal: Any, unit: str, doc: str, **more: Any) -> Parameter:
+def real(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:
     """Declare a double."""
-    return Parameter(name, "double", default, low, high, jackal, unit, doc, **more)
+    return Parameter(name, "double", default, low, high, unit, doc, **more)
 
 
-def whole(name: str, default: Any, low: float, high: float, jackal: Any, unit: str, doc: str, **more: Any) -> Parameter:
+def whole(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:
     """Declare an int."""
-    return Parameter(name, "int", default, low, high, jackal, unit, doc, **more)
+    return Parameter(name, "int", default, low, high, unit, doc, **more)
 
 
-def flag(name: str, default: Any, jackal: Any, doc: str) -> Parameter:
+def flag(name: str, default: Any, doc: str) -> Parameter:
     """Declare a bool."""
-    return Parameter(name, "bool", default, False, True, jackal, "", doc)
+    return Parameter(name, "bool", default, False, True, "", doc)
 
 
-def text(name: str, default: Any, jackal: Any, doc: str) -> Parameter:
+def text(name: str, default: Any, doc: str) -> Parameter:
     """Declare a str."""
-    return Parameter(name, "str", default, "", "", jackal, "", doc)
+    return Parameter(name, "str", default, "", "", "", doc)
 
 
-def listing(name: str, default: Any, jackal: Any, doc: str) -> Parameter:
+def listing(name: str, default: Any, doc: str) -> Parameter:
     """Declare a list, read once when the node starts."""
-    return Parameter(name, "list", default, None, None, jackal, "", doc)
+    return Parameter(name, "list", default, None, None, "", doc)
 
 
-RESTORE = flag(
-    "restore_defaults", False, False, "Sets all parameters of this server back to the values that it started with."
-)
+RESTORE = flag("restore_defaults", False, "Sets all parameters of this server back to the values that it started with.")

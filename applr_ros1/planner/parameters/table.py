@@ -60,8 +60,7 @@ def _entry(p: Parameter) -> List[str]:
     older = "".join(", older name `%s`" % name for name in p.aliases)
     unit = " " + p.unit if p.unit else ""
     bounds = "" if p.type in ("bool", "str", "list") else ", %s to %s" % (_number(p.min), _number(p.max))
-    jackal = "" if p.value == p.default else ", Jackal %s" % _value(p.value)
-    what = "%s%s%s; default %s%s" % (p.type, bounds, unit, _value(p.default), jackal)
+    what = "%s%s%s; default %s" % (p.type, bounds, unit, _value(p.default))
     text = "- **`%s`**%s (%s). %s" % (p.name, older, what, p.doc)
     return textwrap.wrap(text, WIDTH, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 

@@ -9,8 +9,8 @@ import math
 
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import LARGEST_TURN, small_turn
+from applr_ros1.planner.costmap.footprint_cost import UNSURE, on_border, outline_cost
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.costmap.outline import UNSURE, on_border, outline_cost
 from applr_ros1.planner.trajectory.scoring import advance, new_velocity, step_count
 
 MARGIN = 1e-6  # [cells]; the closed forms are good to about 1e-10

@@ -11,7 +11,7 @@ from typing import Any, Mapping, Optional, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.planner.angles import angle_difference, wrapped
+from applr_ros1.planner.angles import angle_difference, normalize_angle
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
@@ -109,7 +109,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         at_goal = self._latched or np.hypot(goal_x - x, goal_y - y) <= self._xy_tolerance
         if at_goal and self._latches:
             self._latched = True
-        if at_goal and abs(angle_difference(wrapped(yaw), wrapped(goal_yaw))) <= self._yaw_tolerance:
+        if at_goal and abs(angle_difference(normalize_angle(yaw), normalize_angle(goal_yaw))) <= self._yaw_tolerance:
             self._rotating = self._latched = False
             self.goal_reached = True
             self.cropped_plan = cut
@@ -118,7 +118,9 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.planner.set_plan(cut)
         result = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
         if at_goal:  # the choice is ignored; its floods are needed below, and its flags change as in C++
-            ok, command = self._stop_or_turn((x, y, wrapped(yaw)), (v, 0.0, wrapped(w)), wrapped(goal_yaw), costmap)
+            ok, command = self._stop_or_turn(
+                (x, y, normalize_angle(yaw)), (v, 0.0, normalize_angle(w)), normalize_angle(goal_yaw), costmap
+            )
             if ok:
                 self.cropped_plan = cut
             return ok, command

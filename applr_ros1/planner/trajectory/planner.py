@@ -11,22 +11,18 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.costmap.grid import INSCRIBED
-from applr_ros1.planner.costmap.outline import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import cost_cloud, updated
 from applr_ros1.planner.trajectory import map_grid
-from applr_ros1.planner.trajectory.every_sample import every_sample
 from applr_ros1.planner.trajectory.sampling import STATE, allocate, fill_evenly, find_best_path, velocity_window
+from applr_ros1.planner.trajectory.score_all_samples import score_all_samples
 from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
 SAMPLES = ("vx_samples", "vtheta_samples")
-
-
-class TrajectoryPlannerError(ApplrError):
-    """A parameter that cannot be planned with; the message is one line."""
 
 
 class Result:
@@ -66,7 +62,7 @@ class TrajectoryPlanner:
     """footprint: padded vertices (n, 2) [m]. params: values of the TrajectoryPlannerROS server by name.
 
     sim_period [s]: the control period, the dynamic window's width. meter_scoring: the two distance weights are per
-    metre, not per cell. Raises TrajectoryPlannerError.
+    metre, not per cell. Raises ApplrError.
     """
 
     def __init__(
@@ -88,10 +84,10 @@ class TrajectoryPlanner:
     def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Take over the values by name that belong to PARAMETERS, some or all of them, between two cycles.
 
-        Other names are ignored. vx_samples and vtheta_samples below 1 become 1. Raises TrajectoryPlannerError.
+        Other names are ignored. vx_samples and vtheta_samples below 1 become 1. Raises ApplrError.
         """
         names = [name for name in PARAMETERS.names or () if name != "sim_period"]
-        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES, TrajectoryPlannerError)
+        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES)
         self._wanted = wanted
         self._scratch = allocate(wanted["vx_samples"], wanted["vtheta_samples"])
         self._take_parameters()
@@ -189,7 +185,7 @@ class TrajectoryPlanner:
         Pose and velocity are used as they are, in double. The cost is negative if the sample is illegal.
         """
         if self._grids is None:
-            raise TrajectoryPlannerError("score needs the grids of a find_best_path before it")
+            raise ApplrError("score needs the grids of a find_best_path before it")
         start = np.array(tuple(pose) + tuple(velocity), dtype=np.float64)
         vx, vy, w = (float(v) for v in sample)
         return score(self._params, self._look_at(costmap), self._grids, start, vx, vy, w)
@@ -226,7 +222,7 @@ class TrajectoryPlanner:
         """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 5), np.float32)
-        points = every_sample(self._params, self._look_at(costmap), self._grids, self._scratch)
+        points = score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)
         cloud = np.zeros((len(points), 5), np.float32)
         cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
         return cloud

@@ -11,9 +11,9 @@ from collections import namedtuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.angles import angle_difference, wrapped
+from applr_ros1.planner.angles import angle_difference, normalize_angle
+from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.costmap.outline import outline_cost
 from applr_ros1.planner.distance_grid import settle
 from applr_ros1.planner.trajectory.forward import best_forward
 from applr_ros1.planner.trajectory.in_place import best_in_place
@@ -65,10 +65,10 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     start = scratch.start
     start[0] = np.float32(x)
     start[1] = np.float32(y)
-    start[2] = np.float32(wrapped(yaw))
+    start[2] = np.float32(normalize_angle(yaw))
     start[3] = np.float32(vx)
     start[4] = np.float32(vy)
-    start[5] = np.float32(wrapped(w))
+    start[5] = np.float32(normalize_angle(w))
     prepare(
         grids,
         scene.cells,
@@ -107,7 +107,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
         cost = 1.0  # backs up even into an obstacle
     if cost < 0:
         return cost, best_vx, best_w, points, 0.0, 0.0
-    return cost, best_vx, best_w, points, best_vx, wrapped(best_w)
+    return cost, best_vx, best_w, points, best_vx, normalize_angle(best_w)
 
 
 @kernel(error_model="numpy")

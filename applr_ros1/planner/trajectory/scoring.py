@@ -12,8 +12,8 @@ import numpy as np
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.costmap.footprint import line_cost
+from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
-from applr_ros1.planner.costmap.outline import outline_cost
 from applr_ros1.planner.distance_grid import settle
 
 COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell

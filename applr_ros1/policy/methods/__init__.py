@@ -1,10 +1,10 @@
-"""Methods: what decides over the planner's parameters, the same objects as launch modes and in evaluation.
+"""Methods: what decides over the planner's parameters, the same objects in the nodes and in evaluation.
 
 A person's own is a class of this shape, in any module:
 
     from applr_ros1.policy.parameter_space import SPACE
 
-    class Cautious:                              # evaluate.py --methods my_module:Cautious; mode:=my_module:Cautious
+    class Cautious:                              # evaluate.py --methods my_module:Cautious; method:=my_module:Cautious
         def reset(self, seed): ...               # optional: a course begins; draw randomness from this seed only
         def theta(self, context):                # at every decision; see Context
             slow = context.ranges.min() < 0.4
@@ -24,15 +24,13 @@ from applr_ros1.policy.methods.check import check_method
 from applr_ros1.policy.methods.foreign import ForeignActor
 from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
 from applr_ros1.policy.methods.own import OwnMethod
-from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.methods.registry import (
     FORMS,
     METHODS,
-    MODES,
+    absolute,
     for_robot,
-    for_weights,
     make,
-    make_mode,
     parse,
     shipped,
 )
@@ -41,22 +39,19 @@ __all__ = [
     "COMMAND_PERIOD",
     "FORMS",
     "METHODS",
-    "MODES",
     "PERIOD",
     "Context",
     "FixedParameters",
     "ForeignActor",
     "FrozenParameter",
     "Method",
-    "MethodError",
     "ObservationPolicy",
     "OwnMethod",
     "RandomParameters",
+    "absolute",
     "check_method",
     "for_robot",
-    "for_weights",
     "make",
-    "make_mode",
     "parse",
     "shipped",
 ]

@@ -1,7 +1,7 @@
 """Whether a method keeps the contract that node and evaluation rely on: `check_method(MyMethod())`.
 
-Users call it for their own class, for instance in a test of theirs; tests/test_method_contract.py calls it for all
-that come with the package.
+Users call it for their own class, for instance in a test of theirs;
+tests/policy/test_method_contract.py calls it for all that come with the package.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Any, List
 
 import numpy as np
 
-from applr_ros1.common.errors import reason, with_place
+from applr_ros1.common.errors import ApplrError, one_line, reason
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.methods.own import OwnMethod
-from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.observation import LAYOUT, Layout, observe
 from applr_ros1.policy.parameter_space import SPACE, Space
 
@@ -28,7 +28,7 @@ def check_method(method: Any) -> None:
         method: A Method, or an object of one's own with theta(context) or command(context).
 
     Raises:
-        MethodError: One line with the promise that is broken.
+        ApplrError: One line with the promise that is broken.
     """
     name = type(method).__name__
     used = method if isinstance(method, Method) else OwnMethod(method, name)
@@ -44,7 +44,7 @@ def check_method(method: Any) -> None:
     try:
         json.dumps(used.describe())
     except (TypeError, ValueError) as error:
-        raise MethodError("%s: describe() is no JSON (%s)" % (name, reason(error))) from None
+        raise ApplrError("%s: describe() is no JSON (%s)" % (name, reason(error))) from None
 
 
 def scenes(count: int, space: Space = SPACE, layout: Layout = LAYOUT) -> List[Context]:
@@ -76,10 +76,10 @@ def _decide(method: Method, context: Any, name: str) -> bytes:
     before, asked = _content(context), "command" if method.commands else "theta"
     try:
         decided = np.array(getattr(method, asked)(context), dtype=np.float64)
-    except MethodError:
+    except ApplrError:
         raise
     except Exception as error:
-        raise MethodError("%s: %s(context) raised %s" % (name, asked, with_place(error))) from None
+        raise ApplrError("%s: %s(context) raised %s" % (name, asked, one_line(error))) from None
     size = 2 if method.commands else len(method.space)
     _need(decided.shape == (size,), name, "%s has shape %s, not (%d,)" % (asked, decided.shape, size))
     _need(bool(np.isfinite(decided).all()), name, "%s is not finite" % asked)
@@ -97,4 +97,4 @@ def _content(context: Any) -> Any:
 
 def _need(holds: Any, name: str, problem: str) -> None:
     if not holds:
-        raise MethodError("%s: %s" % (name, problem))
+        raise ApplrError("%s: %s" % (name, problem))

@@ -8,11 +8,11 @@ from typing import Any, Callable, ClassVar, Dict, Mapping, Optional, Tuple
 import numpy as np
 
 from applr_ros1 import robots
-from applr_ros1.common.errors import with_place
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.parameter_space import space_of
 
@@ -44,7 +44,7 @@ class ForeignActor(Method):
             `python -m training.import_actor` makes one of a PyTorch file.
 
     Raises:
-        MethodError: The file cannot be used, or the class states something that cannot be.
+        ApplrError: The file cannot be used, or the class states something that cannot be.
     """
 
     robot: ClassVar[str] = "jackal"
@@ -59,16 +59,16 @@ class ForeignActor(Method):
         known = self.space.names
         unknown = [parameter for parameter in self.ranges if parameter not in known]
         if unknown or not self.ranges:
-            raise MethodError(
+            raise ApplrError(
                 "%s: ranges name %s; give some of %s" % (name, ", ".join(unknown) or "nothing", ", ".join(known))
             )
         if not path:
-            raise MethodError(
+            raise ApplrError(
                 "%s needs the file of its network: name it behind a colon, my_file.py:%s:FILE" % (name, name)
             )
-        data = read_bytes(path, MAX_BYTES, MethodError)
-        weights, _ = unpack(data, path, MethodError)
-        self.layers = layers_of(weights, self.size, len(self.ranges), path, MethodError)
+        data = read_bytes(path, MAX_BYTES)
+        weights, _ = unpack(data, path)
+        self.layers = layers_of(weights, self.size, len(self.ranges), path)
         self.file, self.sha256 = os.path.basename(path), sha256(data)
         self._low, self._high = np.array(list(self.ranges.values()), dtype=np.float64).T
         self._places = [self.space.names.index(parameter) for parameter in self.ranges]
@@ -78,19 +78,19 @@ class ForeignActor(Method):
         raise NotImplementedError
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The parameters (n,) that the network chooses. Raises MethodError where its inputs or outputs are unusable."""
+        """The parameters (n,) that the network chooses. Raises ApplrError where its inputs or outputs are unusable."""
         name = type(self).__name__
         if context is None:
-            raise MethodError("%s needs a scan to decide on" % name)
+            raise ApplrError("%s needs a scan to decide on" % name)
         try:
             given = np.asarray(self.inputs(context), dtype=np.float32)
         except Exception as error:
-            raise MethodError("%s: inputs(context) raised %s" % (name, with_place(error))) from error
+            raise ApplrError("%s: inputs(context) raised %s" % (name, one_line(error))) from error
         if given.shape != (self.size,):
-            raise MethodError("%s: inputs(context) gave shape %s, not (%d,)" % (name, given.shape, self.size))
+            raise ApplrError("%s: inputs(context) gave shape %s, not (%d,)" % (name, given.shape, self.size))
         output = type(self).activation(forward(self.layers, given)).astype(np.float64)
         if not np.isfinite(output).all():
-            raise MethodError("%s: the network's output is not finite; check its inputs" % name)
+            raise ApplrError("%s: the network's output is not finite; check its inputs" % name)
         theta = self.space.theta0.copy()
         theta[self._places] = self._low + 0.5 * (output + 1.0) * (self._high - self._low)
         return self.space.clip(theta)

@@ -7,9 +7,10 @@ from typing import Any, Dict, Optional
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import PERIOD, Context, period_of
-from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.parameter_space import SPACE, Space
 
 
@@ -18,14 +19,14 @@ class FixedParameters(Method):
 
     Args:
         values: (n,); clipped to the ranges.
-        weights: What their distance weights count, as Method says.
         space: The parameters.
+        per_cell: As Method says.
     """
 
     static = True
 
-    def __init__(self, values: np.ndarray, weights: Optional[str] = None, space: Space = SPACE):
-        self.values, self.weights, self.space = space.clip(values), weights, space
+    def __init__(self, values: np.ndarray, space: Space = SPACE, per_cell: bool = False):
+        self.values, self.space, self.per_cell = space.clip(values), space, per_cell
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The set."""
@@ -64,22 +65,22 @@ class ObservationPolicy(Method):
     """A function of the observation: an actor, or APPLD's contexts.
 
     Args:
-        policy: Has theta(observation) and, where it states them, a period [s], space, layout and weights.
+        policy: Has theta(observation) and, where it states them, a period [s], space and layout.
         path: The file that it was read from; "" for none.
+        per_cell: As Method says.
     """
 
-    def __init__(self, policy: Any, path: str = ""):
-        self.policy, self.path = policy, path
+    def __init__(self, policy: Any, path: str = "", per_cell: bool = True):
+        self.policy, self.path, self.per_cell = policy, path, per_cell
         self.period = float(getattr(policy, "period", PERIOD))
         for name in ("space", "layout"):
             if hasattr(policy, name):
                 setattr(self, name, getattr(policy, name))
-        self.weights = getattr(policy, "weights", None)
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The policy's parameters for the observation."""
         if context is None:
-            raise MethodError("a policy needs an observation to decide on")
+            raise ApplrError("a policy needs an observation to decide on")
         return self.policy.theta(context.observation)
 
     def describe(self) -> Dict[str, Any]:
@@ -100,11 +101,11 @@ class FrozenParameter(Method):
 
     def __init__(self, inner: Method, name: str):
         if name not in inner.space.names:
-            raise MethodError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(inner.space.names)))
+            raise ApplrError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(inner.space.names)))
         if inner.commands:
-            raise MethodError("frozen:%s: the method commands velocities and has no parameters to hold" % name)
-        self.inner, self.index, self.name = inner, inner.space.names.index(name), name
-        self.static, self.period, self.weights = inner.static, inner.period, inner.weights
+            raise ApplrError("frozen:%s: the method commands velocities and has no parameters to hold" % name)
+        self.inner, self.index, self.frozen = inner, inner.space.names.index(name), name
+        self.static, self.period, self.per_cell = inner.static, inner.period, inner.per_cell
         self.space, self.layout = inner.space, inner.layout
 
     def reset(self, seed: int) -> None:
@@ -119,17 +120,17 @@ class FrozenParameter(Method):
 
     def describe(self) -> Dict[str, Any]:
         """The inner method's description and the parameter that is held."""
-        return dict(self.inner.describe(), frozen=self.name)
+        return dict(self.inner.describe(), frozen=self.frozen)
 
 
 def at_period(method: Method, seconds: str) -> Method:
     """The method, deciding at another period; seconds: its text, 0.05 to 60.
 
     Raises:
-        MethodError: The text is no such number.
+        ApplrError: The text is no such number.
     """
     try:
         method.period = period_of({"period_s": float(seconds)})
     except ValueError:
-        raise MethodError("period:%s: give a decision period from 0.05 to 60 s" % seconds) from None
+        raise ApplrError("period:%s: give a decision period from 0.05 to 60 s" % seconds) from None
     return method

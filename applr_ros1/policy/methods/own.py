@@ -8,12 +8,12 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common import own_module
+from applr_ros1.common import user_module
 from applr_ros1.common.arguments import number_within
-from applr_ros1.common.errors import with_place
+from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
-from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.methods.protocol import Method
 
 PERIODS = 0.01, 60.0  # [s] between two decisions
 
@@ -21,10 +21,10 @@ PERIODS = 0.01, 60.0  # [s] between two decisions
 class OwnMethod(Method):
     """Wraps an object that has theta(context) or command(context).
 
-    It may have reset(seed), describe(), static, period, layout and weights as well.
+    It may have reset(seed), describe(), static, period, layout and per_cell as well.
 
     Parameters that come back are clipped to the ranges, velocities must be two finite numbers; whatever the object
-    raises becomes a MethodError of one line.
+    raises becomes an ApplrError of one line.
 
     Args:
         made: The object.
@@ -35,14 +35,14 @@ class OwnMethod(Method):
         self.made, self.spec = made, spec
         self.commands = callable(getattr(made, "command", None))
         if not self.commands and not callable(getattr(made, "theta", None)):
-            raise MethodError(
+            raise ApplrError(
                 "method %s has no theta(context) and no command(context); see docs/extending.md for examples" % spec
             )
         self.static = not self.commands and bool(getattr(made, "static", False))
         self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))
         if not self.static:
-            number_within("the period of method %s" % spec, self.period, *PERIODS, MethodError)
-        self.weights = getattr(made, "weights", None)
+            number_within("the period of method %s" % spec, self.period, *PERIODS)
+        self.per_cell = bool(getattr(made, "per_cell", False))
         if hasattr(made, "layout"):
             self.layout = made.layout
 
@@ -81,17 +81,17 @@ class OwnMethod(Method):
         file = path + ".py"
         return {"class": rest, "file": os.path.basename(file), "sha256": sha256(read_bytes(file))}
 
-    def _failed(self, what: str, error: Exception) -> MethodError:
-        return MethodError("method %s %s: %s" % (self.spec, what, with_place(error)))
+    def _failed(self, what: str, error: Exception) -> ApplrError:
+        return ApplrError("method %s %s: %s" % (self.spec, what, one_line(error)))
 
 
 def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
-    """The class `name` of a module or of a .py file, made with `text` where there is one. Raises MethodError."""
+    """The class `name` of a module or of a .py file, made with `text` where there is one. Raises ApplrError."""
     try:
-        made = getattr(own_module.load(module), name)
+        made = getattr(user_module.load(module), name)
         made = made(text) if text is not None else made()
         return made if isinstance(made, Method) else OwnMethod(made, spec)
-    except MethodError:
+    except ApplrError:
         raise
     except Exception as error:  # whatever a person's module does wrong is theirs to hear in one line
-        raise MethodError("method %s cannot be made: %s" % (spec, with_place(error))) from error
+        raise ApplrError("method %s cannot be made: %s" % (spec, one_line(error))) from error

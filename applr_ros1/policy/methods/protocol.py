@@ -6,21 +6,16 @@ from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.observation import LAYOUT, Layout
 from applr_ros1.policy.parameter_space import SPACE, Space
-
-
-class MethodError(ApplrError):
-    """A method that cannot be had, or that misbehaves: one line."""
 
 
 class Method:
     """Chooses the planner's parameters at each decision, or commands the base's velocity in the planner's place.
 
     Attributes:
-        name: What launch argument `mode` calls it, where it is a mode.
+        name: The specification that it was made from.
         static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
             what a person changes later stands.
         commands: Whether it commands velocities: then command() is asked, theta() never, and the planner makes global
@@ -29,8 +24,9 @@ class Method:
         space: The parameters that it chooses. `make` gives it the robot's where it states none.
         layout: How it sees a scan: what Context.ranges and Context.observation are made with. `make` gives it the
             robot's where it states none.
-        weights: What the distance weights of its sets count: per_metre, per_cell, or drawn, which had both; None where
-            they mean whatever the planner makes of them. See policy/distance_weights.py.
+        per_cell: Whether the distance biases of its sets are meant for a planner that counts per cell, as those of all
+            learned sets here: the applr node then rescales them for a planner that counts per metre
+            (policy/distance_weights.py). Otherwise they are sent as they are.
     """
 
     name = ""
@@ -39,13 +35,13 @@ class Method:
     period = PERIOD
     space: Space = SPACE
     layout: Layout = LAYOUT
-    weights: Optional[str] = None
+    per_cell: bool = False
 
     def reset(self, seed: int) -> None:
         """Begin a course. Everything random is drawn from this seed only."""
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The parameters (n,) until the next decision. Raises SpaceError where there are none to be had."""
+        """The parameters (n,) until the next decision. Raises ApplrError where there are none to be had."""
         raise NotImplementedError
 
     def command(self, context: Context) -> Tuple[float, float]:

@@ -1,15 +1,14 @@
-"""Methods by name, for launch modes and for evaluation alike: make("applr"), make("frozen:vx_samples:applr")."""
+"""Methods by name, for the nodes and for evaluation alike: make("applr"), make("frozen:vx_samples:applr")."""
 
 from __future__ import annotations
 
 import os
 import re
-from typing import Callable, Dict, List, Tuple
+from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
-from applr_ros1.planner.variant import PER_METRE
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.appld import Appld, Published
-from applr_ros1.policy.distance_weights import weights_of_set
 from applr_ros1.policy.methods.included import (
     FixedParameters,
     FrozenParameter,
@@ -18,14 +17,13 @@ from applr_ros1.policy.methods.included import (
     at_period,
 )
 from applr_ros1.policy.methods.own import make_own
-from applr_ros1.policy.methods.protocol import Method, MethodError
+from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.observation import layout_of
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import counts_cells, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
 OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
-MODES = ("applr", "dwa", "appld", "fixed", "random")  # launch modes; each other method is one, too
 
 
 def shipped(name: str = "applr.safetensors", robot: Robot = JACKAL) -> str:
@@ -52,20 +50,20 @@ def _actor(path: str, robot: Robot) -> Method:
 def _appld(path: str, robot: Robot) -> Method:
     space = space_of(robot)
     if path == "published":
-        return ObservationPolicy(Published(space))
+        return ObservationPolicy(Published(space), per_cell=False)
     return ObservationPolicy(Appld.load(path, space), path)
 
 
 def _fixed(path: str, robot: Robot) -> Method:
     if not path:
-        raise MethodError('method fixed has no set of parameters: give a JSON file such as {"max_vel_x": 1.0}')
+        raise ApplrError('method fixed has no set of parameters: give a JSON file such as {"max_vel_x": 1.0}')
     space = space_of(robot)
-    return FixedParameters(space.read(path), weights_of_set(path), space)
+    return FixedParameters(space.read(path), space, counts_cells(path))
 
 
 def _named(values: Dict[str, float], robot: Robot) -> Method:
     space = space_of(robot)
-    return FixedParameters(space.from_dict(values), space=space)
+    return FixedParameters(space.from_dict(values), space)
 
 
 def _for_two_seconds(robot: Robot) -> str:
@@ -82,12 +80,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
     "static": (
         lambda robot: _fixed(shipped("static.json", robot), robot),
-        "the best single set that CMA-ES found on the training worlds; evaluation takes static_per_metre where the "
-        "distance weights count metres",
-    ),
-    "static_per_metre": (
-        lambda robot: _fixed(shipped("static_per_metre.json", robot), robot),
-        "the best single set for a planner whose distance weights count metres",
+        "the best single set that CMA-ES found on the training worlds",
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "applr": (
@@ -114,38 +107,26 @@ FORMS = (
 )
 
 
-def make(spec: str, robot: Robot = JACKAL, own: bool = True) -> Method:
+def make(spec: str, robot: Robot = JACKAL, own: bool = True, commands: Optional[bool] = None) -> Method:
     """A method by its specification (FORMS) for a robot.
 
     Args:
         spec: The specification.
         robot: Whose parameters the method sets.
         own: Whether a person's own module or file may be imported for it.
+        commands: True refuses a method that chooses parameters, False one that commands velocities.
 
     Raises:
-        ApplrError: Of one line; MethodError, ActorError, AppldError or SpaceError.
+        ApplrError: Of one line.
     """
-    method = for_robot(_made(spec, robot, own), robot)
+    method = _made(spec, robot, own)
     if method.space.robot != robot.name:
-        raise MethodError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
+        raise ApplrError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
+    if commands is not None and commands != method.commands:
+        what, file = ("velocities", "velocity_method") if method.commands else ("parameters", "jackal_applr")
+        raise ApplrError("method %s chooses %s: start it with %s.launch" % (spec, what, file))
+    method.name = spec
     return method
-
-
-def for_weights(spec: str, weights: str, robot: Robot = JACKAL) -> str:
-    """What a specification stands for where the planner's distance weights count so: static has a set for each kind.
-
-    Args:
-        spec: The specification of a method.
-        weights: per_cell, per_metre or drawn; sets for planners that draw are those for per_cell.
-        robot: Whose sets; one that has a single set has it for both kinds.
-    """
-    kind, _, rest = spec.partition(":")
-    if kind in ("frozen", "period") and ":" in rest:
-        what, _, inner = rest.partition(":")
-        return "%s:%s:%s" % (kind, what, for_weights(inner, weights, robot))
-    if (spec, weights) == ("static", PER_METRE) and os.path.exists(shipped("static_per_metre.json", robot)):
-        return "static_per_metre"
-    return spec
 
 
 def for_robot(method: Method, robot: Robot) -> Method:
@@ -156,84 +137,97 @@ def for_robot(method: Method, robot: Robot) -> Method:
     return method
 
 
-def _made(spec: str, robot: Robot, own: bool) -> Method:
-    if spec in METHODS:
-        return METHODS[spec][0](robot)
-    kind, colon, rest = spec.partition(":")
-    if kind == "frozen":
-        name, _, inner = rest.partition(":")
-        return FrozenParameter(make(inner, robot, own), name)
-    if kind == "period":
-        seconds, _, inner = rest.partition(":")
-        return at_period(make(inner, robot, own), seconds)
-    if kind in FILES and (colon or kind == "fixed"):
-        return FILES[kind](rest, robot)
-    match = OWN.match(spec)
-    if match and not own:
-        raise MethodError("method %s is code of one's own: start the node with it, as its parameter ~mode" % spec)
-    if match:
-        module, name, text = match.groups()
-        return make_own(spec, module, name, text)
-    if spec.endswith(".safetensors"):
-        return _actor(spec, robot)
-    if spec.endswith(".json"):
-        return _fixed(spec, robot)
-    raise MethodError("method %r is not known: give %s" % (spec, FORMS))
+class _Parts(NamedTuple):
+    """A specification, taken apart.
 
-
-def make_mode(mode: str, policy: str = "", parameters: str = "", robot: Robot = JACKAL, own: bool = True) -> Method:
-    """The method for the launch arguments `mode`, `policy` and `parameters`; "" means the package's own file.
-
-    Args:
-        mode: One of MODES, or any other specification.
-        policy: File for the modes applr and appld.
-        parameters: File for the mode fixed.
-        robot: Whose parameters the method sets.
-        own: Whether a person's own module or file may be imported for it.
-
-    Raises:
-        ApplrError: As `make` does.
+    wrappers: (kind, word) of each "frozen:PARAMETER:" and "period:SECONDS:" before the rest, the first one first.
+    kind: a name of METHODS or FILES; "" for a person's own class. file: of an actor, of contexts or of a set.
+    own: (module or .py file, class, text for its constructor or None), else None.
     """
-    file = {"applr": policy, "appld": policy, "fixed": parameters}.get(mode, "")
-    method = make("%s:%s" % (mode, file) if file else mode, robot, own)
-    if method.commands:
-        raise MethodError("mode %s commands velocities, not parameters; start it with velocity_method.launch" % mode)
-    method.name = mode
+
+    wrappers: Tuple[Tuple[str, str], ...]
+    kind: str
+    file: str = ""
+    own: Optional[Tuple[str, str, Optional[str]]] = None
+
+
+def _taken_apart(spec: str) -> _Parts:
+    """The parts of a specification of any form but ablation. Raises ApplrError where there is no such form."""
+    rest, wrappers = spec, []
+    while rest.startswith(("frozen:", "period:")):
+        wrapper, word, rest = (rest + ":").split(":", 2)
+        rest = rest[:-1]
+        wrappers.append((wrapper, word))
+    kind, colon, file = rest.partition(":")
+    match = OWN.match(rest)
+    if rest in METHODS:
+        return _Parts(tuple(wrappers), rest)
+    if kind in FILES and (colon or kind == "fixed"):
+        return _Parts(tuple(wrappers), kind, file)
+    if match:
+        return _Parts(tuple(wrappers), "", "", (match.group(1), match.group(2), match.group(3)))
+    for ending, kind in ((".safetensors", "applr"), (".json", "fixed")):
+        if rest.endswith(ending):
+            return _Parts(tuple(wrappers), kind, rest)
+    raise ApplrError("method %r is not known: give %s" % (rest, FORMS))
+
+
+def _made(spec: str, robot: Robot, own: bool) -> Method:
+    parts = _taken_apart(spec)
+    if parts.own and not own:
+        raise ApplrError("method %s is code of one's own: start the node with it, as its parameter ~method" % spec)
+    if parts.own:
+        method = make_own(":".join(filter(None, parts.own)), *parts.own)
+    elif parts.file or parts.kind not in METHODS:
+        method = FILES[parts.kind](parts.file, robot)
+    else:
+        method = METHODS[parts.kind][0](robot)
+    method = for_robot(method, robot)
+    for kind, word in reversed(parts.wrappers):
+        method = FrozenParameter(method, word) if kind == "frozen" else at_period(method, word)
     return method
 
 
+def absolute(spec: str) -> str:
+    """The same specification for another folder: files, and modules that lie in the current folder, as paths.
+
+    The text for the constructor of a person's own class becomes a path where it is that of a file here.
+    """
+    parts = _taken_apart(spec)
+    words = [word for pair in parts.wrappers for word in pair]
+    if parts.own:
+        module, name, text = parts.own
+        file = module if module.endswith(".py") else module + ".py"
+        words += [os.path.abspath(file) if module.endswith(".py") or os.path.isfile(file) else module, name]
+        words += [] if text is None else [os.path.abspath(text) if os.path.isfile(text) else text]
+    else:
+        words += [parts.kind, *([os.path.abspath(parts.file)] if parts.file else [])]
+    return ":".join(words)
+
+
 def parse(text: str, robot: Robot = JACKAL) -> List[Tuple[str, str]]:
-    """[(name, specification), ...] of a comma-separated list. Names are what trials.csv shows. Raises MethodError."""
+    """[(name, specification), ...] of a comma-separated list. Names are what trials.csv shows. Raises ApplrError."""
     found: List[Tuple[str, str]] = []
     for item in (part.strip() for part in text.split(",")):
         name, given, spec = item.partition("=")
-        name, spec = (name, spec) if given else (_name(item), item)
+        spec = spec if given else item
         if spec.startswith("ablation:"):
-            inner = spec[len("ablation:") :]
-            found += [("%s-without-%s" % (_name(inner), p), "frozen:%s:%s" % (p, inner)) for p in space_of(robot).names]
+            frozen = ["frozen:%s:%s" % (parameter, spec[len("ablation:") :]) for parameter in space_of(robot).names]
+            found += [(_name(one), one) for one in frozen]
         else:
-            found.append((name, spec))
+            found.append((name if given else _name(spec), spec))
     for name, spec in found:
         if not NAME.match(name):
-            raise MethodError("method %r cannot be called %r: use letters, digits and ._:+-" % (spec[:80], name[:80]))
+            raise ApplrError("method %r cannot be called %r: use letters, digits and ._:+-" % (spec[:80], name[:80]))
         if [n for n, _ in found].count(name) > 1:
-            raise MethodError("two methods are called %r: give them names, NAME=%s" % (name, spec))
+            raise ApplrError("two methods are called %r: give them names, NAME=%s" % (name, spec))
     return found
 
 
 def _name(spec: str) -> str:
     """What a method is called where the person gave no name."""
-    if spec in METHODS:
-        return spec
-    if spec.startswith("frozen:"):
-        parameter, _, inner = spec[len("frozen:") :].partition(":")
-        return "%s-without-%s" % (_name(inner), parameter)
-    if spec.startswith("period:"):
-        seconds, _, inner = spec[len("period:") :].partition(":")
-        return "%s-%ss" % (_name(inner), seconds)
-    own = OWN.match(spec)
-    if own and spec.partition(":")[0] not in FILES:
-        return own.group(2)
-    if spec.endswith((".safetensors", ".json")):
-        return os.path.splitext(os.path.basename(spec))[0]
-    return spec.split(":")[1] if ":" in spec else spec
+    parts = _taken_apart(spec)
+    name = parts.own[1] if parts.own else os.path.splitext(os.path.basename(parts.file))[0] or parts.kind
+    for kind, word in reversed(parts.wrappers):
+        name += "-without-%s" % word if kind == "frozen" else "-%ss" % word
+    return name

@@ -17,14 +17,13 @@ def card(log) -> str:
     lines = [
         "# APPLD: contexts and parameters from demonstrations",
         "",
-        "For the method `appld:FILE` of evaluate.py and the launch mode `appld`. Made by",
+        "For the method `appld:FILE` of evaluate.py and the launch method `appld`. Made by",
         "",
     ]
     lines += ["    " + command for command in scripts + [log["command"]]]
     lines += (
         ["", "from:", ""] + [line for d in log["demonstrations"] for line in _wrapped("- " + _shown(d), "  ")] + [""]
     )
-    lines += ["The distance weights of its sets count %s." % log["weights"].replace("_", " "), ""]
     lines += [SCRIPTED, ""] if scripts else []
     names = list(log["contexts"][0]["parameters"])
     lines += ["| context | %s | rms of v, w (θ₀) |" % " | ".join(names), "|---" * (len(names) + 2) + "|"]

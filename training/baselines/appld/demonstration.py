@@ -18,7 +18,7 @@ from applr_ros1.common.angles import yaw_of
 from applr_ros1.policy.observation import ObservationError, layout_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.reader import SECOND, BagError, TopicNames, open_bag, stamp
-from training.mdp.episode import CONTROL_PERIOD
+from training.env.episode import CONTROL_PERIOD
 
 DRIVING_SPEED = 0.02  # m/s and rad/s; less is no driving
 HELD = 0.5  # s for which a command counts after it was given

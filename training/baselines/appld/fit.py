@@ -14,11 +14,10 @@ import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.variant import DEFAULT_WEIGHTS
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
-from training.mdp.episode import CONTROL_PERIOD, laser_pose
+from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
 
 TURN_WEIGHT = 0.25  # of (rad/s)^2 beside (m/s)^2: H = diag(1, 1/4)
 PULL = 1e-3  # towards theta_0, in the action's unit squared: decides where nothing else does
@@ -50,7 +49,7 @@ class Fit:
 
 
 def apply(planner: MoveBase, theta, space: Space = SPACE) -> None:
-    """Set theta (n,) through the planner's reconfigure servers, as training/mdp/episode.py does it."""
+    """Set theta (n,) through the planner's reconfigure servers, as training/env/episode.py does it."""
     for server, values in space.requests(theta).items():
         planner.reconfigure(server, values)
 
@@ -71,15 +70,12 @@ def clock(i: int) -> float:
     return 1.0 + i * CONTROL_PERIOD
 
 
-def stretches(
-    d: Demonstration, spans: Sequence[Segment], longest: int, weights: str = DEFAULT_WEIGHTS
-) -> List[Stretch]:
+def stretches(d: Demonstration, spans: Sequence[Segment], longest: int) -> List[Stretch]:
     """Copies of the planner as it is where each span begins.
 
     The planner is led along the whole demonstration with theta_0. At most `longest` instants of a span are used.
-    `weights` says how the planner's distance biases count, "per_cell" or "per_metre".
     """
-    planner, found, space = MoveBase(d.robot.parameters(), weights=weights), [], space_of(d.robot)
+    planner, found, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
     apply(planner, space.theta0, space)
     step(planner, d, 0)
     planner.set_goal(d.goal, clock(0))

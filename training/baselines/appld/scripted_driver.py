@@ -12,7 +12,7 @@ from typing import Optional
 
 import numpy as np
 
-from applr_ros1.common.angles import outside_box, place, wrapped
+from applr_ros1.common.angles import normalize_angle, outside_box, transform_point
 from applr_ros1.robots import JACKAL, Robot
 from worlds import World
 
@@ -83,7 +83,7 @@ class Demonstrator:
         self._at += int(np.argmin(near))
         ahead = s.lookahead + 0.35 * self._v
         target = self.route[min(len(self.route) - 1, self._at + int(ahead / SPACING))]
-        bearing = wrapped(math.atan2(target[1] - y, target[0] - x) - yaw)
+        bearing = normalize_angle(math.atan2(target[1] - y, target[0] - x) - yaw)
         if abs(bearing) > 1.0:
             return self._smooth(0.0, math.copysign(s.turn, bearing))
         distance = max(0.2, math.hypot(target[0] - x, target[1] - y))
@@ -158,4 +158,4 @@ def _offsets(world: World, points):
         yield offset[rows, nearest], gap[rows, nearest]
     for x, y, yaw, size_x, size_y in world.boxes:
         outside = outside_box(points[:, 0] - x, points[:, 1] - y, yaw, size_x, size_y)
-        yield np.column_stack(place((0.0, 0.0, yaw), *outside)), np.hypot(*outside)
+        yield np.column_stack(transform_point((0.0, 0.0, yaw), *outside)), np.hypot(*outside)

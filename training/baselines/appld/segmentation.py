@@ -16,7 +16,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 
 from applr_ros1.policy.observation import layout_of
 from training.baselines.appld.demonstration import Demonstration
-from training.mdp.episode import CONTROL_PERIOD
+from training.env.episode import CONTROL_PERIOD
 
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
 SMOOTHED = 15  # instants that a feature is averaged over

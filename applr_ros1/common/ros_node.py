@@ -1,0 +1,53 @@
+"""How a ROS node of this package begins and ends: with one line where there is no master, and within seconds.
+
+rospy runs a shutdown inside its signal handler, in the middle of whatever the main thread was doing. If that was
+publishing, the lock that closing the topic needs may be taken, and the node would stay for ever: roslaunch kills it
+after 17 s. init_node() ends it earlier and says where it was.
+
+A shutdown of rospy also closes the topics before rospy.is_shutdown() says so: publish() raises meanwhile. It raises
+ROSException, or, where the topic is closed in the middle of a call, another exception such as AttributeError.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import socket
+from contextlib import contextmanager
+from typing import Iterator
+
+import rosgraph
+import rospy
+
+from applr_ros1.common.errors import ApplrError
+
+PATIENCE = 3.0  # s for the master's answer; rospy itself would wait for ever
+LONGEST = 12.0  # s from the request to shut down to the end of the process; roslaunch waits for 15 s
+
+
+def init_node(name: str, **options: bool) -> None:
+    """As rospy.init_node. A node that still runs LONGEST seconds after it was asked to end is ended with status 1.
+
+    What each of its threads was doing is then printed on stderr.
+
+    Raises:
+        ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.
+    """
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(PATIENCE)
+    answers = rosgraph.is_master_online()
+    socket.setdefaulttimeout(before)
+    if not answers:
+        where = rosgraph.get_master_uri()
+        raise ApplrError(f"no ROS master at {where}: start one with roscore or roslaunch, or set ROS_MASTER_URI")
+    rospy.init_node(name, **options)
+    rospy.on_shutdown(lambda: faulthandler.dump_traceback_later(LONGEST, exit=True))
+
+
+@contextmanager
+def until_shutdown() -> Iterator[None]:
+    """Ends its block without an error where something in it raises while rospy shuts down."""
+    try:
+        yield
+    except Exception:
+        if not rospy.core.is_shutdown_requested():
+            raise

@@ -1,0 +1,27 @@
+"""Nested dicts of parameters, as the ROS parameter server holds them."""
+
+from __future__ import annotations
+
+from typing import Any, Dict
+
+
+def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, Any]:
+    """The dict at "a/b" in a tree (the tree itself at ""); {} where there is none, made in the tree with `create`."""
+    here: Any = tree
+    for part in filter(None, path.split("/")):
+        here = here.setdefault(part, {}) if create else here.get(part)
+        if not isinstance(here, dict):
+            return {}
+    return here
+
+
+def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
+    """A new tree with the values of both; those of `above` count, but an empty section (None) takes nothing away."""
+    made = dict(below)
+    for name, value in above.items():
+        here = made.get(name)
+        if isinstance(value, dict):
+            made[str(name)] = merged(here if isinstance(here, dict) else {}, value)
+        elif value is not None or not isinstance(here, dict):
+            made[str(name)] = value
+    return made

@@ -1,0 +1,1 @@
+"""A recorded drive as a picture and as an animation; knows nothing of ROS."""

@@ -1,0 +1,206 @@
+"""The applr node's inputs: scan, odometry, global plan and goal. Callbacks only keep the latest message.
+
+Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision needs one: unpacking each would
+cost a sixth of a core.
+"""
+
+import struct
+import threading
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import LaserScan
+
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.transforms import LaserMount, Transforms
+from applr_ros1.policy.observation import LAYOUT, ObservationError
+
+MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
+STATUS_AGE = 2.0  # s: without a status for so long, move_base counts as gone
+_RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
+
+
+@dataclass
+class Snapshot:
+    """The inputs of one decision.
+
+    ranges (beams,) m as the layout has them; pose (x, y, yaw) in `frame`, the plan's; plan (n, 2) m. The stamps
+    (rospy.Time) say which messages these were, so that a bag's reader can find them. twist (v, w) m/s and rad/s of the
+    odometry; goal (x, y, yaw) as move_base has stated it in the plan's frame, or the plan's end where the node was
+    started later.
+    """
+
+    ranges: np.ndarray
+    pose: tuple
+    plan: np.ndarray
+    frame: str
+    scan_stamp: rospy.Time
+    odom_stamp: rospy.Time
+    plan_stamp: rospy.Time
+    twist: tuple = (0.0, 0.0)
+    goal: tuple = (0.0, 0.0, 0.0)
+
+    @property
+    def place(self):
+        """(pose, twist, goal, plan), as a Context has them."""
+        return self.pose, self.twist, self.goal, self.plan
+
+
+class Inputs:
+    """Subscribes to a robot's scan and odometry and to move_base's plan and status.
+
+    Args:
+        scan: Topic of the sensor_msgs/LaserScan.
+        odom: Topic of the nav_msgs/Odometry.
+        plan: Topic of the global plan, a nav_msgs/Path.
+        move_base: Namespace of move_base, whose status says which goal is pursued.
+        turned: Yaw [rad] of the laser in the robot's frame, where tf does not say it.
+    """
+
+    def __init__(
+        self,
+        scan="front/scan",
+        odom="odometry/filtered",
+        plan="move_base/NavfnROS/plan",
+        move_base="move_base",
+        turned=0.0,
+    ):
+        self._transforms = Transforms()
+        self._mount = LaserMount(Transforms(), turned)  # its own: it stops listening once it knows
+        self._names = {"scan": scan, "odometry": odom, "plan": plan}
+        self._names = {what: rospy.resolve_name(name) for what, name in self._names.items()}
+        self._lock = threading.Lock()
+        self.clear()
+        big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
+        rospy.Subscriber(scan, rospy.AnyMsg, self._on_scan, **big)
+        rospy.Subscriber(plan, rospy.AnyMsg, self._on_plan, **big)
+        rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
+        rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
+        rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
+
+    def clear(self):
+        """Forgets everything: the clock jumped back."""
+        with self._lock:
+            self._scan = self._plan = None
+            self._odometry = deque(maxlen=100)
+            self._goal, self._goal_heard, self._goal_since, self._current_goal = None, None, None, None
+
+    def goal(self, now):
+        """The id of the goal that move_base pursues; None when there is none or move_base is gone."""
+        with self._lock:
+            if self._goal is None or abs((now - self._goal_heard).to_sec()) > STATUS_AGE:
+                return None
+            return self._goal
+
+    def has_lost_move_base(self, now):
+        """Whether move_base, which has published its status before, has not done so for STATUS_AGE seconds."""
+        with self._lock:
+            return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE
+
+    def snapshot(self, now, layout=LAYOUT):
+        """A Snapshot at ROS time `now`; the scan is resampled to `layout`.
+
+        Raises ObservationError with one line about what is missing or odd.
+        """
+        with self._lock:
+            packed_scan, packed_plan, since, goal = self._scan, self._plan, self._goal_since, self._current_goal
+            odometry = list(self._odometry)
+        if packed_scan is None:
+            raise ObservationError(f"no scan on {self._names['scan']} yet")
+        scan = _unpack(packed_scan, LaserScan)
+        _check_age("scan", self._names["scan"], now, scan.header.stamp)
+        if not odometry:
+            raise ObservationError(f"no odometry on {self._names['odometry']} yet")
+        nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))
+        _check_age("odometry", self._names["odometry"], now, nearest.header.stamp)
+        ranges = layout.resample(*self._mount.beams(scan, _base_of(nearest)))
+        if packed_plan is None or (since is not None and (since - packed_plan[1]).to_sec() > 0.5):
+            raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
+        plan = _unpack(packed_plan[0], Path)
+        points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
+        frame = plan.header.frame_id or plan.poses[0].header.frame_id
+        pose = self._pose(nearest, frame, scan.header.stamp)
+        moving = nearest.twist.twist
+        return Snapshot(
+            ranges,
+            pose,
+            points,
+            frame,
+            scan.header.stamp,
+            nearest.header.stamp,
+            plan.header.stamp,
+            (moving.linear.x, moving.angular.z),
+            conversions.pose_of(plan.poses[-1].pose if goal is None else goal),
+        )
+
+    def _pose(self, odometry, frame, stamp):
+        """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
+        if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
+            return conversions.pose_of(odometry.pose.pose)
+        return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry)))
+
+    def _on_scan(self, msg):
+        with self._lock:
+            self._scan = msg
+
+    def _on_odometry(self, msg):
+        with self._lock:
+            self._odometry.append(msg)
+
+    def _on_plan(self, msg):
+        if _is_type(msg, Path) and _poses(msg._buff):  # a failed plan is published empty: the old one stands
+            with self._lock:
+                self._plan = msg, rospy.Time.now()
+
+    def _on_current_goal(self, msg):
+        with self._lock:
+            self._current_goal = msg.pose
+
+    def _on_status(self, msg):
+        running = [s.goal_id.id for s in msg.status_list if s.status in _RUNNING]
+        with self._lock:
+            self._goal_heard = rospy.Time.now()
+            if not running or running[-1] != self._goal:
+                self._goal = running[-1] if running else None
+                self._goal_since = self._goal_heard
+
+
+def _base_of(odometry):
+    """The robot's frame."""
+    return odometry.child_frame_id or "base_link"
+
+
+def _is_type(msg, message_class):
+    return msg._connection_header.get("type") == message_class._type
+
+
+def _unpack(msg, message_class):
+    if not _is_type(msg, message_class):
+        raise ObservationError(
+            f"{msg._connection_header.get('topic')} carries {msg._connection_header.get('type')}: "
+            f"{message_class._type} is needed"
+        )
+    result = message_class()
+    result.deserialize(msg._buff)
+    return result
+
+
+def _poses(packed):
+    """The number of poses of a packed nav_msgs/Path: behind seq, stamp and frame_id."""
+    (length,) = struct.unpack_from("<I", packed, 12)
+    return struct.unpack_from("<I", packed, 16 + length)[0]
+
+
+def _check_age(what, topic, now, stamp):
+    age = (now - stamp).to_sec()
+    if abs(age) > MAX_AGE:
+        raise ObservationError(
+            f"{what} on {topic} is {age:.2f} s old"
+            if age > 0
+            else f"{what} on {topic} is stamped {-age:.2f} s ahead of the clock"
+        )

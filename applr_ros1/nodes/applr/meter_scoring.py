@@ -1,0 +1,145 @@
+"""Finds out what the distance weights of a running planner count, and what is to be sent instead of a set.
+
+Held by the applr node, whose thread calls everything but the cloud's callback. policy/distance_weights.py says what it
+is about and does the arithmetic.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Dict, Optional
+
+import numpy as np
+import rospy
+from sensor_msgs.msg import PointCloud2
+
+from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+from applr_ros1.policy.distance_weights import (
+    PLANNER,
+    Compensation,
+    Effective,
+    factor_of,
+    fit,
+    indices_of,
+    kind_of,
+)
+from applr_ros1.policy.parameter_space import Space
+
+AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
+PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
+CLOUDS = 20  # clouds that fit no kind of weights, after which the search is given up
+FIELDS = ("x", "y", "z", "path", "goal", "occ", "total")  # what the names of a cost_cloud's fields begin with
+
+
+class MeterScoring:
+    """Whether the planner's distance biases count per metre or per cell, as far as it is known.
+
+    Args:
+        client: Of the planner's parameters.
+        choice: AUTO: found from the cost_cloud of the first goal; TRUE, FALSE: as a person says, the biases are
+            multiplied by the local costmap's resolution or not.
+    """
+
+    def __init__(self, client: ReconfigureClient, choice: str = AUTO):
+        self.choice = choice
+        self._client, self._space = client, client.space
+        self._at = indices_of(client.space)  # None: a robot whose space has nothing to make up for
+        self._lock = threading.Lock()  # of what the callback writes
+        self._subscriber: Optional[rospy.Subscriber] = None
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing is known: the planner was started anew. May be called from any thread."""
+        with self._lock:
+            self._found: Optional[Effective] = None
+            self._factor: Optional[float] = None  # what the biases are multiplied by, once it is known
+            self._odd = 0
+            self._since: Optional[rospy.Time] = None  # when the node began to listen
+            self._said = ""
+
+    def look(self, now: rospy.Time, driving: bool) -> bool:
+        """Listen while there is something to find; True when what is known has changed since the last call."""
+        if self._at is not None and self.choice != AUTO and self._factor is None:
+            self._factor = self._resolution() if self.choice == TRUE else 1.0
+        wanted = self._at is not None and driving and self._factor is None and self._odd < CLOUDS
+        if wanted and self._since is None:
+            self._since = now
+        if wanted and self._subscriber is None:
+            self._subscriber = rospy.Subscriber(
+                self._topic(), PointCloud2, self._on_cloud, queue_size=1, buff_size=2**24
+            )
+        elif not wanted and self._subscriber is not None:
+            self._subscriber.unregister()
+            self._subscriber = None
+        said, self._said = self._said, self.line(now)
+        return said != self._said
+
+    def waits(self, now: rospy.Time) -> bool:
+        """Whether a cloud that would tell may be about to come."""
+        since = self._since
+        listens = self._subscriber is not None and self._factor is None and since is not None
+        return listens and (now - since).to_sec() < PATIENCE
+
+    def line(self, now: rospy.Time) -> str:
+        """What is known, in words; "" before there was an occasion to find out."""
+        if self._at is None:
+            return f"sets are sent as they are: only the distance weights of {PLANNER} are rescaled"
+        if self._factor is not None:
+            how = "found from cost_cloud" if self.choice == AUTO else "as said by meter_scoring:=%s" % self.choice
+            return "the planner's distance weights count %s (%s)" % (kind_of(self._factor).replace("_", " "), how)
+        why = "" if self._since is None else "no cost_cloud on %s" % self._topic()
+        if self._odd >= CLOUDS:
+            why = "the cost_cloud on %s fits neither kind" % self._topic()
+        if not why or (self.waits(now) and self._odd < CLOUDS):
+            return ""
+        return "the planner's distance weights are taken to be what the set was made for: " + why
+
+    def compensation(self, per_cell: bool) -> Compensation:
+        """What is to be sent for a method's sets (policy.methods.protocol.Method.per_cell)."""
+        nothing = Compensation(self._space)
+        if self._factor is None or self._at is None or not per_cell:
+            return nothing
+        largest = self._client.upper_bound(self._at.path, self._at.goal)
+        found = Compensation(self._space, self._factor, largest)
+        if all(self._client.holds(found.outgoing(bound)) for bound in (self._space.low, self._space.high)):
+            return found
+        rospy.logwarn("applr: the planner's bounds do not allow biases that make up for what its weights count")
+        return nothing
+
+    def _topic(self) -> str:
+        return self._client.servers[PLANNER] + "/cost_cloud"
+
+    def _resolution(self) -> float:
+        """Of the local costmap [m]: as the cloud shows it, else as the parameter server says."""
+        if self._found is not None:
+            return round(self._found.spacing, 4)
+        value = rospy.get_param(self._client.namespace + "/local_costmap/resolution", 0.05)
+        return float(value) if isinstance(value, (int, float)) and value > 0.0 else 0.05
+
+    def _on_cloud(self, message: PointCloud2) -> None:
+        rows = rows_of(message)
+        effective = None if rows is None else fit(rows)
+        values = self._client.values()
+        if values is None or self._at is None:
+            return
+        biases = values[self._at.path], values[self._at.goal]
+        factor = None if effective is None else factor_of(effective, *biases)
+        with self._lock:
+            if factor is None:
+                self._odd += 1
+            elif self._factor is None:
+                self._found, self._factor = effective, factor
+
+
+def rows_of(message: PointCloud2) -> Optional[np.ndarray]:
+    """(n, 7) of a cost_cloud; None where the message is not one."""
+    step, fields = message.point_step, message.fields
+    named = len(fields) == len(FIELDS) and all(f.name.startswith(name) for f, name in zip(fields, FIELDS))
+    if not named or step != 4 * len(FIELDS) or len(message.data) % step or any(f.datatype != 7 for f in fields):
+        return None
+    return np.frombuffer(message.data, ">f4" if message.is_bigendian else "<f4").reshape(-1, len(FIELDS))
+
+
+def multipliers(compensation: Compensation, space: Space) -> Dict[str, float]:
+    """{parameter: factor} of those that are sent otherwise than they stand in a set."""
+    return {name: float(factor) for name, factor in zip(space.names, compensation.multipliers) if factor != 1.0}

@@ -1,0 +1,344 @@
+"""The applr node: every second or two of ROS time observation → method → parameters (Algorithm 1 of the paper).
+
+Started by main.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
+active; between goals the planner has theta_0, on which every course starts. docs/architecture.md lists its topics.
+"""
+
+import math
+import threading
+from collections import Counter
+
+import numpy as np
+import rospy
+
+from applr_ros1.common.errors import one_line
+from applr_ros1.common.progress import Throttled
+from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring, multipliers
+from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
+from applr_ros1.nodes.clock import jumped_back
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.distance_weights import Compensation
+from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL
+
+TICK = 0.05  # s of ROS time between looks at the clock
+LATE = 0.1  # share of a period after which a decision counts as late
+GONE = "move_base has stopped publishing its status: is it still running?"
+COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "put_back", "restarts")
+LOST_AFTER = 3  # periods without a usable decision after which the policy counts as lost
+
+
+class ApplrNode:
+    """Joins inputs, method and worker.
+
+    Args:
+        method: Chooses the parameters (policy/methods/).
+        inputs: Scan, odometry, plan and goal.
+        topics: What is published.
+        period: Time [s] of ROS between decisions; None: the method's own.
+        namespace: Of move_base.
+        max_speed: Largest max_vel_x [m/s] that is set, whatever the method chooses.
+        seed: Of what a method draws; the courses have seed, seed + 1 ...
+        meter_scoring: Whether the planner's distance biases count per metre (meter_scoring.CHOICES).
+        robot: Description of the robot that is driven.
+    """
+
+    def __init__(
+        self,
+        method,
+        inputs,
+        topics,
+        period=None,
+        namespace="/move_base",
+        max_speed=math.inf,
+        seed=0,
+        meter_scoring=AUTO,
+        robot=JACKAL,
+    ):
+        self.robot, self.space = robot, space_of(robot)
+        self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
+        self._own_period = period
+        self.enabled = True
+        self._cap = np.where(np.array(self.space.names) == "max_vel_x", max_speed, math.inf)
+        self._report_jump = Throttled(rospy.logwarn)
+        self.counts = Counter()
+        self.trouble = ""  # newest line about what is wrong; "" when nothing is
+        self.degraded = ""  # why the chosen method is not the one that drives
+        self._goal, self._due, self._failures, self._began = None, None, 0, None
+        self._last = None  # ROS time of the last decision
+        self._base_set = False  # whether what a goal-less planner should have has been sent
+        self._lock = threading.Lock()  # of trouble
+        self._deciding = threading.Lock()  # of method, enabled and the course's state
+        self.client = ReconfigureClient(namespace, self.space, self._on_restart)
+        self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
+        self.meter_scoring = MeterScoring(self.client, meter_scoring)
+
+    @property
+    def period(self):
+        """Time [s] of ROS between decisions: as asked for, else the method's."""
+        return self.method.period if self._own_period is None else self._own_period
+
+    def _begin_course(self, now):
+        try:
+            self.method.reset(self.seed + self.counts["courses"])
+        except Exception as e:  # as in _ask
+            self._warn(one_line(e))
+        self.counts["courses"] += 1
+        self._due, self._failures, self._began = now, 0, now
+
+    def spin(self):
+        """Until shutdown. A clock that jumps back starts afresh."""
+        self.worker.start()
+        rospy.on_shutdown(self.shutdown)
+        beat = report = last = rospy.Time(0)
+        while not rospy.is_shutdown():
+            try:
+                now = rospy.Time.now()
+                if jumped_back(last, now):  # rospy notices it while it sleeps, and of a simulated clock only
+                    raise rospy.exceptions.ROSTimeMovedBackwardsException(now - last)
+                last = now
+                if now >= beat:
+                    self.topics.heartbeat(now)
+                    beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects one every 2 s
+                if now >= report:
+                    self._report(now)
+                    report = now + rospy.Duration(1.0)
+                self.tick(now)
+                rospy.sleep(self._nap(now))
+            except rospy.exceptions.ROSTimeMovedBackwardsException:
+                self._clock_jumped()
+                beat = report = last = rospy.Time(0)
+            except rospy.exceptions.ROSInterruptException:
+                return
+
+    def _clock_jumped(self):
+        """Start afresh on theta_0; a clock that jumps all the time is reported now and then only."""
+        self._report_jump("applr: the clock jumped back; starting afresh on theta_0")
+        self.inputs.clear()
+        with self._deciding:
+            self._goal = self._due = self._last = None
+            self._base()
+
+    def switch(self, enabled):
+        """Switch the method on or off. Off, the planner is put on theta_0 and no decision is made."""
+        with self._deciding:
+            if enabled != self.enabled:
+                rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
+            self.enabled, self._base_set = bool(enabled), False
+
+    def change_method(self, method):
+        """Let another method decide from now on; in the middle of a course it decides at once."""
+        with self._deciding:
+            self.method, self.degraded = method, ""
+            self._compensate()
+            if self._goal is None or method.static:
+                self._base_set = False
+            else:
+                self._begin_course(rospy.Time.now())
+
+    def _nap(self, now):
+        left = TICK if self._due is None else (self._due - now).to_sec()
+        return left if 0.001 < left < TICK else TICK
+
+    def tick(self, now):
+        """One look at the clock: begins and ends courses, and decides when a decision is due."""
+        with self._deciding:
+            self._tick(now)
+
+    def _tick(self, now):
+        if not self._base_set and self.client.connected:
+            self._base_set = True
+            self._base()
+        goal = self.inputs.goal(now) if self.enabled else None
+        if goal != self._goal:
+            if goal is None:
+                rospy.loginfo("applr: no goal any more")
+                self._base()
+            else:
+                self._begin_course(now)
+            self._goal, self._last = goal, None
+        if self.client.connected and self.meter_scoring.look(now, goal is not None) and self._compensate():
+            self._resend()
+        if goal is not None and now >= self._due:
+            self._decide(now, goal)
+
+    def _compensate(self):
+        """Have sent what means to this planner what the sets mean, and say so. Returns whether that is something else.
+
+        Where it is not, what the planner has stays as it is; a person may have set it meanwhile.
+        """
+        before = self.client.compensation
+        self.client.compensation = self.meter_scoring.compensation(self.method.per_cell)
+        line = self._scoring_line(rospy.Time.now())
+        if line:
+            rospy.loginfo("applr: %s", line)
+        self._publish_parameters()
+        return not np.array_equal(before.multipliers, self.client.compensation.multipliers)
+
+    def _scoring_line(self, now):
+        changes = multipliers(self.client.compensation, self.space)
+        sent = ", ".join("%s x %.6g" % change for change in changes.items())
+        parts = [
+            self.meter_scoring.line(now),
+            sent and "the set is made for weights per cell, so what is sent is %s" % sent,
+        ]
+        return "; ".join(filter(None, parts))
+
+    def _resend(self):
+        """What the planner has was sent before it was known what its weights count."""
+        if self._last is None or self.method.static or self.worker.applied is None:
+            self._base()
+        else:
+            self.worker.reapply()
+
+    def _decide(self, now, goal):
+        unsettled = self.worker.busy or self.meter_scoring.waits(now)
+        if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
+            return  # every course starts on theta_0, which is still on its way
+        theta_prev = self.client.theta()
+        try:
+            if theta_prev is None:
+                raise ObservationError("the planner's parameters are not known yet")
+            layout = self.method.layout
+            seen = self.inputs.snapshot(now, layout)
+            target = local_goal(seen.plan, seen.pose, layout.lookahead)
+            phi = goal_angle(target)
+            obs = observe(seen.ranges, phi, theta_prev, self.space, layout)
+        except ObservationError as e:
+            if (now - self._due).to_sec() >= self.period:  # tried for a whole period
+                self._due = now
+                self._fail("unusable", str(e))
+            return
+        if self._last is None:
+            self._due = now  # a course's first decision waits for its first plan, and the others count from it
+        late = (now - self._due).to_sec()
+        self.counts["late"] += late > LATE * self.period
+        self.counts["decisions"] += 1
+        self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
+        self._last = now
+        asked = obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec(), *seen.place, self.space
+        theta, refused = self._ask(Context(*asked))
+        self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
+        if refused:
+            self._fail("refused", f"decision refused, parameters stay: {refused}")
+            return
+        self._failures = 0
+        if not self.method.static:
+            self.worker.request(theta)
+
+    def _ask(self, context):
+        """(theta, "") of the method, or (None, one line) when its output must not reach the planner."""
+        try:
+            return self._capped(self.space.clip(self.method.theta(context))), ""
+        except Exception as e:  # a method is exchangeable: whatever it does, the planner drives on
+            return None, one_line(e)
+
+    def _fail(self, kind, line):
+        """A period without a decision. After several the policy counts as lost: theta_0."""
+        self.counts[kind] += 1
+        self._failures += 1
+        self._warn(line)
+        if self._failures == LOST_AFTER and not self.method.static:
+            self._warn(f"no decision for {LOST_AFTER} periods: back to theta_0")
+            self.worker.request(self._capped(self.space.theta0))
+
+    def _base(self):
+        """What the planner has between goals: theta_0, or the one set of a static method."""
+        theta = None
+        if self.enabled and self.method.static:
+            theta, refused = self._ask(None)
+            self.degraded = refused or self.degraded
+        if theta is None:
+            theta = self._capped(self.space.theta0)
+        has = self.client.theta()
+        if has is None or not np.array_equal(has, theta) or self.worker.busy:
+            self.worker.request(theta)
+
+    def _capped(self, theta):
+        """Theta (n,) with max_vel_x within max_speed."""
+        return np.minimum(theta, self._cap)
+
+    def shutdown(self):
+        """Leaves the planner on theta_0 where this node has set something else: the policy is gone now."""
+        self.worker.stop()
+        theta = self._capped(self.space.theta0)
+        if self.worker.applied is None:
+            return
+        if self.client.compensation.needed or not np.array_equal(self.worker.applied, theta):
+            self.client.compensation = Compensation(self.space)  # as the planner was before this node came
+            self.client.apply(theta)
+
+    def _on_restart(self, server):
+        self.counts["restarts"] += 1
+        rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
+        self.meter_scoring.forget()  # another process may count otherwise
+        self.client.compensation = Compensation(self.space)
+        self.worker.reapply()
+
+    def _on_report(self, report):
+        if report.ok:
+            self.counts["applied"] += 1
+            with self._lock:
+                self.trouble = ""
+            self._publish_parameters()
+            return
+        self.counts["failed"] += 1
+        self.counts["put_back"] += len(report.put_back)
+        also = f"; put back: {', '.join(report.put_back)}" if report.put_back else ""
+        self._warn(f"parameters not changed: {report.error}{also}")
+
+    def _on_trouble(self, line):
+        """The worker cannot find the planner's servers; "" when it has found them."""
+        if line:
+            self._warn(line)
+            return
+        with self._lock:
+            self.trouble = ""
+
+    def _warn(self, line):
+        with self._lock:
+            fresh, self.trouble = line != self.trouble, line
+        if fresh:
+            rospy.logwarn(f"applr: {line}")
+
+    def _report(self, now):
+        theta = self._publish_parameters()
+        age = math.nan if self._last is None else (now - self._last).to_sec()
+        if self.inputs.has_lost_move_base(now):
+            self._warn(GONE)
+        elif self.trouble == GONE:
+            self._on_trouble("")
+        with self._lock:
+            trouble = self.trouble or self.degraded
+        lost = bool(self.degraded) or self._failures >= LOST_AFTER or bool(theta is None and trouble)
+        if theta is None:
+            trouble = trouble or "waiting for the parameter servers of move_base"
+        self.topics.diagnostics(
+            now,
+            trouble,
+            lost,
+            self._doing(),
+            dict(
+                {name: self.counts[name] for name in COUNTS},
+                method=self.method.name if self.enabled else "off",
+                max_speed=f"{self._cap.min():g}",
+                meter_scoring=self._scoring_line(now) or "not known before the first goal",
+                goal=self._goal or "none",
+                decision_age_s=f"{age:.2f}",
+                servers=", ".join(sorted(self.client.servers.values())) or "none",
+            ),
+        )
+
+    def _publish_parameters(self):
+        """Publish what the planner has, and by what it gets the parameters multiplied; returns theta."""
+        theta = self.client.theta()
+        if theta is not None:
+            self.topics.parameters(theta, rospy.Time.now(), self.client.compensation.multipliers)
+        return theta
+
+    def _doing(self):
+        if not self.enabled:
+            return "switched off: theta_0"
+        return "idle: no goal" if self._goal is None else "deciding"

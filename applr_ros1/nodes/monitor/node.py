@@ -1,0 +1,202 @@
+"""The ROS node collision_monitor: stands between move_base (or any other source of velocities) and the base.
+
+Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
+them through. If the node dies no command reaches the base any more, and the base's own time-out stops it.
+
+Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~fixed_frame, ~base_frame,
+~transform_tolerance [s], and the fields of monitor/settings.py.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import fields, replace
+from typing import Optional
+
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist
+from std_msgs.msg import Bool, String
+
+from applr_ros1.common.arguments import frame_prefix
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.progress import Throttled
+from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
+from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.warm_up import warm_up
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.clock import jumped_back
+from applr_ros1.nodes.sensors import Sensors
+from applr_ros1.robots import Robot, load
+from applr_ros1.robots.description import Topics
+
+from .other_publishers import OtherPublishers
+
+LOOK = 0.01  # s of wall time between looks for a new scan
+REPORT = 1.0  # s of wall time between diagnostics
+IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as idle
+
+
+class CollisionMonitorNode:
+    """Hands scans and commands to a CollisionMonitor and publishes what it makes of them."""
+
+    def __init__(
+        self, settings: MonitorSettings, fixed: str, base: str, tolerance: float, topics: Optional[Topics] = None
+    ):
+        """Subscribes and advertises.
+
+        Args:
+            settings: of the monitor.
+            fixed: frame in which obstacles are remembered, that of the odometry.
+            base: frame of the robot.
+            tolerance: age [s] up to which the pose of `base` in `fixed` is used.
+            topics: names of the robot's scan, odometry and commands; without them scan, odom and cmd_vel.
+        """
+        self.monitor = CollisionMonitor(settings)
+        warm_up(settings)
+        self._tolerance = tolerance
+        self._lock = threading.Lock()
+        self._last = rospy.get_rostime()
+        self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
+        self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
+        self._commanded = -math.inf  # wall time of the newest command
+        self._report_jump = Throttled(rospy.logwarn)
+        topics = topics or Topics()
+        self._scan = topics.scan
+        self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
+        self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1)
+        self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
+        self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
+        self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
+        self._others = OtherPublishers(self._out.resolved_name, self._warn_of_others)
+
+    def spin(self) -> None:
+        """Takes scans until shutdown, also while no command comes, and publishes diagnostics once a second."""
+        due = time.monotonic()
+        while not rospy.is_shutdown():
+            with self._lock:
+                self._take_scans()
+            if time.monotonic() >= due:
+                due = time.monotonic() + REPORT
+                self._report()
+            time.sleep(LOOK)
+
+    def _warn_of_others(self, names: str) -> None:
+        rospy.logwarn(
+            "collision monitor: %s sends commands to %s directly, which nobody checks: let it publish on %s",
+            names,
+            self._out.resolved_name,
+            self._in.resolved_name,
+        )
+
+    def _take_scans(self) -> None:
+        now = rospy.get_rostime()
+        if jumped_back(self._last, now):
+            self._report_jump("collision monitor: the clock jumped back; starting afresh")
+            self.sensors.forget()
+            self.monitor.reset()
+        self._last = now
+        scan = self.sensors.observations().get(self._scan)
+        pose = None if scan is None else self.sensors.pose(now, self._tolerance)
+        if pose is not None:
+            self.monitor.see(scan, pose)
+
+    def _take_command(self, message: Twist) -> None:
+        with self._lock, until_shutdown():
+            self._commanded = time.monotonic()
+            self._take_scans()
+            verdict = self._judge(message)
+            self._out.publish(conversions.twist(*verdict.command))
+            self._counts[verdict.action] += 1
+            self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
+            if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
+                self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
+            self._verdict = verdict
+
+    def _judge(self, message: Twist) -> Verdict:
+        now = rospy.get_rostime()
+        pose = self.sensors.pose(now, self._tolerance)
+        trouble = self.sensors.pose_trouble if pose is None else ""
+        trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
+        if trouble:
+            return Verdict((0.0, 0.0), STOP, 0.0, trouble)
+        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
+        if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(self._scan):
+            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.trouble(self._scan)))
+        return verdict
+
+    def _report(self) -> None:
+        verdict = self._verdict
+        idle = time.monotonic() - self._commanded > IDLE_AFTER
+        others = ", ".join(self._others.names)
+        fine = not others and (idle or verdict.action == PASS)
+        message = "idle: no commands" if idle else verdict.reason or "commands pass"
+        values = {
+            "action": verdict.action,
+            "scale": "%.2f" % verdict.scale,
+            "remembered": len(self.monitor.memory.points),
+        }
+        values.update(self._counts)
+        name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
+        level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
+        text = "%s; unchecked commands come from %s" % (message, others) if others else message
+        self._diagnostics.publish(conversions.diagnostics(name, level, text, values, rospy.get_rostime()))
+
+
+def settings_from(parameters: dict) -> MonitorSettings:
+    """MonitorSettings from the node's private parameters, which have the names of its fields.
+
+    `robot`, a name or the folder of a description, gives those that are not set; without it they are the Jackal's.
+
+    Raises:
+        ApplrError: with one line, for an unknown parameter or a value that cannot be used.
+        RobotError: for a robot that is not there or wrongly described.
+    """
+    known = {f.name for f in fields(MonitorSettings)}
+    unknown = sorted(
+        set(parameters) - known - {"robot", "tf_prefix", "fixed_frame", "base_frame", "transform_tolerance"}
+    )
+    if unknown:
+        raise ApplrError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
+    chosen = {}
+    for name in known & set(parameters):
+        try:
+            value = parameters[name]
+            chosen[name] = tuple(tuple(map(float, point)) for point in value) if name == "body" else float(value)
+        except (TypeError, ValueError):
+            raise ApplrError("parameter %s is %r: give %s" % (name, value, _wanted(name))) from None
+    return replace(MonitorSettings.of(robot_from(parameters)), **chosen)
+
+
+def robot_from(parameters: dict) -> Robot:
+    """The robot that the private parameter `robot` names; the Jackal without it."""
+    return load(str(parameters.get("robot", "jackal")))
+
+
+def _wanted(name: str) -> str:
+    return "points [[x, y], ...] in metres" if name == "body" else "a number"
+
+
+def main() -> int:
+    """The command. Raises ApplrError, one line, for parameters that cannot be used."""
+    init_node("collision_monitor")
+    parameters = rospy.get_param("~", {})
+    if not isinstance(parameters, dict):
+        raise ApplrError("parameters are %r: give them under ~" % (parameters,))
+    settings = settings_from(parameters)
+    tolerance = parameters.get("transform_tolerance", 0.3)
+    if not isinstance(tolerance, (int, float)) or not tolerance > 0.0:
+        raise ApplrError("transform_tolerance is %r: give a positive number of seconds" % (tolerance,))
+    robot = robot_from(parameters)
+    frames, topics = robot.frames, robot.topics if "robot" in parameters else None
+    prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
+    fixed = parameters.get("fixed_frame", prefix + frames.odom)
+    base = parameters.get("base_frame", prefix + frames.base)
+    node = CollisionMonitorNode(settings, fixed, base, float(tolerance), topics)
+    with until_shutdown():
+        node.spin()
+    return 0

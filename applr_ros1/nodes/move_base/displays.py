@@ -1,0 +1,124 @@
+"""Publishes what RViz and others look at: costmaps with their updates, footprints, plans and the cost cloud.
+
+Called by the move_base node after each cycle. A message without subscribers is not made.
+"""
+
+from __future__ import annotations
+
+import rospy
+from geometry_msgs.msg import PolygonStamped
+from map_msgs.msg import OccupancyGridUpdate
+from nav_msgs.msg import OccupancyGrid, Path
+from sensor_msgs.msg import PointCloud2
+
+from applr_ros1.nodes import conversions
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.costmap.grid import union
+
+TRAJECTORIES_RATE = 5.0  # Hz of trajectory_cloud where C++ has none
+
+
+class _NewSubscriber(rospy.SubscribeListener):
+    """Sends a whole map to whoever subscribes, from the node's own thread."""
+
+    def __init__(self, post, send):
+        super().__init__()
+        self._post, self._send = post, send
+
+    def peer_subscribe(self, topic_name, topic_publish, peer_publish):
+        self._post(lambda: self._send(peer_publish))
+
+
+class CostmapDisplay:
+    """One costmap: `costmap`, `costmap_updates` and `footprint` under ~<name> (docs/planner.md, section 3.7).
+
+    costmap() returns the planner.costmap.Costmap, settings() the values of its server.
+    """
+
+    def __init__(self, name, costmap, settings, frame, always_whole, post):
+        self._costmap, self._settings, self._frame = costmap, settings, frame
+        self._always_whole = always_whole
+        listener = _NewSubscriber(post, self._send_whole)
+        self._whole = rospy.Publisher("~%s/costmap" % name, OccupancyGrid, listener, queue_size=1, latch=False)
+        self._updates = rospy.Publisher("~%s/costmap_updates" % name, OccupancyGridUpdate, queue_size=10)
+        self._footprint = rospy.Publisher("~%s/footprint" % name, PolygonStamped, queue_size=1)
+        self._sent = float("-inf")
+        self._shape = None  # origin and size of the whole map sent last
+        self._window = None  # union of the update windows since the last publication
+
+    def updated(self, stamp, pose) -> None:
+        """After an update of the map for the robot's pose: publish what is due."""
+        costmap = self._costmap()
+        if costmap.window is not None:
+            self._window = costmap.window if self._window is None else union(self._window, costmap.window)
+        if self._footprint.get_num_connections():
+            outline = footprint.transform(costmap.footprint, *pose)
+            self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
+        frequency, now = self._settings()["publish_frequency"], stamp.to_sec()
+        if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
+            return
+        self._sent = now
+        if not (self._whole.get_num_connections() or self._updates.get_num_connections()):
+            return
+        shape = tuple(costmap.origin), costmap.size, costmap.resolution
+        if self._always_whole or shape != self._shape:
+            self._send_whole(self._whole.publish, stamp)
+        elif self._window is not None:
+            x0, y0, xn, yn = self._window
+            window = max(0, x0), max(0, y0), min(costmap.size[0], xn), min(costmap.size[1], yn)
+            self._updates.publish(conversions.grid_update(costmap, window, self._frame, stamp))
+        self._shape, self._window = shape, None
+
+    def _send_whole(self, publish, stamp=None) -> None:
+        publish(conversions.grid(self._costmap(), self._frame, stamp or rospy.Time.now()))
+
+
+class PlanDisplay:
+    """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner.
+
+    Args:
+        frames: of the global plan, and of what the local planner shows.
+        name: the name space of the local planner.
+        static: its parameters that are read once, by name.
+    """
+
+    def __init__(self, frames, name, static):
+        (self._global_frame, self._frame), self._static = frames, static
+        self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
+        self._global, self._local = (
+            rospy.Publisher("~%s/%s" % (name, topic), Path, queue_size=1) for topic in ("global_plan", "local_plan")
+        )
+        self._costs = rospy.Publisher("~%s/cost_cloud" % name, PointCloud2, queue_size=1)
+        self._trajectories = rospy.Publisher("~%s/trajectory_cloud" % name, PointCloud2, queue_size=1)
+        self._sent = float("-inf")  # when the sampled trajectories were sent last [s]
+
+    def planned(self, plan, stamp) -> None:
+        """The global planner ran: (n, 3), empty where it found nothing."""
+        self._send(self._plan, plan, stamp, self._global_frame)
+
+    def controlled(self, local_planner, costmap, stamp) -> None:
+        """The local planner ran. An empty path is not sent: the old one stays on display, as in C++."""
+        for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
+            if len(poses):
+                self._send(publisher, poses, stamp, self._frame)
+        if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
+            rows = local_planner.cost_cloud(costmap)
+            if len(rows):
+                self._costs.publish(conversions.cost_cloud(rows, self._frame, stamp))
+        self._show_trajectories(local_planner, costmap, stamp)
+
+    def _show_trajectories(self, local_planner, costmap, stamp) -> None:
+        """In each cycle where C++ does (DWAPlannerROS with publish_traj_pc), else at TRAJECTORIES_RATE."""
+        period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_RATE - 1e-3
+        wanted = self._trajectories.get_num_connections() and self._static.get("publish_traj_pc", True)
+        if not wanted or 0.0 <= stamp.to_sec() - self._sent < period:
+            return
+        rows = local_planner.trajectory_cloud(costmap)
+        if len(rows):
+            self._sent = stamp.to_sec()
+            frame = self._static.get("global_frame_id", self._frame)
+            self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp))
+
+    def _send(self, publisher, poses, stamp, frame) -> None:
+        if publisher.get_num_connections():
+            publisher.publish(conversions.path(poses, frame, stamp))

@@ -1,0 +1,396 @@
+"""The ROS node move_base: the surface of the C++ one around planner.move_base.MoveBase.
+
+Started by scripts/move_base.py. Subscribers and services hand their messages to one thread (planner_thread.py), which
+steps the planner and publishes. Parameters: ~robot (name or folder of a description, whose files are then read), ~map
+and ~tf_prefix for it, and those in docs/parameters.md.
+"""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import sys
+import time
+import traceback
+
+import rospy
+from actionlib_msgs.msg import GoalID, GoalStatusArray
+from geometry_msgs.msg import Polygon, PoseStamped, Twist
+from map_msgs.msg import OccupancyGridUpdate
+from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus
+from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.srv import GetPlan, GetPlanResponse
+from std_msgs.msg import Bool
+from std_msgs.msg import Time as TimeMessage
+from std_srvs.srv import Empty, EmptyResponse
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.progress import Throttled, announced
+from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.nodes import conversions
+from applr_ros1.nodes.conversions import MessageError
+from applr_ros1.nodes.sensors import Sensors
+from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
+from applr_ros1.planner.parameters.check import check, warnings
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
+from applr_ros1.planner.warm_up import warm_up
+from applr_ros1.policy.parameter_space import SPACE, space_of
+
+from . import heartbeat_watchdog
+from .displays import CostmapDisplay, PlanDisplay
+from .goal_server import GoalServer
+from .planner_thread import PlannerThread, RequestTimeout
+from .reconfigure_server import ParameterMirror, ReconfigureServer
+from .robot_parameters import OWN, with_robot
+
+PLANNING_COST = 0.015  # s, the room that a plan on request wants before the next cycle
+WENT_BACK = "Aborting because the clock jumped back."
+
+
+class MoveBaseNode:
+    """`tree`: the checked parameters under ~; robot: whose odometry and learned parameters count, if any is named."""
+
+    def __init__(self, tree, robot=None):
+        odometry = robot.topics.odometry if robot else "odom"
+        self._space = space_of(robot) if robot else SPACE
+        self.move_base = MoveBase(tree)
+        static = self.move_base.parameters
+        self.frame, self.local_frame = (static[name]["global_frame"].lstrip("/") for name in COSTMAPS)
+        self.thread = PlannerThread(
+            self._cycle,
+            lambda: self.move_base.frequency,
+            self._clock_went_back,
+            self._clock_stalled,
+            self._cycle_failed,
+        )
+        local_planner = self.move_base.local_planner_name
+        self.sensors = Sensors(
+            (self.local_frame, self.frame, static["global_costmap"]["robot_base_frame"]),
+            self.move_base.sources,
+            self.move_base.ray_origins,
+            tree.get(local_planner, {}).get("odom_topic", odometry),
+        )
+        self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
+        self._report_missed_from = 0.0  # time.monotonic()
+        self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
+        self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
+        self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
+        self.goals = GoalServer(
+            rospy.get_name(),
+            rospy.Publisher("move_base/status", GoalStatusArray, queue_size=10, latch=True),
+            rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
+            rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
+        )
+        self._plans = PlanDisplay((self.frame, self.local_frame), local_planner, static[local_planner])
+        self._maps = {
+            name: CostmapDisplay(
+                name,
+                lambda name=name: getattr(self.move_base, name),
+                lambda name=name: self.move_base.configuration(name),
+                static[name]["global_frame"].lstrip("/"),
+                static[name]["always_send_full_costmap"],
+                self.thread.post,
+            )
+            for name in COSTMAPS
+        }
+        mirror = ParameterMirror()
+        self.servers = {
+            name: ReconfigureServer(
+                name,
+                lambda values, name=name: self.move_base.reconfigure(name, values),
+                self.move_base.configuration(name),
+                mirror,
+                self.thread,
+                server.config,
+            )
+            for name, server in self.move_base.declared_servers.items()
+        }
+        for name in ("conservative_reset", "aggressive_reset"):
+            mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
+        self._pose = None
+        self._report_jump = Throttled(rospy.logwarn)
+        rospy.on_shutdown(self._stop)
+
+    def serve(self) -> None:
+        """Take goals and requests until the node is shut down."""
+        post = self.thread.post
+        subscribe = [
+            ("move_base/goal", MoveBaseActionGoal, lambda m: self.goals.receive_goal(m, rospy.Time.now())),
+            ("move_base/cancel", GoalID, lambda m: self.goals.receive_cancel(m, rospy.Time.now())),
+            ("collision_monitor/held_back", Bool, lambda m: self.move_base.report_held(m.data)),
+            ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
+        ]
+        subscribe += [
+            ("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m)) for name in COSTMAPS
+        ]
+        for topic, with_updates in self.move_base.map_topics.items():
+            subscribe.append((topic, OccupancyGrid, lambda m, topic=topic: self._take_map(topic, m)))
+            if with_updates:
+                subscribe.append(
+                    (topic + "_updates", OccupancyGridUpdate, lambda m, topic=topic: self._take_map_update(topic, m))
+                )
+        for topic, kind, work in subscribe:
+            rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
+        rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
+        rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan, PLANNING_COST))
+        rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan, PLANNING_COST))
+        rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
+        self.goals.publish_status(rospy.Time.now())
+        rospy.loginfo(
+            "move_base is ready: goals on %s, scans from %s",
+            rospy.resolve_name("move_base/goal"),
+            ", ".join(map(self.sensors.resolved, self.move_base.sources)) or "no topic",
+        )
+        with until_shutdown():
+            self.thread.run()
+
+    # -- one cycle -----------------------------------------------------------------------------------------------
+    def _cycle(self, stamp) -> None:
+        now, move_base = stamp.to_sec(), self.move_base
+        self._take_goals(stamp, now)
+        pose, frame = self._locate(stamp)
+        cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.observations(), frame)
+        self._pose = None if pose is None else move_base.in_global_frame(pose)
+        if cycle.command is not None:
+            self._send(*cycle.command)
+        if cycle.result is not None:
+            rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
+            self.goals.finish(*cycle.result, stamp)
+        if self.goals.active:
+            self._say_why_it_stands(pose, cycle)
+            self.goals.feedback(conversions.pose_stamped(self._pose or (0.0, 0.0, 0.0), self.frame, stamp), stamp)
+        self.goals.publish_status(stamp)
+        self._show(cycle, pose, stamp)
+        if self.watchdog.is_lost(now):
+            self._back_to_start_up()
+        self._report_missed()
+
+    def _locate(self, stamp):
+        """(pose in the local frame, pose of the local frame in the global one); (None, None) if one is not known.
+
+        The second is None where the frames are one.
+        """
+        move_base, sensors = self.move_base, self.sensors
+        if move_base.missing_map:
+            sensors.pose_trouble = "no map on %s yet: start map_server, or give static_map: false" % rospy.resolve_name(
+                move_base.missing_map
+            )
+            return None, None
+        pose = sensors.pose(stamp, move_base.configuration_of("local_costmap")["transform_tolerance"])
+        if pose is None or self.frame == self.local_frame:
+            return pose, None
+        frame = sensors.frame(stamp, move_base.configuration_of("global_costmap")["transform_tolerance"])
+        return (pose, frame) if frame is not None else (None, None)
+
+    def _take_goals(self, stamp, now) -> None:
+        message = self.goals.take(stamp)
+        if message is not None:
+            goal = message.goal.target_pose
+            try:
+                if not conversions.is_upright(goal.pose.orientation):
+                    raise MessageError(INVALID_GOAL)
+                pose = self.sensors.to_global(goal)
+                if not all(map(math.isfinite, pose)):
+                    raise MessageError("Aborting on goal because its position (%s, %s) is not finite" % pose[:2])
+                self.move_base.set_goal(pose, now)
+                self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
+            except MessageError as problem:
+                self.move_base.refuse_goal(str(problem))
+        if self.goals.cancel_requested:
+            self.move_base.cancel(now)
+
+    def _send(self, v: float, w: float) -> None:
+        self._command.publish(conversions.twist(v, w))
+
+    def _say_why_it_stands(self, pose, cycle) -> None:
+        sensors = self.sensors
+        if pose is None:
+            rospy.logerr_throttle(1.0, "standing still: %s" % sensors.pose_trouble)
+        elif cycle.stale:
+            topic, after = cycle.silent
+            why = ": " + sensors.trouble(topic) if sensors.trouble(topic) else ""
+            rospy.logerr_throttle(
+                1.0, "standing still: no usable scan on %s for %g s%s" % (sensors.resolved(topic), after, why)
+            )
+        else:
+            sensors.forgive()
+        if cycle.recovery is not None and pose is not None:
+            index, total, name = cycle.recovery
+            rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
+            self._recovery.publish(
+                RecoveryStatus(conversions.pose_stamped(self._pose, self.frame, rospy.Time.now()), index, total, name)
+            )
+
+    def _show(self, cycle, pose, stamp) -> None:
+        if cycle.planned:
+            self._plans.planned(self.move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
+        if cycle.controlled:
+            self._plans.controlled(self.move_base.local_planner, self.move_base.local_costmap, stamp)
+        poses = ("local_costmap", pose), ("global_costmap", self._pose)
+        for (name, place), updated in zip(poses, cycle.updated):
+            if updated:
+                self._maps[name].updated(stamp, place)
+
+    def _back_to_start_up(self) -> None:
+        """The policy is lost: the parameters that it sets get their start-up values."""
+        for server, values in heartbeat_watchdog.start_up_requests(
+            self.move_base.start_up_configuration,
+            self.move_base.servers,
+            self._space,
+            max_speed=self.move_base.parameters["applr"]["max_speed"],
+        ).items():
+            self.servers[server].change(values)
+        rospy.logwarn(
+            "no sign of the applr node for %g s: planner parameters are back at their start-up values",
+            self.watchdog.patience,
+        )
+
+    def _report_missed(self) -> None:
+        if self.thread.missed and time.monotonic() > self._report_missed_from:
+            self._report_missed_from = time.monotonic() + 5.0  # until then they add up
+            rospy.logwarn(
+                "control loop missed its rate of %g Hz: %d cycles left out"
+                % (self.move_base.frequency, self.thread.missed),
+            )
+            self.thread.missed = 0
+
+    # -- requests --------------------------------------------------------------------------------------------------
+    def _ask(self, work, cost=0.0):
+        """A service callback that has `work` done in the planner's thread."""
+
+        def call(request):
+            try:
+                return self.thread.ask(lambda: work(request), cost)
+            except (RequestTimeout, MessageError) as problem:
+                raise rospy.ServiceException(str(problem)) from None
+
+        return call
+
+    def _relay_simple_goal(self, message) -> None:
+        goal = MoveBaseActionGoal()
+        goal.header.stamp = rospy.Time.now()
+        goal.goal.target_pose = message
+        self._goal_relay.publish(goal)
+
+    def _take_footprint(self, name, message) -> None:
+        try:
+            self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
+        except ValueError as problem:
+            rospy.logerr("%s/footprint: %s: not used", name, problem)
+
+    def _take_map(self, topic, message) -> None:
+        try:
+            self.move_base.set_map(conversions.static_map(message), topic)
+        except ApplrError as problem:
+            rospy.logerr("%s: %s: not used", topic, problem)
+        else:
+            info = message.info
+            rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
+
+    def _take_map_update(self, topic, message) -> None:
+        try:
+            cells = conversions.update_cells(message)
+            self.move_base.update_map(topic, message.x, message.y, cells)
+        except ApplrError as problem:
+            rospy.logerr("%s_updates: %s: not used", topic, problem)
+
+    def _make_plan(self, request):
+        if self.goals.active or self.move_base.goal is not None:
+            raise MessageError("move_base must be in an inactive state to make a plan for an external user")
+        if request.start.header.frame_id:
+            start = self.sensors.to_global(request.start)
+        elif self._pose is not None:
+            start = self._pose
+        else:
+            raise MessageError("move_base cannot make a plan: %s" % (self.sensors.pose_trouble or "no robot pose"))
+        plan = self.move_base.make_plan(start, self.sensors.to_global(request.goal), request.tolerance)
+        return GetPlanResponse(self._path(plan))
+
+    def _navfn_plan(self, request):
+        try:
+            start, goal = self.sensors.to_global(request.start), self.sensors.to_global(request.goal)
+            plan = self.move_base.plan(start, goal) if all(map(math.isfinite, start + goal)) else NO_PLAN
+        except MessageError as problem:
+            rospy.logerr("NavfnROS/make_plan: %s", problem)
+            plan = NO_PLAN
+        return GetPlanResponse(self._path(plan, self.frame))
+
+    def _path(self, plan, frame="") -> Path:
+        stamp = rospy.Time.now()
+        poses = [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
+        return Path(conversions.header(frame, stamp if frame else rospy.Time(0)), poses)
+
+    def _clear_costmaps(self, request):
+        self.move_base.clear_costmaps()
+        return EmptyResponse()
+
+    # -- when time or the node ends --------------------------------------------------------------------------------
+    def _clock_went_back(self) -> None:
+        self._report_jump("the clock jumped back: maps, plan and goal are dropped")
+        self._send(0.0, 0.0)
+        self.sensors.forget()
+        self.goals.finish("aborted", WENT_BACK, rospy.Time.now())
+        self.goals.forget_times()
+        self.move_base.reset(rospy.get_time(), restore=False)
+
+    def _clock_stalled(self) -> None:
+        if self.goals.active:
+            rospy.loginfo("standing still: /clock has not moved for a second, simulation is paused or has ended")
+            self._send(0.0, 0.0)
+
+    def _cycle_failed(self, error) -> None:
+        """A defect of ours: stop, give the goal up, say it all, and be there for the next one."""
+        if rospy.is_shutdown():
+            return
+        self._send(0.0, 0.0)
+        rospy.logerr("a cycle failed: %s", "".join(traceback.format_exception(type(error), error, error.__traceback__)))
+        text = "Aborting because of an internal error: %s: %s" % (type(error).__name__, error)
+        self.goals.finish("aborted", text.replace("\n", " "), rospy.Time.now())
+        self.move_base.reset(rospy.get_time(), restore=False)
+
+    def _stop(self) -> None:
+        """At the shutdown the last command is to stand."""
+        self._send(0.0, 0.0)
+        time.sleep(0.1)  # publishing is done by another thread
+
+
+class _OwnFootprints(logging.Filter):
+    """Drops rospy's warning that ~*_costmap/footprint is published as one type and read as another.
+
+    C++ move_base has both under one name, and so must this one.
+    """
+
+    def filter(self, record):
+        text = record.getMessage()
+        return not ("inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text)
+
+
+def main() -> int:
+    """Exit status 1, with a line per problem, for parameters that cannot be run."""
+    init_node("move_base")
+    given = rospy.get_param("~", {})
+    tree, robot, problems = {}, None, []
+    try:
+        tree, robot = with_robot(given) if isinstance(given, dict) else (given, None)
+        problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
+    except ApplrError as problem:
+        problems = [str(problem)]
+    for problem in problems:
+        print("move_base: parameter %s" % problem, file=sys.stderr)
+    if problems:
+        return 1
+    for logger in ("rosout", "rospy.internal"):
+        logging.getLogger(logger).addFilter(_OwnFootprints())
+    for line in warnings(tree):
+        rospy.logwarn("parameter %s", line)
+    with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
+        warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
+    if robot is not None:
+        rospy.set_param("~", dict(tree, **{name: given[name] for name in OWN if name in given}))
+    node = MoveBaseNode(tree, robot)
+    gc.collect()
+    gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms
+    node.serve()
+    return 0

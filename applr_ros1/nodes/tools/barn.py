@@ -1,0 +1,249 @@
+"""`./applr barn CHECKOUT`: the BARN Challenge's own runner, unmodified, against the simulator of this repository.
+
+Every run is one process of run.py with a ROS master of its own on a free port; several run at a time. What is done
+stands in OUT/logs, one file of the runner's own line per run, and the same command goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+import zlib
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import Dict, List, Optional, Set, Tuple
+
+import sim_bridge
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import write_bytes
+from applr_ros1.policy import methods
+
+from . import barn_run, processes
+from .barn_checkout import STATIC_WORLDS, WORLDS, Overlay
+from .barn_results import LIMIT, Run, run_of, summary
+
+START_UP = 150.0  # wall seconds that a run may take beside the drive
+GIVEN = ("APPLR_METHOD",)  # variables of the environment that this package's controllers read
+ATTEMPTS = 2  # a run whose runner fails is started so often
+Job = Tuple[int, int]  # world, trial
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    made = argparse.ArgumentParser(
+        prog="./applr barn",
+        description="Runs the BARN Challenge's own run.py, unmodified, from a checkout of the Challenge's repository, "
+        "with the simulator of this repository in place of Gazebo. The same command continues a stopped evaluation.",
+    )
+    made.add_argument("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/ in it.")
+    for name, default, kind, text in (
+        ("--worlds", "0-299", str, "Numbers such as 0-49,300: BARN's worlds are 0-299, DynaBARN's 300-359"),
+        ("--trials", 1, int, "Runs of each world"),
+        ("--out", Path("barn_results"), Path, "Folder of the results"),
+        ("--jobs", max(1, (os.cpu_count() or 2) // 2), int, "Runs at a time; by default half the processor cores"),
+        ("--real-time-factor", 1.0, float, "Simulated seconds per second of real time"),
+        ("--seed", 0, int, "Seed of the simulator's noise"),
+    ):
+        made.add_argument(name, default=default, type=kind, help=text + " (default: %(default)s).")
+    made.add_argument(
+        "--controller",
+        type=Path,
+        metavar="LAUNCH",
+        help="Launch file that starts the controller, in place of the checkout's launch/move_base_DWA.launch.",
+    )
+    made.add_argument(
+        "--simulator",
+        choices=sim_bridge.NAMES,
+        default="pybullet",
+        help="Simulator in place of Gazebo (default: %(default)s).",
+    )
+    return made
+
+
+def numbers(text: str) -> List[int]:
+    """The worlds of a list such as 0-4,300. Raises ApplrError."""
+    found: List[int] = []
+    for part in text.split(","):
+        match = re.match(r"^(\d{1,3})(?:-(\d{1,3}))?$", part.strip(), re.ASCII)
+        first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (1, 0)
+        if not first <= last < WORLDS:
+            raise ApplrError("--worlds %s: give numbers from 0 to %d, such as 0-49,300" % (text, WORLDS - 1))
+        found += range(first, last + 1)
+    return list(dict.fromkeys(found))
+
+
+class Evaluation:
+    """All runs of one command."""
+
+    def __init__(self, options: argparse.Namespace):
+        self.options = options
+        self.worlds = numbers(options.worlds)
+        for name, value in (("--trials", options.trials), ("--jobs", options.jobs)):
+            if value < 1:
+                raise ApplrError(f"{name} {value}: give 1 or more")
+        if not 0.0 < options.real_time_factor < 1000.0:
+            raise ApplrError(f"--real-time-factor {options.real_time_factor:g}: give a number above 0")
+        self.out = options.out.resolve()
+        (self.out / "logs").mkdir(parents=True, exist_ok=True)
+        self.given = {name: methods.absolute(os.environ[name]) for name in GIVEN if os.environ.get(name)}
+        self.overlay = Overlay(options.checkout, self.out / "overlay", options.controller)
+        self._check_settings()
+        if any(world >= STATIC_WORLDS for world in self.worlds):
+            for problem in self.overlay.make_table():
+                print(f"not understood: {problem}", file=sys.stderr)
+        self.routes = {world: self.overlay.route(world) for world in self.worlds}
+        self.jobs: List[Job] = [(world, trial) for trial in range(options.trials) for world in self.worlds]
+        self.failed: Dict[Job, str] = {}
+        self._lock = threading.Lock()  # of the next two
+        self._running: Set[subprocess.Popen] = set()
+        self._stopped = False
+
+    def _check_settings(self) -> None:
+        """What would mix two evaluations in one folder is refused."""
+        options = self.options
+        settings = {
+            "checkout": str(self.overlay.checkout),
+            "controller": str(options.controller.resolve()) if options.controller else None,
+            "simulator": options.simulator,
+            "seed": options.seed,
+            **{name: self.given.get(name) for name in GIVEN},
+        }
+        path = self.out / "settings.json"
+        before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else settings
+        for name, value in settings.items():
+            if before.get(name) != value:
+                raise ApplrError(
+                    f"{options.out} holds runs with {name} {before.get(name)}, not {value}: give another --out"
+                )
+        write_bytes(path, json.dumps(settings, indent=2).encode())
+
+    def done(self) -> Dict[Job, Run]:
+        """The runs of this command that have been driven, by their files."""
+        found = {job: self._run_of(job) for job in self.jobs}
+        return {job: run for job, run in found.items() if run is not None}
+
+    def run(self) -> None:
+        """Drive what is not done yet, several at a time."""
+        before, began = self.done(), time.monotonic()
+        todo = [job for job in self.jobs if job not in before]
+        print(f"{len(todo)} runs to do, {len(before)} done before, {self.options.jobs} at a time", flush=True)
+        with ThreadPoolExecutor(self.options.jobs) as pool:
+            try:
+                futures = {pool.submit(self._drive, job): job for job in todo}
+                for number, future in enumerate(as_completed(futures), 1):
+                    world, trial = futures[future]
+                    left = (time.monotonic() - began) / number * (len(todo) - number) / 60.0
+                    came = f"world {world} trial {trial}: {future.result()}; about {left:.0f} min left"
+                    print(f"[{number}/{len(todo)}] {came}", flush=True)
+            finally:
+                with self._lock:
+                    self._stopped = True
+                    for process in self._running:
+                        process.terminate()
+
+    def _drive(self, job: Job) -> str:
+        """One run in a thread of the pool, again where its runner fails; returns what came of it, in words."""
+        for _ in range(ATTEMPTS):
+            if self._stopped:
+                return "stopped"
+            problem = self._attempt(job)
+            run = self._run_of(job)
+            if run is not None:
+                return f"{run.outcome} {run.time_s:.1f} s, score {run.score:.3f}"
+        self.failed[job] = problem
+        return f"not driven: {problem}"
+
+    def _file(self, job: Job, ending: str) -> Path:
+        return self.out / "logs" / f"world_{job[0]}_trial_{job[1]}.{ending}"
+
+    def _run_of(self, job: Job) -> Optional[Run]:
+        """The run that the runner's line in the job's file states; None without a whole one."""
+        try:
+            lines = self._file(job, "out").read_text(encoding="utf-8", errors="replace").splitlines()
+            run = run_of(lines[-1], job[1], self.routes[job[0]])
+        except (OSError, IndexError, ApplrError):
+            return None
+        return run if run.world == job[0] else None
+
+    def _attempt(self, job: Job) -> str:
+        """Start the runner and wait until it has ended. Returns why it left no line, where it left none."""
+        out, log, options = self._file(job, "out"), self._file(job, "log"), self.options
+        if out.exists():
+            out.unlink()
+        environment = dict(
+            os.environ,
+            ROS_MASTER_URI=f"http://127.0.0.1:{processes.free_port()}",
+            ROS_IP="127.0.0.1",
+            ROS_LOG_DIR=str(self.out / "logs" / "ros"),
+            ROS_PACKAGE_PATH=os.pathsep.join(
+                [str(self.overlay.package), str(self.overlay.checkout), os.environ.get("ROS_PACKAGE_PATH", "")]
+            ),
+            PYTHONUNBUFFERED="1",
+            **self.given,
+            APPLR_SIMULATOR=options.simulator,
+            APPLR_SEED=str(zlib.crc32(b"%d %d %d" % (options.seed, *job)) & 0x7FFFFFFF),
+            APPLR_REAL_TIME_FACTOR=repr(options.real_time_factor),
+        )
+        for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):  # of another robot
+            environment.pop(name, None)
+        patience = START_UP + LIMIT / options.real_time_factor
+        runner = [sys.executable, str(self.overlay.runner), "--world_idx", str(job[0]), "--out", str(out)]
+        with self._lock:
+            if self._stopped:
+                return "stopped"
+            process = subprocess.Popen(
+                [sys.executable, "-m", barn_run.__name__, repr(patience), str(log), *runner],
+                env=environment,
+                cwd=self.overlay.checkout,
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+            self._running.add(process)
+        status = process.wait()
+        with self._lock:
+            self._running.remove(process)
+        if status == barn_run.TOO_LONG:
+            return f"the runner did not end ({log})"
+        said = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+        return f"the runner ended with status {status}: {said[-1][-160:] if said else 'it said nothing'} ({log})"
+
+    def write(self) -> None:
+        """Write out.txt, runs.csv and summary.json of the runs that are done."""
+        runs = list(self.done().values())
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(field.name for field in fields(Run))
+        table.writerows(astuple(run) for run in runs)
+        write_bytes(self.out / "runs.csv", text.getvalue().encode())
+        lines = [self._file((run.world, run.trial), "out").read_text(encoding="utf-8").splitlines()[-1] for run in runs]
+        write_bytes(self.out / "out.txt", "".join(line + "\n" for line in lines).encode())
+        if runs:
+            found = summary(runs)
+            write_bytes(self.out / "summary.json", (json.dumps(found, indent=2) + "\n").encode())
+            print(f"results: {self.out}")
+            print(json.dumps(found))
+
+
+def main() -> None:
+    """All runs are driven, whatever their outcome, or ApplrError says how many could not be."""
+    evaluation = Evaluation(parser().parse_args())
+    try:
+        evaluation.run()
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("stopped; the same command goes on from here") from None
+    finally:
+        evaluation.write()
+    if evaluation.failed:
+        raise ApplrError(
+            f"{len(evaluation.failed)} of {len(evaluation.jobs)} runs could not be driven; "
+            "the same command tries them again"
+        )

@@ -1,0 +1,237 @@
+"""The demo (./applr demo): one course from start to finish with the whole stack, on a ROS master of its own.
+
+It starts jackal_applr.launch through roslaunch's parent API, says when each part is up, sends the goal, reports
+progress, ends every process, and leaves a picture, an animation and one line of JSON.
+"""
+
+import contextlib
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import uuid
+
+import numpy as np
+import roslaunch
+import roslaunch.arg_dump
+import rospy
+from rosgraph.names import load_mappings
+
+import worlds
+from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.progress import announced
+from applr_ros1.drives import animation, picture
+from applr_ros1.policy import methods
+from applr_ros1.robots import NAMES, load
+from applr_ros1.robots.geometry import bounding_box
+
+from . import send_goal
+from .demo_drive import Observer
+from .processes import free_port
+
+UP_WITHIN = 900.0  # wall seconds for one part to come up: the first time it compiles kernels, maybe on a busy machine
+OWN = {"picture": "applr_demo.png", "animation": "applr_demo.gif", "limit": "300"}  # arguments beside the launch file's
+USAGE = f"""usage: demo.py [ARG:=VALUE ...]
+
+Drives one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
+if the goal was reached.
+
+  picture:={OWN["picture"]}     File for the picture (.png).
+  animation:={OWN["animation"]}   File for the animation (.gif), with scan, plans and parameters; none makes none.
+  limit:={OWN["limit"]}                  Simulated time [s] after which the drive counts as timed out, 1 to 3600.
+
+The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
+
+
+def main():
+    """Exit status: 0 goal reached, 1 not reached, or a wrong argument (one line), 130 interrupted."""
+    words = sys.argv[1:]
+    if {"-h", "--help"} & set(words):
+        print(USAGE)
+        return 0
+    (file,) = roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])
+    values, passed, robot, world = prepare(words, file)
+    folder = tempfile.mkdtemp(prefix="applr_demo_")
+    port = free_port()
+    os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
+    for name in ("ROS_IP", "ROS_NAMESPACE"):  # of another robot
+        os.environ.pop(name, None)
+    stack = Stack(file, passed, port)
+    result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
+    result.update(collided=False, time_s=None, seed=int(values["seed"]), simulator=values["simulator"])
+    say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result) + f", port {port}")
+    drive, keep = None, False
+    try:
+        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log, contextlib.redirect_stdout(log):
+            try:
+                drive = _drive(stack, values, robot, world, result)
+            finally:
+                stack.stop()
+    except ApplrError as problem:
+        keep = True
+        say(f"{problem}; what the nodes printed is in {folder}")
+        result["reason"] = str(problem)
+    finally:
+        if not keep:
+            shutil.rmtree(folder, ignore_errors=True)
+    if drive is not None:
+        drive.title = "{world}, {robot}, method {method}: {reason} in {time_s:.1f} s".format(**result)
+        result["picture"] = _leave(values["picture"], lambda path: picture.save(drive, path))
+        result["animation"] = _leave(values["animation"], lambda path: animation.save(drive, _outline(robot), path))
+    print(json.dumps(result), flush=True)
+    return 0 if result["success"] else 1
+
+
+def say(text):
+    """Print one line of the demo's progress."""
+    print(f"applr: {text}", flush=True, file=sys.__stdout__)
+
+
+def _outline(robot):
+    """The rectangle (4, 2) [m] around a robot, in its base frame."""
+    low_x, high_x, low_y, high_y = bounding_box(robot)
+    return np.array([[high_x, high_y], [low_x, high_y], [low_x, low_y], [high_x, low_y]])
+
+
+def prepare(words, file):
+    """(values of all arguments, words for the launch file, Robot, World) from the command line. Raises ApplrError."""
+    known = {name: default for name, (_, default) in roslaunch.arg_dump.get_args([file]).items()}
+    given = load_mappings(words)
+    for word in words:
+        name, separator, _ = word.partition(":=")
+        if not separator or name not in (*known, *OWN) and not name.startswith("_"):  # ROS's own begin so
+            raise ApplrError(f"{word} is no argument: give ARG:=VALUE; there are {', '.join((*known, *OWN))}")
+    values = {**known, **OWN, **given}
+    if not boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
+        raise ApplrError(
+            "the demo needs sim:=true, move_base:=python and a goal: for a real robot use "
+            "roslaunch applr_ros1 jackal_applr.launch"
+        )
+    with contextlib.suppress(ValueError):
+        values["limit"] = float(values["limit"])
+    number_within("limit", values["limit"], 1.0, 3600.0)
+    for name, ending in (("picture", ".png"), ("animation", ".gif")):
+        folder = os.path.dirname(os.path.abspath(values[name]))
+        if values[name] != "none" and not (values[name].endswith(ending) and os.access(folder, os.W_OK)):
+            raise ApplrError(f"{name} is {values[name]}: give a {ending} file in a folder that can be written")
+    for name in ("robot", "world", "record"):  # the nodes run in another folder
+        if values[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(values[name])):
+            values[name] = os.path.abspath(values[name])
+    robot = load(values["robot"])
+    if values["policy"] != "none":
+        values["method"] += ":" + values["policy"]
+    elif values["method"] == "applr" and not os.path.exists(methods.shipped(robot=robot)):
+        say(f"robot {robot.name} has no policy of its own: method dwa; train one or give policy:=FILE")
+        values["method"] = "dwa"
+    values["method"] = methods.absolute(values["method"])
+    methods.make(values["method"], robot, commands=False)
+    world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
+    values["sent"] = send_goal.course_goal(world.course)
+    if values["goal"] != "auto":  # given in odom, whose origin is the start
+        values["sent"] = x, y, yaw = pose("goal", values["goal"])
+        goal = (x + world.course.start[0], y + world.course.start[1], yaw)
+        world = dataclasses.replace(world, course=dataclasses.replace(world.course, goal=goal, finish_y=None))
+    passed = {name: values[name] for name in {"method", *given} & set(known) - {"policy"}}
+    return values, [f"{name}:={value}" for name, value in dict(passed, goal="none").items()], robot, world
+
+
+class Stack(roslaunch.pmon.ProcessListener):
+    """The nodes of a launch file below this process, on a master of their own.
+
+    What the nodes print on standard output goes to files in ROS_LOG_DIR, their warnings and errors to this terminal.
+    Make and start it in the main thread. SIGINT, SIGTERM or SIGHUP make check() raise; while it starts, roslaunch's own
+    handlers end the nodes as well.
+    """
+
+    def __init__(self, file, words, port):
+        self._ended, self._interrupted = "", False
+        self._take_signals()
+        self._parent = roslaunch.parent.ROSLaunchParent(
+            str(uuid.uuid1()),
+            [(file, words)],
+            port=port,
+            process_listeners=[self],
+            force_log=True,
+            show_summary=False,
+            sigint_timeout=2.0,
+            sigterm_timeout=0.5,
+        )
+
+    def _take_signals(self):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._interrupt)
+
+    def _interrupt(self, *_):
+        self._interrupted = True
+
+    def process_died(self, process_name, exit_code):
+        """Called by roslaunch for a process that ended, also for one that it starts again."""
+        if exit_code:
+            self._ended = self._ended or f"{process_name.rpartition('-')[0]} ended with status {exit_code}"
+
+    def start(self):
+        """Start master and nodes. Raises ApplrError for a launch file that cannot be loaded."""
+        try:
+            self._parent.start(auto_terminate=False)
+        except roslaunch.RLException as error:
+            raise ApplrError(" ".join(str(error).split())) from None
+        self._take_signals()
+
+    def check(self):
+        """Raises KeyboardInterrupt after a Ctrl-C, ApplrError when a node has ended by itself."""
+        if self._interrupted:
+            raise KeyboardInterrupt("interrupted, every process has ended")
+        if self._ended or self._parent.pm.is_shutdown:
+            raise ApplrError(self._ended or "the stack ended by itself")
+
+    def wait(self, condition, seconds, otherwise):
+        """Wait in wall time until condition() is true. Raises as check() does, and ApplrError(otherwise)."""
+        deadline = time.monotonic() + seconds
+        while not condition():
+            self.check()
+            if time.monotonic() > deadline:
+                raise ApplrError(f"{otherwise} within {seconds:g} s")
+            time.sleep(0.02)
+
+    def stop(self):
+        """End all processes."""
+        rospy.signal_shutdown("the demo has ended")
+        self._parent.shutdown()
+
+
+def _drive(stack, values, robot, world, result):
+    """Start the stack, drive the course, complete the result; returns the recorded Drive."""
+    began = time.monotonic()
+    with announced("starting ROS", say, first=5.0):
+        stack.start()
+        scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
+        observer = Observer(robot, world, scan, frame_prefix(values["tf_prefix"]) + robot.frames.odom)
+    for part, up in observer.parts():
+        with announced(f"waiting for {part}, which compiles its kernels at its first start", say, first=10.0):
+            stack.wait(up, UP_WITHIN, f"{part} does not come up")
+        say(f"{part:12} up after {time.monotonic() - began:.1f} s")
+    success, timeout, seconds, text = observer.drive(values["sent"], values["limit"], say, stack.check)
+    drive = observer.recorded(seconds)
+    touching = ", touching something" if drive.contacts else ""
+    say(f"{text} after {seconds:.1f} s and {drive.length():.2f} m{touching}")
+    result.update(success=success, collided=bool(drive.contacts), time_s=round(seconds, 2), reason=text)
+    result.update(timeout=timeout, path_length_m=round(drive.length(), 3))
+    return drive
+
+
+def _leave(path, save):
+    """Write a file beside the result: its absolute path, or None where there is none."""
+    if path == "none":
+        return None
+    try:
+        save(path)
+    except (OSError, ValueError) as problem:
+        say(f"not written: {problem}")
+        return None
+    say(os.path.abspath(path))
+    return os.path.abspath(path)

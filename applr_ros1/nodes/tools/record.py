@@ -1,0 +1,87 @@
+"""Records a drive in a bag: which topics, under their absolute names, whatever the namespace.
+
+Called by scripts/record.py (launch argument record:=), which becomes rosbag's recorder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import posixpath
+import sys
+from typing import Iterator, List, Sequence
+
+from applr_ros1.common.arguments import boolean, check_new_bag, without_remappings
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots import JACKAL, Robot, load
+
+from .processes import become
+
+SHARED = ("/clock", "/tf", "/tf_static", "/diagnostics")  # of all robots on a master
+STACK = (
+    "{scan} {odometry} {cmd_vel} {imu} map demonstration "
+    "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "
+    "move_base/cmd_vel move_base/local_costmap/footprint move_base/NavfnROS/plan "
+    "move_base/{planner}/global_plan move_base/{planner}/local_plan move_base/{planner}/parameter_updates "
+    "applr/heartbeat applr/decision applr/parameters applr/local_goal "
+    "collision_monitor/action "
+    "sim_bridge/ground_truth sim_bridge/collision sim_bridge/obstacles sim_bridge/movers sim_bridge/current_world"
+)
+COSTMAPS = (
+    "move_base/local_costmap/costmap move_base/local_costmap/costmap_updates "
+    "move_base/global_costmap/costmap move_base/global_costmap/costmap_updates move_base/{planner}/trajectory_cloud"
+)
+PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
+
+
+def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL) -> List[str]:
+    """Absolute names of the topics of one robot's stack, and of what all robots share.
+
+    Args:
+        costmaps: Costmaps and sampled trajectories, too.
+        arguments: Remappings and "__ns:=..." as ROS gives them to a node; the environment's ROS_NAMESPACE counts.
+        robot: Whose stack it is: names of its topics, and of the servers that its parameter space sets.
+    """
+    import rosgraph.names as names
+
+    node = names.get_ros_namespace(argv=list(arguments)).rstrip("/") + "/record"
+    mappings = names.load_mappings(list(arguments))
+    mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
+    found = list(SHARED)
+    servers = {setting.server for parameter in robot.space for setting in parameter.settings} - set(PLANNERS)
+    updates = [posixpath.join("move_base", server, "parameter_updates") for server in sorted(servers)]
+    text = " ".join([*updates, STACK])
+    for name in _named(text + " " + COSTMAPS if costmaps else text, robot):
+        name = names.resolve_name(name, node)
+        found.append(mappings.get(name, name))
+    return found
+
+
+def main() -> None:
+    """The command record.py: becomes rosbag's recorder. Returns only with an error."""
+    words = sys.argv[1:]
+    parser = argparse.ArgumentParser(prog="record.py", description="Record the stack of this namespace in a bag.")
+    parser.add_argument("bag", help="Bag file (.bag) to write.")
+    parser.add_argument(
+        "--costmaps",
+        default="false",
+        help="Whether to record costmaps and sampled trajectories, too: true or false, the default.",
+    )
+    parser.add_argument(
+        "--robot",
+        default=JACKAL.name,
+        help="Robot whose topics are recorded: a name or a folder. Default: %(default)s.",
+    )
+    options = parser.parse_args(without_remappings(words))
+    bag = options.bag if options.bag.endswith(".bag") else options.bag + ".bag"
+    if not os.path.isabs(bag) and any(word.startswith("__name:=") for word in words):
+        raise ApplrError(f"record is {bag}: roslaunch starts nodes in another folder; give the path from the root")
+    check_new_bag(bag)  # rosbag would write over it
+    chosen = topics(boolean("costmaps", options.costmaps), words, load(options.robot))
+    become("rosbag", "record", ["--lz4", "-O", bag, *chosen, *(w for w in words if w.startswith("__"))])
+
+
+def _named(text: str, robot: Robot) -> Iterator[str]:
+    for name in text.split():
+        for planner in PLANNERS if "{planner}" in name else ("",):
+            yield name.format(planner=planner, **vars(robot.topics))

@@ -1,0 +1,81 @@
+"""Sends a goal to move_base, ours or the C++ one, through its action, and waits until it ends.
+
+Used by scripts/send_goal.py and the demo. Parameters: ~goal ("x y yaw" [m, m, rad], auto for the course's, or none),
+~world for auto, ~robot (jackal; name or folder of a description), and ~frame or ~tf_prefix for the frame in
+which a goal is given, that of the odometry.
+"""
+
+import time
+
+import actionlib
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from geometry_msgs.msg import Quaternion
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+
+import worlds
+from applr_ros1.common import arguments
+from applr_ros1.common.angles import quaternion_of
+from applr_ros1.common.progress import announced
+from applr_ros1.common.ros_node import init_node
+from applr_ros1.robots import load
+
+WORDS = {
+    GoalStatus.SUCCEEDED: "reached",
+    GoalStatus.ABORTED: "aborted",
+    GoalStatus.PREEMPTED: "preempted",
+    GoalStatus.REJECTED: "rejected",
+    GoalStatus.RECALLED: "recalled",
+    GoalStatus.LOST: "lost",
+}
+
+
+def course_goal(course):
+    """The course's goal (x, y, yaw) in the odometry's frame: its origin is the start position, its axes the world's."""
+    (start_x, start_y, _), (x, y, yaw) = course.start, course.sent_goal
+    return x - start_x, y - start_y, yaw
+
+
+def message(pose, frame="odom", stamp=None):
+    """A MoveBaseGoal for pose (x, y, yaw) [m, m, rad]."""
+    goal = MoveBaseGoal()
+    goal.target_pose.header.frame_id = frame
+    goal.target_pose.header.stamp = stamp or rospy.Time(0)
+    goal.target_pose.pose.position.x, goal.target_pose.pose.position.y = pose[:2]
+    goal.target_pose.pose.orientation = Quaternion(*quaternion_of(pose[2]))
+    return goal
+
+
+def frame(robot):
+    """The frame in which goals are given: ~frame, else the robot's odometry frame behind ~tf_prefix."""
+    prefix = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", "")))
+    return str(rospy.get_param("~frame", "")) or prefix + robot.frames.odom
+
+
+def main():
+    """Send ~goal (auto: the course of ~world), wait and say how it ended."""
+    init_node("send_goal")
+    given = str(rospy.get_param("~goal", "auto"))
+    if given == "none":
+        rospy.loginfo("goal is none: nothing is sent")
+        return
+    robot = load(str(rospy.get_param("~robot", "jackal")))
+    given_in = frame(robot)
+    if given == "auto":
+        course = worlds.scaled(worlds.load(rospy.get_param("~world", "generated:0")), robot.world_scale).course
+        pose = course_goal(course)
+    else:
+        pose = arguments.pose("goal", given)
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    with announced("waiting for the action server of move_base", rospy.loginfo, first=10.0):
+        client.wait_for_server()
+    with announced("waiting for the clock to start (use_sim_time is true)", rospy.loginfo):
+        while rospy.get_time() == 0.0 and not rospy.is_shutdown():
+            time.sleep(0.1)  # simulated time has not begun
+    if rospy.is_shutdown():
+        return
+    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, given_in)
+    client.send_goal(message(pose, given_in))
+    client.wait_for_result()
+    if not rospy.is_shutdown():
+        rospy.loginfo("goal %s: %s", WORDS.get(client.get_state(), "not reached"), client.get_goal_status_text())

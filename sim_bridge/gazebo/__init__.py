@@ -1,1 +1,0 @@
-"""Gazebo's ROS interface on the simulated robot, for programs that were written for Gazebo (front.py)."""

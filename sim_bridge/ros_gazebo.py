@@ -1,0 +1,82 @@
+"""Gazebo's services on the simulated robot (parameter ~gazebo of /sim_bridge), as the BARN Challenge calls them.
+
+/gazebo/set_model_state, get_model_state, pause_physics and unpause_physics. /collision and the controller's topic for
+velocity commands come from the bridge itself.
+
+What differs from Gazebo: a requested twist is not taken over, the robot stands after set_model_state; heights are 0.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin
+from typing import Any, Optional, Tuple
+
+import rospy
+from gazebo_msgs.srv import GetModelState, GetModelStateResponse, SetModelState, SetModelStateResponse
+from std_srvs.srv import Empty
+
+from applr_ros1.common.angles import yaw_of
+
+from .ros_topics import quaternion
+
+WORLD_FRAMES = ("", "world", "map", "/world", "/map")  # of requests: all mean the world
+
+
+class GazeboInterface:
+    """Gazebo's services for one Bridge. They run in rospy's threads and take the bridge's lock."""
+
+    def __init__(self, bridge: Any):
+        self.bridge, self.robot = bridge, bridge.simulator.robot.name
+        for name, kind, answer in (
+            ("/gazebo/set_model_state", SetModelState, self.set_model_state),
+            ("/gazebo/get_model_state", GetModelState, self.get_model_state),
+            ("/gazebo/pause_physics", Empty, lambda _: bridge.pause() or []),
+            ("/gazebo/unpause_physics", Empty, lambda _: bridge.unpause() or []),
+        ):
+            rospy.Service(name, kind, answer)
+
+    def set_model_state(self, request: Any) -> SetModelStateResponse:
+        """Put the robot somewhere else; it stands then, and time goes on."""
+        state = request.model_state
+        pose, problem = _planar(state.pose), ""
+        if state.model_name != self.robot:
+            problem = f"SetModelState: model [{state.model_name}] does not exist; it is called {self.robot}"
+        elif state.reference_frame not in WORLD_FRAMES:
+            problem = f"SetModelState: reference frame [{state.reference_frame}] is not known; give world"
+        elif pose is None:
+            problem = "SetModelState: the pose must be finite"
+        if problem:
+            rospy.logwarn("sim_bridge: %s", problem)
+            return SetModelStateResponse(False, problem)
+        self.bridge.teleport(pose)
+        return SetModelStateResponse(True, "SetModelState: set model state done")
+
+    def get_model_state(self, request: Any) -> GetModelStateResponse:
+        """Pose and twist of the robot in the world."""
+        with self.bridge.lock:
+            state, stamp = self.bridge.simulator.state, self.bridge.stamp()
+        answer = GetModelStateResponse()
+        answer.header.stamp, answer.header.frame_id = stamp, request.relative_entity_name or "world"
+        if request.relative_entity_name not in WORLD_FRAMES:
+            name = request.relative_entity_name
+            answer.status_message = f"GetModelState: reference relative_entity_name [{name}] not found; give world"
+        elif request.model_name != self.robot:
+            answer.status_message = f"GetModelState: model [{request.model_name}] does not exist"
+        else:
+            position, (x, y, yaw), (v, w) = answer.pose.position, state.pose, state.twist
+            position.x, position.y, answer.pose.orientation = x, y, quaternion(yaw)
+            answer.twist.linear.x, answer.twist.linear.y, answer.twist.angular.z = v * cos(yaw), v * sin(yaw), w
+            answer.success, answer.status_message = True, "GetModelState: got properties"
+        return answer
+
+
+def _planar(message: Any) -> Optional[Tuple[float, float, float]]:
+    """(x, y, yaw) of a geometry_msgs/Pose; None where a number is not finite.
+
+    The quaternion may have any length, and one of zeros is the identity, as in Gazebo.
+    """
+    q = message.orientation
+    values = (message.position.x, message.position.y, q.x, q.y, q.z, q.w)
+    if not all(map(isfinite, values)):
+        return None
+    return values[0], values[1], yaw_of(q) if any(values[2:]) else 0.0

@@ -1,0 +1,185 @@
+"""What every package uses: errors that end a command in one line, files whole or refused, angles and boxes."""
+
+import ast
+import builtins
+import math
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common import angles, files, user_module
+from applr_ros1.common.arguments import number_within, without_remappings
+from applr_ros1.common.errors import ApplrError, one_line, run_main
+from tests.support import ROOT
+
+PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
+
+
+class Wrong(ApplrError):
+    exit_status = 2
+
+
+def test_a_command_ends_in_one_line_and_a_status(capsys, tmp_path):
+    def raising(error):
+        def main():
+            raise error
+
+        return main
+
+    def missing():
+        (tmp_path / "none").read_bytes()
+
+    assert run_main(lambda: None, "p") == 0
+    assert run_main(lambda: 3, "p") == 3
+    assert capsys.readouterr().err == ""
+    for main, status, line in (
+        (raising(ApplrError("speed is 9: give 0 to 2")), 1, "speed is 9: give 0 to 2"),
+        (raising(Wrong("no")), 2, "no"),
+        (raising(KeyboardInterrupt("stopped; go on with --resume")), 130, "stopped; go on with --resume"),
+        (raising(KeyboardInterrupt()), 130, "stopped"),
+        (missing, 1, "%s: No such file or directory" % (tmp_path / "none")),
+    ):
+        assert run_main(main, "p") == status
+        assert capsys.readouterr().err == "p: %s\n" % line
+    with pytest.raises(ZeroDivisionError):  # a defect is not dressed up as a user's mistake
+        run_main(lambda: 1 // 0, "p")
+
+
+def test_every_exception_of_the_project_has_the_one_base():
+    """No class derives from a built-in exception but ApplrError and two that end inside their own modules."""
+    found = set()
+    for path in (p for name in PACKAGES for p in (ROOT / name).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef):
+                bases = (getattr(builtins, getattr(base, "id", ""), None) for base in node.bases)
+                if any(isinstance(base, type) and issubclass(base, BaseException) for base in bases):
+                    found.add(node.name)
+    assert {name for name in found if not name.startswith("_")} == {"ApplrError", "BrokenPromise", "WorkerDied"}
+
+
+def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "file.json"
+    files.write_json(path, {"a": 1})
+    assert files.read_json(path) == {"a": 1}
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(
+        files.StorageError, match="file.json: cannot be written .No space left on device.; the file that was there"
+    ):
+        files.write_bytes(path, b"other")
+    assert files.read_json(path) == {"a": 1}
+    assert os.listdir(tmp_path) == ["file.json"]
+
+
+@pytest.mark.fault("18c")
+def test_only_regular_files_within_the_bound_are_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "long").write_bytes(b"x" * 11)
+    (tmp_path / "text").write_text("{")
+    for name, words in (
+        ("pipe", "a folder, pipe or device"),  # opening it for reading would wait for ever
+        (".", "a folder, pipe or device"),
+        ("/dev/zero", "a folder, pipe or device"),
+        ("none", "No such file or directory"),
+        ("a\0b", "null byte"),
+        ("long", "more than 10 bytes"),
+    ):
+        with pytest.raises(files.StorageError, match=words) as refused:
+            files.read_bytes(os.path.join(str(tmp_path), name), 10)
+        assert "\n" not in str(refused.value)
+    assert files.read_bytes(tmp_path / "long", 11) == b"x" * 11
+    with pytest.raises(files.StorageError, match="not JSON"):
+        files.read_json(tmp_path / "text")
+
+
+def test_remapping_arguments_are_left_out():
+    assert without_remappings(["--seed", "3", "__name:=train", "scan:=/front/scan"]) == ["--seed", "3"]
+
+
+def test_numbers_within_bounds():
+    assert number_within("speed", 2, 0.0, 2.0) == 2
+    assert number_within("max_speed", math.inf, 0.2, math.inf) == math.inf
+    for value in (-0.1, 2.1, math.nan, math.inf, "1", True, None, [1]):
+        with pytest.raises(ApplrError, match="speed is .*: give a number from 0 to 2"):
+            number_within("speed", value, 0.0, 2.0)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])
+def test_quaternions_and_poses(yaw):
+    q = SimpleNamespace(**dict(zip("xyzw", (3.0 * part for part in angles.quaternion_of(yaw)))))
+    assert angles.yaw_of(q) == pytest.approx(yaw)
+    x, y, turned = angles.compose((1.0, 2.0, yaw), (2.0, 0.5, 3.0))
+    moved = complex(1.0, 2.0) + complex(2.0, 0.5) * complex(math.cos(yaw), math.sin(yaw))
+    assert complex(x, y) == pytest.approx(moved)
+    assert abs(turned) <= math.pi
+    assert math.sin(turned) == pytest.approx(math.sin(yaw + 3.0))
+    np.testing.assert_allclose(angles.normalize_angle_modulo(np.array([yaw + 4 * math.pi])), [yaw], atol=1e-12)
+    assert angles.normalize_angle(yaw - 2 * math.pi) == pytest.approx(yaw)
+
+
+def test_outside_box():
+    draw = np.random.default_rng(0)
+    dx, dy = draw.uniform(-3, 3, (2, 200))
+    yaw, size = 0.7, (2.0, 1.0)
+    edge = np.linspace(-0.5, 0.5, 101)
+    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)  # a raster of the box
+    turned = inside @ np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    nearest = np.hypot(dx[:, None] - turned[:, 0], dy[:, None] - turned[:, 1]).min(1)
+    found = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
+    assert np.all(np.abs(found - nearest) < 0.015)
+    assert np.any(found == 0.0)
+
+
+@pytest.mark.fault("18c")
+def test_what_is_no_file_is_not_written_over(tmp_path):
+    pipe, folder = tmp_path / "pipe", tmp_path / "folder"
+    os.mkfifo(pipe)
+    folder.mkdir()
+    for path in (pipe, folder, "/dev/full"):
+        with pytest.raises(files.StorageError, match="a folder, pipe or device"):
+            files.write_bytes(path, b"data")
+    assert pipe.is_fifo()
+
+
+@pytest.mark.fault("23a")
+def test_a_newline_in_a_path_leaves_the_error_on_one_line(tmp_path, capsys):
+    assert run_main(lambda: files.read_bytes(tmp_path / "it's\nhere"), "read") == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "it's\\nhere" in error
+
+
+def test_an_error_names_the_line_that_raised_it(tmp_path):
+    def told(name, code):
+        (tmp_path / name).write_text(code)
+        try:
+            user_module.load(str(tmp_path / name))
+        except Exception as error:
+            return one_line(error)
+
+    assert told("theirs.py", "a = {}\nb = a['v']\n") == "KeyError: 'v' (theirs.py, line 2)"
+    ours = "from applr_ros1.common.errors import ApplrError\nraise ApplrError('9 is not 8')"
+    assert told("ours.py", ours) == "9 is not 8"
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("raised", ["ROSException", "AttributeError"])
+def test_a_topic_that_a_shutdown_closes_is_no_error(monkeypatch, raised):
+    rospy = pytest.importorskip("rospy")
+    from applr_ros1.common.ros_node import until_shutdown
+
+    kind = getattr(rospy, raised, None) or getattr(builtins, raised)
+
+    def publish():
+        with until_shutdown():
+            raise kind("publish() to a closed topic")
+
+    with pytest.raises(kind):
+        publish()
+    monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
+    publish()

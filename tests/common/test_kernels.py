@@ -1,0 +1,111 @@
+"""Machine code that is kept between processes: compiled anew after any change, private, filled by several at once.
+
+Each case runs in processes of its own, on a copy of the decorator's file with a package of two kernels.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from applr_ros1.common import kernels
+
+FILES = {
+    "outer.py": """
+from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.inner import offset
+
+@kernel
+def outer(x):
+    return offset(x)
+""",
+    "inner.py": """
+from applr_ros1.common.kernels import kernel
+OFFSET = 1
+
+@kernel(error_model="numpy")
+def offset(x):
+    return x + OFFSET
+""",
+}
+RUN = """
+from applr_ros1.planner.outer import outer
+print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    """A function that starts a process on a version of the small package, which it writes if the folder is new."""
+
+    def start(folder):
+        planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))
+        if not planner.exists():
+            planner.mkdir(parents=True)
+            common.mkdir()
+            shutil.copy(kernels.__file__, common)
+            for name, text in FILES.items():
+                (planner / name).write_text(text)
+        environment = dict(os.environ, PYTHONPATH=str(tmp_path / folder), XDG_CACHE_HOME=str(tmp_path / "cache"))
+        environment.pop("NUMBA_CACHE_DIR", None)
+        environment["TMPDIR"] = str(tmp_path)
+        return subprocess.Popen(
+            [sys.executable, "-B", "-c", RUN], env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True
+        )
+
+    return start
+
+
+def result(process):
+    """What `outer` returned for 5 and for 5.5, and how many of the two had to be compiled."""
+    out = process.communicate(timeout=120)[0]
+    assert process.returncode == 0
+    return [float(word) for word in out.split()]
+
+
+def test_a_change_in_another_file_is_noticed_and_versions_lie_side_by_side(start, tmp_path):
+    assert result(start("old")) == [6, 6.5, 2]
+    (tmp_path / "link").symlink_to("old")
+    assert result(start("link")) == [6, 6.5, 0]
+    assert result(start("new")) == [6, 6.5, 2]
+    inner = tmp_path / "new" / "applr_ros1" / "planner" / "inner.py"
+    inner.write_text(inner.read_text().replace("OFFSET = 1", "OFFSET = 2"))
+    assert result(start("new")) == [7, 7.5, 2]
+    assert result(start("new")) == [7, 7.5, 0]
+    assert result(start("old")) == [6, 6.5, 0]
+
+
+def test_processes_fill_one_folder_together(start):
+    together = [start("code") for _ in range(4)]
+    assert [result(process)[:2] for process in together] == [[6, 6.5]] * 4
+    assert result(start("code")) == [6, 6.5, 0]
+
+
+def test_a_folder_open_to_others_is_not_used(start, tmp_path):
+    result(start("code"))
+    (tmp_path / "cache" / "applr_ros1").chmod(0o777)  # anybody could have put machine code there
+    assert result(start("code")) == [6, 6.5, 2]
+    assert result(start("code")) == [6, 6.5, 0]
+    assert len(list(tmp_path.glob("applr_ros1-*/*"))) == 1
+
+
+def test_a_user_without_a_home_gets_no_folder_in_the_current_one(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(kernels.os.path, "expanduser", lambda path: path)  # as where the user has no entry either
+    monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
+    assert os.path.dirname(kernels.cache_folder.__wrapped__()) == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
+    assert os.listdir(tmp_path) == ["tmp"]
+
+
+def test_folders_of_old_versions_are_removed(monkeypatch, tmp_path):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    for number in range(40):
+        (tmp_path / "applr_ros1" / f"{number:016}").mkdir(parents=True)
+        os.utime(tmp_path / "applr_ros1" / f"{number:016}", (number, number))
+    folder = kernels.cache_folder.__wrapped__()
+    left = {path.name for path in (tmp_path / "applr_ros1").iterdir()}
+    assert left == {os.path.basename(folder), *(f"{number:016}" for number in range(33, 40))}

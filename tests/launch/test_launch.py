@@ -1,0 +1,293 @@
+"""The launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import time
+
+import numpy as np
+import psutil
+import pytest
+import yaml
+from PIL import Image
+
+import worlds
+from applr_ros1.nodes import parameter_panel
+from applr_ros1.nodes.move_base.robot_parameters import with_robot
+from applr_ros1.nodes.tools import record as recording
+from applr_ros1.nodes.tools import rviz
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import check, complete
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import NAMES, RobotError, load
+from tests.support import DATA, ROOT
+from tests.support.jackal import JACKAL
+from tests.support.processes import is_alive
+
+APPLR = os.path.join(ROOT, "applr")
+LAUNCH = ("applr_ros1", "jackal_applr.launch")
+OWN_CLOUDS = {"TrajectoryPlannerROS": ["trajectory_cloud"], "DWAPlannerROS": []}  # that only this move_base has
+pytestmark = pytest.mark.ros
+
+
+def inside(*command, timeout=60, **options):
+    """The finished process of a command in the workspace's environment."""
+    return subprocess.run(
+        [APPLR, "exec", *command], capture_output=True, text=True, timeout=timeout, check=False, **options
+    )
+
+
+def test_parameter_files_are_the_jackals():
+    dumped = inside("roslaunch", "--dump-params", *LAUNCH)
+    assert dumped.returncode == 0, dumped.stderr
+    tree = {}
+    for name, value in yaml.safe_load(dumped.stdout).items():
+        if name.startswith("/move_base/"):
+            here, keys = tree, name[len("/move_base/") :].split("/")
+            for key in keys[:-1]:
+                here = here.setdefault(key, {})
+            here[keys[-1]] = value
+    own = {"TrajectoryPlannerROS": {"meter_scoring": False}, "applr": {"max_speed": 0.0}}
+    assert tree == {"robot": "jackal", "map": False, "tf_prefix": "none", **own}
+    tree, robot = with_robot(tree)
+    assert robot.name == "jackal"
+    assert check(tree) == []
+    del tree["applr"]  # what C++ has no parameter for
+    assert complete(tree) == complete(dict(JACKAL, TrajectoryPlannerROS=tree["TrajectoryPlannerROS"]))
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
+def test_other_robots_bring_their_files_names_and_frames(name):
+    """With a prefix, and a value on top of the files, as the launch file gives them."""
+    robot, on_top = load(name), {"local_costmap": {"publish_frequency": 1.5}}
+    tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
+    assert check(tree) == []
+    full = complete(tree)
+    world, local = full["global_costmap"], full["local_costmap"]
+    assert (world["global_frame"], local["global_frame"]) == ("map", "robot1/" + robot.frames.odom)
+    assert world["robot_base_frame"] == local["robot_base_frame"] == "robot1/" + robot.frames.base
+    assert local["publish_frequency"] == 1.5
+    assert MoveBase(tree).missing_map.lstrip("/") == "map"
+    without, _ = with_robot({"robot": name})
+    made = MoveBase(without)
+    assert (made.missing_map, list(made.sources)) == ("", [robot.topics.scan])
+    assert complete(without)["global_costmap"]["global_frame"] == robot.frames.odom
+    recorded = recording.topics(False, robot=robot)
+    assert {"/" + robot.topics.scan, "/" + robot.topics.odometry} <= set(recorded)
+    servers = dict(space_of(robot).places())
+    assert {os.path.normpath("/move_base/%s/parameter_updates" % server) for server in servers} <= set(recorded)
+
+
+def test_a_robot_without_files_for_a_map():
+    with pytest.raises(RobotError, match=r"has no move_base\.with_map: give its files for a map"):
+        with_robot({"robot": "jackal", "map": True})
+    assert with_robot({"a": 1}) == ({"a": 1}, None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "nodes"),
+    [
+        ((), {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/send_goal"}),
+        (("sim:=false",), {"/move_base", "/collision_monitor", "/applr"}),
+        (("sim:=false", "monitor:=false"), {"/move_base", "/applr"}),
+        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/applr", "/send_goal"}),
+        (
+            ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
+            {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/record", "/rviz", "/parameter_panel"},
+        ),
+    ],
+)
+def test_which_nodes_start(arguments, nodes):
+    listed = inside("roslaunch", "--nodes", *LAUNCH, *arguments)
+    assert listed.returncode == 0, listed.stderr
+    assert set(listed.stdout.split()) == nodes
+
+
+def test_names_clock_and_cap_reach_the_nodes():
+    arguments = "sim:=false", "use_sim_time:=true", "scan_topic:=/lidar/scan", "tf_prefix:=robot1", "max_speed:=0.3"
+    dumped = inside("roslaunch", "--dump-params", *LAUNCH, *arguments)
+    assert dumped.returncode == 0, dumped.stderr
+    values = yaml.safe_load(dumped.stdout)
+    assert values["/use_sim_time"] is True
+    assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
+    assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
+    shown = inside("roslaunch", "--args", "/applr", *LAUNCH, *arguments)
+    assert "front/scan:=/lidar/scan" in shown.stdout, shown.stdout
+    plain = yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH, "sim:=false").stdout)
+    assert plain["/use_sim_time"] is False
+
+
+def test_recorded_topics_follow_namespace_and_remappings():
+    plain = recording.topics(False, ["front/scan:=lidar/scan", "__name:=record"])
+    assert {"/lidar/scan", "/tf", "/move_base/DWAPlannerROS/local_plan", "/sim_bridge/obstacles"} <= set(plain)
+    assert "/front/scan" not in plain
+    inside_one = recording.topics(True, ["front/scan:=lidar/scan", "__ns:=/robot1"])
+    assert {"/robot1/lidar/scan", "/robot1/applr/decision", "/clock"} <= set(inside_one)
+    assert "/robot1/move_base/TrajectoryPlannerROS/trajectory_cloud" in inside_one
+    assert all(name.startswith("/") for name in plain + inside_one)
+
+
+def test_a_bag_that_cannot_be_replayed_is_one_line(tmp_path):
+    cut = tmp_path / "cut.bag"
+    cut.write_bytes(b"#ROSBAG V2.0\nnothing")
+    for bag, word in ((tmp_path / "none.bag", "no such file"), (cut, "cut.bag")):
+        refused = inside("rosrun", "applr_ros1", "replay.py", str(bag))
+        assert refused.returncode == 1
+        assert len(refused.stderr.strip().splitlines()) == 1, refused.stderr
+        assert word in refused.stderr
+
+
+def rviz_of(robot, *frames):
+    """The part "Visualization Manager" of RViz's configuration for a robot."""
+    with open(os.path.join(ROOT, "applr_ros1", "rviz", "applr.rviz"), encoding="utf-8") as file:
+        return rviz.configured(yaml.safe_load(file), robot, *frames)["Visualization Manager"]
+
+
+def test_rviz_shows_the_frames_of_the_robot():
+    manager = rviz_of(load("jackal"), "robot1/odom", "robot1/base_link", "robot1")
+    assert manager["Global Options"]["Fixed Frame"] == "robot1/odom"
+    assert manager["Views"]["Current"]["Target Frame"] == "robot1/base_link"
+    assert [d["TF Prefix"] for d in manager["Displays"] if d["Class"] == "rviz/RobotModel"] == ["robot1"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_rviz_shows_what_the_robot_and_its_local_planner_publish(name):
+    surfaces = ["move_base_surface.json"] + ["dwa_surface.json"] * (name != "jackal")
+    published = {"/" + load(name).topics.scan}
+    for surface in surfaces:
+        with open(DATA / surface, encoding="utf-8") as file:
+            published |= set(json.load(file)["publishes"])
+    displays = rviz_of(load(name), "odom", "base", "")["Displays"]
+    topics = [display["Topic"] for display in displays if "Topic" in display]
+    missing = {topic for topic in topics if "/" + topic not in published}
+    planner = "TrajectoryPlannerROS" if name == "jackal" else "DWAPlannerROS"
+    own = {"move_base/%s/%s" % (planner, topic) for topic in OWN_CLOUDS[planner]}
+    assert missing == own | {"applr/local_goal"}
+    assert sum(planner in topic for topic in topics) == 4
+    keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
+    assert not any(topic.startswith("/") for topic in keys)  # they follow the namespace
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_panel_shows_every_parameter_between_its_bounds(name):
+    space = space_of(load(name))
+    values, lines = space.as_dict((space.low + space.high) / 2), ("time", "commands")
+    drawn, empty = (parameter_panel.picture(shown, lines, space) for shown in (values, {}))
+    bars = (drawn == (0x4A, 0x90, 0xD9)).all(axis=2)
+    rows = np.flatnonzero(bars.any(axis=1))
+    assert len(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) == len(values)
+    assert rows[-1] < len(drawn) - 1  # all within the picture
+    assert not (empty == (0x4A, 0x90, 0xD9)).all(axis=2).any()
+
+
+def test_install_space(tmp_path):
+    """Executables, Python packages, generated configurations and data, from a folder that knows nothing of devel."""
+    build = """
+        set -e
+        mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
+        unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH
+        catkin_make -C {ws} -DPYTHON_EXECUTABLE=$(command -v python) -DCATKIN_ENABLE_TESTING=OFF install
+        rm -rf {ws}/src {ws}/devel {ws}/build
+        . {ws}/install/setup.sh
+        cd /
+        head -qn 1 {ws}/install/lib/applr_ros1/*.py | sort -u
+        roslaunch --files applr_ros1 jackal_applr.launch
+        roslaunch --nodes applr_ros1 jackal_applr.launch
+        python -c "from applr_ros1.cfg import TrajectoryPlannerConfig; import applr_ros1.msg, applr_ros1.srv"
+        python -c "import worlds, training; print(worlds.__file__)"
+    """.format(ws=tmp_path, root=ROOT)
+    done = inside("bash", "-c", build, timeout=120)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    tail = done.stdout.splitlines()[-8:]
+    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail  # whatever PATH says
+    assert tail[0].startswith(str(tmp_path / "install")), tail
+    assert {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/send_goal"} <= set(tail)
+    assert tail[-1].startswith(str(tmp_path / "install"))
+
+
+def demo(tmp_path, *arguments):
+    return subprocess.Popen(
+        [
+            APPLR,
+            "demo",
+            *arguments,
+            "picture:=%s" % (tmp_path / "drive.png"),
+            "animation:=%s" % (tmp_path / "drive.gif"),
+        ],
+        env=dict(os.environ, TMPDIR=str(tmp_path)),
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def test_demo_reaches_the_goal(tmp_path):
+    running = demo(tmp_path, "world:=generated:41", "real_time_factor:=0")
+    out, err = running.communicate(timeout=240)
+    lines = out.splitlines()
+    result = json.loads(lines[-1])
+    assert running.returncode == 0, out + err
+    assert result["world"] == "generated:41"
+    assert result["method"] == "applr"
+    assert result["success"] is True
+    assert isinstance(result["collided"], bool)
+    assert 2.0 < result["time_s"] < 300.0
+    for part in ("simulator", "move_base", "applr"):
+        assert any(part in line and "up after" in line for line in lines), out
+    assert any("m to go" in line for line in lines), out
+    assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
+    with Image.open(tmp_path / "drive.gif") as animation:
+        assert animation.n_frames >= 5  # as many as the simulation's speed leaves time for
+
+
+@pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
+def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
+    """The course's goal, 20 m away and off the map, is drawn onto it; one that is given is sent as it is."""
+    from applr_ros1.nodes.tools import demo
+
+    course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
+    world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
+    monkeypatch.setattr(demo.worlds, "load", lambda _: world)
+    values, _, _, _ = demo.prepare([f"goal:={goal}"], os.path.join(ROOT, "applr_ros1", "launch", LAUNCH[1]))
+    assert values["sent"] == pytest.approx(sent)
+
+
+def test_demo_that_runs_out_of_time(tmp_path):
+    running = demo(tmp_path, "world:=generated:0", "limit:=2", "simulator:=kinematic")
+    out, err = running.communicate(timeout=240)
+    result = json.loads(out.splitlines()[-1])
+    assert running.returncode == 1, out + err
+    assert result["success"] is False, out + err
+    assert result["timeout"] is True, out + err
+
+
+def slowness():
+    """How many times as long as on a processor of its own a process needs now, at least 1."""
+    began, used = time.monotonic(), time.process_time()
+    while time.process_time() - used < 0.2:
+        pass
+    return max(1.0, (time.monotonic() - began) / 0.2)
+
+
+@pytest.mark.fault("23")
+def test_interrupted_demo_leaves_nobody(tmp_path, measured):
+    """Within five seconds of a machine that does nothing else; a busier one may take longer in proportion."""
+    running = demo(tmp_path, "world:=generated:1")
+    for line in running.stdout:
+        if "goal sent" in line:
+            break
+    below = [process.pid for process in psutil.Process(running.pid).children(recursive=True)]
+    assert len(below) >= 5
+    before = slowness()
+    running.send_signal(signal.SIGINT)
+    began = time.monotonic()
+    assert running.wait(timeout=60) == 130
+    took = time.monotonic() - began
+    measured("everything has ended after", took, "s")
+    assert took < 5.0 * max(before, slowness())
+    assert not [pid for pid in below if is_alive(pid)]
+    assert not (tmp_path / "drive.png").exists()
+    assert not list(tmp_path.glob("applr_demo_*"))  # the log is of no use any more

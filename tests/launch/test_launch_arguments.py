@@ -1,0 +1,234 @@
+"""What the launch files make of their arguments, and what nodes and demo say of arguments that are of no use."""
+
+import json
+import os
+import re
+import shutil
+from types import SimpleNamespace
+
+import pytest
+from test_launch import inside
+
+from applr_ros1.common import arguments
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.nodes.tools import demo, record
+from applr_ros1.policy import methods
+from applr_ros1.robots import load
+from tests.support import ROOT
+
+pytestmark = pytest.mark.ros
+LAUNCH = os.path.join(ROOT, "applr_ros1", "launch")
+JACKAL = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
+LOAD = """
+import json, shlex, sys
+import roslaunch.config, roslaunch.xmlloader
+config = roslaunch.config.ROSLaunchConfig()
+roslaunch.xmlloader.XmlLoader().load(sys.argv[1], config, argv=sys.argv[2:], verbose=False)
+print(json.dumps({
+    "cleared": config.clear_params,
+    "parameters": {name: param.value for name, param in config.params.items()},
+    "words": {node.name: shlex.split(node.args or "") for node in config.nodes},
+}))
+"""
+
+
+def loaded(name, *words):
+    """What roslaunch makes of a launch file: its parameters, the command lines of its nodes, and what they clear."""
+    done = inside("python", "-c", LOAD, os.path.join(LAUNCH, name), *words)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def described(folder, pattern, replacement):
+    """The folder of a description that is the Jackal's with another line or without one."""
+    shutil.copytree(JACKAL, folder)
+    text, count = re.subn(pattern, replacement, (folder / "robot.yaml").read_text(), flags=re.MULTILINE)
+    assert count == 1
+    (folder / "robot.yaml").write_text(text)
+    return str(folder)
+
+
+@pytest.mark.fault("23a")
+def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
+    robot, bag = str(tmp_path / "my robot"), str(tmp_path / "a drive.bag")
+    shutil.copytree(JACKAL, robot)
+    found = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
+    for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal", "parameter_panel"):
+        assert found["parameters"]["/%s/robot" % node] == robot
+    assert found["parameters"]["/sim_bridge/world"] == found["parameters"]["/send_goal/world"] == "/a b.world"
+    assert found["words"]["record"] == [bag, "--costmaps", "false", "--robot", robot]
+    assert found["words"]["rviz"] == ["--robot", robot, "--prefix", "none"]
+    found = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
+    assert found["words"]["replay"][0] == bag
+
+
+def test_method_policy_and_meter_scoring_reach_their_nodes():
+    found = loaded("jackal_applr.launch", "policy:=/a.safetensors", "seed:=3")["parameters"]
+    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("applr:/a.safetensors", "auto")
+    assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
+    assert found["/applr/seed"] == found["/sim_bridge/seed"] == 3
+    found = loaded("jackal_applr.launch", "method:=period:1:/own.py:Own", "meter_scoring:=true")["parameters"]
+    assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("period:1:/own.py:Own", "true")
+    assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
+
+
+def test_launch_files_clear_what_an_earlier_launch_left():
+    for name, words in (
+        ("jackal_applr.launch", ("rviz:=true",)),
+        ("barn_controller.launch", ()),
+        ("two_jackals.launch", ()),
+        ("velocity_method.launch", ("method:=a:B",)),
+        ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
+        ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
+    ):
+        found = loaded(name, *words)
+        cleared = tuple(entry.rstrip("/") + "/" for entry in found["cleared"])
+        ours = [entry for entry in found["parameters"] if re.match(r"(/robot\d)?/(?!roslaunch|robot\d)\w+/", entry)]
+        assert ours
+        assert [entry for entry in ours if not entry.startswith(cleared)] == [], name
+        if name.startswith("barn"):  # what a launch file sets beside the nodes is set after that
+            assert found["parameters"]["/move_base/global_costmap/width"] == 60
+
+
+@pytest.mark.parametrize(
+    ("name", "required"),
+    [
+        ("jackal_applr", []),
+        ("replay", ["bag"]),
+        ("two_jackals", []),
+        ("velocity_method", ["method"]),
+        ("barn_controller", []),
+    ],
+)
+def test_roslaunch_lists_the_arguments_of_a_launch_file(name, required):
+    listed = inside("roslaunch", "--ros-args", "applr_ros1", name + ".launch")
+    assert listed.returncode == 0, listed.stderr
+    needed, _, others = listed.stdout.rpartition("Optional Arguments:")
+    assert re.findall(r"^  (\w+)", needed, re.MULTILINE) == required
+    with open(os.path.join(LAUNCH, name + ".launch"), encoding="utf-8") as file:
+        known = re.findall(r'<arg name="(\w+)"[^>]*?\sdoc=', file.read())
+    assert {*re.findall(r"^  (\w+)", others, re.MULTILINE), *required} == set(known)
+    assert "undocumented" not in listed.stdout
+
+
+@pytest.mark.parametrize("argument", ["seed:=1.5", "real_time_factor:=fast", "sim:=perhaps", "meter_scoring:=heavy"])
+def test_roslaunch_refuses_values_of_the_wrong_type(argument):
+    done = inside("roslaunch", "--dump-params", "applr_ros1", "jackal_applr.launch", argument)
+    assert argument.partition(":=")[2] in done.stderr
+    assert not done.stdout
+
+
+@pytest.mark.fault("23a")
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["wrold:=generated:7"], "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, world, "),
+        (["world"], "world is no argument: give ARG:=VALUE"),
+        (["world:=generated:300"], "generated:300"),
+        (["robot:=spot"], "spot"),
+        (["method:=faster"], "method 'faster' is not known"),
+        (["policy:=/no/such.safetensors"], "/no/such.safetensors"),
+        (["method:=examples/07_own_controller/pursuit.py:Pursuit"], "start it with velocity_method.launch"),
+        (["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
+        (["goal:=none"], "the demo needs sim:=true"),
+        (["limit:=long"], "limit is 'long': give a number from 1 to 3600"),
+        (["picture:=/no/such/folder/a.png"], "give a .png file in a folder that can be written"),
+    ],
+)
+def test_the_demo_refuses_a_wrong_argument_in_one_line(words, line, capsys, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setattr("sys.argv", ["demo.py", *words])
+    assert run_main(demo.main, "demo") == 1
+    said = capsys.readouterr().err
+    assert said.startswith("demo: ")
+    assert line in said
+    assert said.count("\n") == 1
+
+
+def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(os.path.join(ROOT, "applr_ros1", "models", "static.json"), "set.json")
+    words = ["method:=fixed", "policy:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
+    _, passed, _, _ = demo.prepare(words, os.path.join(LAUNCH, "jackal_applr.launch"))
+    assert set(passed) == {f"method:=fixed:{tmp_path}/set.json", f"record:={tmp_path}/a.bag", "goal:=none"}
+
+
+def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("own.py", "weights.txt"):
+        (tmp_path / name).touch()
+    for spec, becomes in (
+        ("applr", "applr"),
+        ("appld:published", "appld:published"),
+        ("mine.safetensors", "applr:{0}/mine.safetensors"),
+        ("fixed:set.json", "fixed:{0}/set.json"),
+        ("frozen:vx_samples:period:1:mine.safetensors", "frozen:vx_samples:period:1:applr:{0}/mine.safetensors"),
+        ("own.py:Own:weights.txt", "{0}/own.py:Own:{0}/weights.txt"),
+        ("own:Own:0.5", "{0}/own.py:Own:0.5"),
+        ("json:Own", "json:Own"),
+        ("package.own:Own", "package.own:Own"),
+    ):
+        assert methods.absolute(spec) == methods.absolute(methods.absolute(spec)) == becomes.format(tmp_path)
+
+
+def test_a_recording_loses_nothing(tmp_path, monkeypatch):
+    """No bag is written over, and none is written where nobody looks for it."""
+    monkeypatch.setattr(record, "become", lambda *_: pytest.fail("rosbag starts"))
+    (tmp_path / "there.bag").touch()
+    (tmp_path / "begun.bag.active").touch()
+    there, absolute = "is there already; give another name", r"record is a\.bag: .*give the path from the root"
+    for words, line in (
+        ([str(tmp_path / "there.bag")], there),
+        ([str(tmp_path / "begun.bag")], there),
+        (["a.bag", "__name:=record"], absolute),
+    ):
+        monkeypatch.setattr("sys.argv", ["record.py", *words])
+        with pytest.raises(ApplrError, match=line):
+            record.main()
+
+
+def test_the_demo_ends_when_a_node_has_failed_or_a_person_ends_it():
+    stack = demo.Stack.__new__(demo.Stack)
+    stack._ended, stack._interrupted = "", False
+    stack._parent = SimpleNamespace(pm=SimpleNamespace(is_shutdown=False))
+    stack.process_died("rviz-7", 0)  # closed by the person
+    stack.check()
+    stack.process_died("applr-5", 1)
+    with pytest.raises(ApplrError, match="^applr ended with status 1$"):
+        stack.wait(lambda: False, 20.0, "applr does not come up")
+    stack._interrupt()
+    with pytest.raises(KeyboardInterrupt):
+        stack.check()
+
+
+@pytest.mark.parametrize(
+    ("given", "frame"),
+    [({}, "odom_combined"), ({"tf_prefix": "robot1"}, "robot1/odom_combined"), ({"frame": "here"}, "here")],
+)
+def test_a_goal_is_sent_in_the_frame_of_the_robots_odometry(given, frame, tmp_path, monkeypatch):
+    from applr_ros1.nodes.tools import send_goal
+
+    given["robot"] = described(tmp_path / "crate", r"odom: odom\}", "odom: odom_combined}")
+    monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: given.get(name.strip("~"), default))
+    assert send_goal.frame(load(given["robot"])) == frame
+
+
+def test_poses_and_switches_are_read_as_launch_files_write_them():
+    assert arguments.pose("goal", "-3.0,1.2, 1.57") == (-3.0, 1.2, 1.57)
+    assert [arguments.boolean("map", text) for text in ("true", "False", "1", "0")] == [True, False, True, False]
+    for read, text in ((arguments.pose, "1 nan 0"), (arguments.pose, ""), (arguments.boolean, "perhaps")):
+        with pytest.raises(ApplrError, match=r"^a is (1 nan 0|empty|perhaps): give"):
+            read("a", text)
+    assert [arguments.frame_prefix(text) for text in ("", "none", "robot1", "/robot1/")] == ["", "", *["robot1/"] * 2]
+
+
+def test_no_goal_is_sent_where_none_is_asked_for(monkeypatch):
+    from applr_ros1.nodes.tools import send_goal
+
+    said = []
+    monkeypatch.setattr(send_goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent"))
+    monkeypatch.setattr(send_goal, "init_node", lambda name: None)
+    monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default)
+    monkeypatch.setattr(send_goal.rospy, "loginfo", said.append)
+    send_goal.main()
+    assert said == ["goal is none: nothing is sent"]

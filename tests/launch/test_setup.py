@@ -1,0 +1,267 @@
+"""./applr when something is missing: one clear line and a non-zero exit, before anything is changed. The script runs
+from a copy in another folder, with stand-ins for the system's programs first on PATH; nothing is installed.
+"""
+
+import fcntl
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.support import ROOT
+
+
+@pytest.fixture
+def clone(tmp_path):
+    """A folder with what set-up reads, and a function that runs ./applr there with stand-in programs."""
+    for name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
+        shutil.copy2(os.path.join(ROOT, name), tmp_path / name)
+    for name in ("requirements", "msg", "srv", "compat", "applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts"):
+        shutil.copytree(os.path.join(ROOT, name), tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    programs = tmp_path / "stand-ins"
+    programs.mkdir()
+
+    def start(*words, stand_ins=None, **environment):
+        for name, body in (stand_ins or {}).items():
+            (programs / name).write_text("#!/bin/sh\n" + body + "\n")
+            (programs / name).chmod(0o755)
+        environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % programs, **environment)
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return subprocess.Popen([str(tmp_path / "applr"), *words], env=environment, start_new_session=True, **pipes)
+
+    def run(*words, **options):
+        started = start(*words, **options)
+        run.stdout, said = started.communicate(timeout=120)
+        return started.returncode, said.strip().splitlines()
+
+    run.programs, run.start = programs, start
+    return run
+
+
+NOTHING = {"dpkg-query": "exit 1"}
+ALL = {"dpkg-query": 'shift 3; for p in "$@"; do echo installed $p; done'}
+# a set-up that takes no time: an interpreter that copies itself into the venv, and a workspace without anything in it
+PYTHON = """
+here=$(dirname "$0"); for last; do :; done
+case "$*" in
+  *'import sys; print'*) echo 3.11 ;;
+  *'-m venv '*) mkdir -p "$last/bin"; cp "$0" "$last/bin/python" ;;
+  *'-m pip --version'*) [ ! -e "$here/no-pip" ] ;;
+  *'-m pip install'*) echo "pip sees ${PYTHONPATH:-nothing}"; eval "$PIP_STAND_IN" ;;
+esac"""
+QUICK = dict(ALL, python=PYTHON, catkin_make='mkdir -p "$2/devel"; echo : >"$2/devel/setup.bash"')
+VENV, WORKSPACE = (
+    "applr: installing Python packages (some minutes the first time)",
+    "applr: building the catkin workspace",
+)
+
+
+def test_help_and_wrong_commands(clone):
+    assert clone("--help") == (0, [])
+    code, lines = clone("dance")
+    assert code == 1
+    assert len(lines) == 1
+    assert "dance" in lines[0]
+    assert "setup" in lines[0]
+
+
+@pytest.mark.parametrize("command", ["setup", "packages"])
+def test_commands_without_arguments_take_none(clone, tmp_path, command):
+    assert clone(command, "--help") == (0, [])
+    assert clone.stdout.startswith("usage: ./applr COMMAND")
+    code, lines = clone(command, "--force")
+    assert (code, lines) == (1, ["applr: %s takes no arguments: leave --force away" % command])
+    assert not (tmp_path / ".applr").exists()
+
+
+@pytest.mark.parametrize("name", ["my clone", "it's", "a;b", "a$b"])
+def test_a_path_in_which_catkin_cannot_build_is_refused_at_once(clone, tmp_path, name):
+    (tmp_path / name).mkdir()
+    shutil.move(tmp_path / "applr", tmp_path / name / "applr")
+    os.symlink(tmp_path / name / "applr", tmp_path / "applr")
+    code, lines = clone("setup", stand_ins=QUICK)
+    assert (code, len(lines)) == (1, 1)
+    assert "this clone lies in %s: catkin" % (tmp_path / name) in lines[0]
+    assert os.listdir(tmp_path / name) == ["applr"]
+
+
+@pytest.fixture
+def quick(clone):
+    """As clone, with a set-up that takes no time."""
+
+    def run(*words, **environment):
+        return clone(*words, stand_ins=QUICK, APPLR_PYTHON=str(clone.programs / "python"), **environment)
+
+    run.clone = clone
+    return run
+
+
+def test_what_is_gone_is_made_again(quick, tmp_path):
+    state = tmp_path / ".applr"
+    assert quick("exec", "true") == (0, [VENV, WORKSPACE])
+    assert quick("exec", "true") == (0, [])
+    shutil.rmtree(state / "venv")
+    assert quick("exec", "true") == (0, [VENV])
+    shutil.rmtree(state / "catkin_ws")
+    assert quick("exec", "true") == (0, [WORKSPACE])
+    (state / "venv.stamp").unlink()  # as a set-up that was stopped while it made the venv leaves it
+    (state / "venv" / "bin" / "no-pip").touch()
+    assert quick("exec", "true") == (0, [VENV])
+    assert not (state / "venv" / "bin" / "no-pip").exists()
+
+
+def test_packages_of_another_workspace_do_not_count(quick, tmp_path):
+    """pip would take them for installed. The command itself sees them, and an interpreter's home would break it."""
+    environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
+    assert quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
+    assert quick.clone.stdout == "/elsewhere\n"
+    log = (tmp_path / ".applr" / "setup.log").read_text()
+    assert "pip sees nothing" in log
+    assert "/elsewhere" not in log
+    python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}  # a real one
+    _, lines = quick.clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
+    assert "these packages are missing" in lines[-1]
+
+
+@pytest.mark.parametrize("given", ["", "/given"])
+def test_ros_writes_into_the_clone_where_the_user_has_no_home(quick, tmp_path, given):
+    for home, expected in (("/proc/none", str(tmp_path / ".applr" / "ros")), (str(tmp_path), "")):
+        code, _ = quick("exec", "sh", "-c", "echo $ROS_HOME", HOME=home, ROS_HOME=given)
+        assert (code, quick.clone.stdout.strip()) == (0, given or expected)
+
+
+def test_an_error_of_an_earlier_set_up_is_not_told_again(quick):
+    _, lines = quick("setup", PIP_STAND_IN="echo ERROR: no such version; exit 1")
+    assert "(ERROR: no such version): is there a network?" in lines[-1]
+    code, lines = quick("setup", PIP_STAND_IN="echo Killed; exit 1")
+    assert code == 1
+    assert "(Killed): is there a network?" in lines[-1]
+
+
+def test_a_set_up_that_is_stopped_goes_on_the_next_time(quick, tmp_path):
+    waiting = {"PIP_STAND_IN": "sleep 30", "APPLR_PYTHON": str(quick.clone.programs / "python")}
+    stopped = quick.clone.start("exec", "true", stand_ins=QUICK, **waiting)
+    log = tmp_path / ".applr" / "setup.log"
+    deadline = time.monotonic() + 20.0
+    while not (log.exists() and "pip sees" in log.read_text()) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
+    _, said = stopped.communicate(timeout=20)
+    assert (stopped.returncode, said.splitlines()[1:]) == (130, ["applr: stopped; the same command goes on from here"])
+    assert quick("exec", "true") == (0, [VENV, WORKSPACE])
+
+
+def test_a_second_set_up_of_a_clone_says_that_it_waits(quick, tmp_path):
+    assert quick("exec", "true")[0] == 0
+    with open(tmp_path / ".applr" / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        second = quick.clone.start("exec", "true", APPLR_PYTHON=str(quick.clone.programs / "python"))
+        select.select([second.stderr], [], [], 20.0)
+        fcntl.flock(lock, fcntl.LOCK_UN)
+    assert second.communicate(timeout=20)[1] == "applr: another ./applr is setting up this clone: waiting for it\n"
+    assert second.returncode == 0
+
+
+def test_exec_starts_programs_and_has_no_options(quick):
+    assert quick("exec", "--help") == (0, [])
+    assert quick.clone.stdout.startswith("usage: ./applr COMMAND")
+    assert quick("exec", "--", "echo", "-c")[0] == 0
+    assert quick.clone.stdout == "-c\n"
+    for word in (
+        "no-such-program",
+        "-c",
+        "usage",
+    ):  # neither an option of the shell's exec nor a function of the script
+        assert quick("exec", word) == (
+            127,
+            ["applr: exec %s: there is no such program, or it is not executable" % word],
+        )
+
+
+def test_without_root_the_missing_packages_are_named(clone):
+    code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"))
+    assert code == 1
+    assert len(lines) == 1
+    assert "apt-get install" in lines[0]
+    assert "python3-rospy" in lines[0] or "ros-noetic-rospy" in lines[0]
+
+
+def test_without_network_apt_says_so(clone):
+    code, lines = clone(
+        "setup",
+        stand_ins=dict(NOTHING, id="echo 0", **{"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}),
+    )
+    assert code == 1
+    assert "network" in lines[-1]
+    assert "Unable to fetch" in lines[-1]
+    assert all(line.startswith("applr: ") for line in lines)
+
+
+@pytest.mark.parametrize("version", ["2.7", "3.7"])
+def test_an_old_python_is_refused(clone, version):
+    old = {"old-python": "echo " + version}
+    code, lines = clone("setup", stand_ins=old, APPLR_PYTHON=str(clone.programs / "old-python"))
+    assert code == 1
+    assert len(lines) == 1
+    assert version in lines[0]
+    assert "3.8 or later" in lines[0]
+
+
+def test_no_python_is_refused(clone):
+    code, lines = clone("setup", APPLR_PYTHON="/no/such/python")
+    assert code == 1
+    assert len(lines) == 1
+    assert "/no/such/python" in lines[0]
+
+
+@pytest.mark.parametrize("root", [True, False])
+def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
+    """As in a container image of Debian: apt brings python3, as root or through sudo, then the set-up goes on."""
+    python, calls = tmp_path / "python3", tmp_path / "calls"
+    script = tmp_path / "applr"
+    script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
+    apt = "echo $* >>%s; case $* in *' python3') ln -s %s %s ;; *rospy*) echo E: full >&2; exit 100 ;; esac"
+    stand_ins = {
+        "id": "echo %d" % (0 if root else 1000),
+        "apt-get": apt % (calls, sys.executable, python),
+        "sudo": 'if [ "$2" = true ]; then exit 0; fi; echo as root >>%s; shift; exec "$@"' % calls,
+    }
+    code, lines = clone("setup", stand_ins=dict(NOTHING, **stand_ins))
+    done = calls.read_text().splitlines()
+    assert ("as root" in done) is not root
+    installed = [line for line in done if "install" in line]
+    assert installed[0].split()[-1] == "python3"
+    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]  # it went on to the other packages
+    assert code == 1
+    assert lines[-1].startswith("applr: apt-get could not install")
+
+
+def test_a_missing_python_is_named_where_nothing_may_be_installed(clone, tmp_path):
+    script = tmp_path / "applr"
+    script.write_text(script.read_text().replace("/usr/bin/python3", str(tmp_path / "python3")))
+    code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"))
+    assert (code, len(lines)) == (1, 1)
+    assert lines[0].endswith("apt-get install -y --no-install-recommends python3")
+
+
+def test_without_network_pip_says_so(clone):
+    code, lines = clone(
+        "setup", stand_ins=ALL, PIP_NO_INDEX="1", PIP_FIND_LINKS="/no/such/folder", PIP_CONFIG_FILE=os.devnull
+    )
+    assert code == 1
+    assert "network" in lines[-1]
+    assert all(line.startswith("applr: ") for line in lines)
+
+
+def test_a_second_run_does_nothing():
+    if not os.path.exists(os.path.join(ROOT, ".applr", "venv.stamp")):
+        pytest.skip("set-up has not been done here")
+    setup = [os.path.join(ROOT, "applr"), "setup"]
+    subprocess.run(setup, capture_output=True, timeout=120, check=True)
+    done = subprocess.run(setup, capture_output=True, text=True, timeout=2.0, check=False)
+    assert (done.returncode, done.stderr) == (0, "applr: ready\n")

@@ -1,0 +1,325 @@
+"""The applr node beside a stand-in move_base: what it sends, and the faults of docs/faults.md that are its own."""
+
+import time
+
+import numpy as np
+import pytest
+
+from applr_ros1.policy.actor import save
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from tests.support.applr_node_stack import PERIOD, says
+from tests.support.ros_harness import wait_for
+from tests.support.weights import make_weights
+
+pytestmark = pytest.mark.ros
+pytest_plugins = ("tests.support.applr_node_stack",)
+PLANNER = "/move_base/TrajectoryPlannerROS"
+LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+
+
+def as_set(robot, client):
+    """Whether the planner has what the newest decision said."""
+    return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
+
+
+def test_a_decision_every_period_reaches_all_servers(robot, stack):
+    node, _, client = stack()
+    time.sleep(2 * PERIOD)
+    assert not robot.decisions  # nothing is decided without a goal
+    assert np.array_equal(client.theta(), THETA_0)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 5 and as_set(robot, client), 5.0, "five decisions")
+    first, last = robot.decisions[0], robot.decisions[4]
+    assert first["theta_prev"] == SPACE.as_dict(THETA_0)
+    assert robot.decisions[1]["theta_prev"] == first["theta"]
+    elapsed = float(last["stamp"]) - float(first["stamp"])
+    assert elapsed / 1e9 == pytest.approx(4 * PERIOD, abs=PERIOD)
+    expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
+    np.testing.assert_allclose(robot.observations[0], expected, atol=1e-6)
+    planner = client._servers[PLANNER.split("/")[-1]].values
+    assert planner["min_vel_theta"] == -planner["max_vel_theta"]
+    inflation = {client._servers[role].values["inflation_radius"] for role in client.servers if "inflater" in role}
+    assert inflation == {client.theta()[7]} != {0.3}
+    assert len(robot.beats) >= 4
+    wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", 3.0, "diagnostics")
+    wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), 3.0, "the parameters as they are set")
+    assert robot.count("failed") == 0
+    robot.goal = None  # the course is over: the next one starts on theta_0
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0 after the goal")
+    count = len(robot.decisions)
+    time.sleep(2 * PERIOD)
+    assert len(robot.decisions) == count
+
+
+def test_ending_the_node_leaves_theta_0(robot, stack):
+    node, _, client = stack("random")
+    robot.goal = "one"
+    wait_for(lambda: robot.decisions and not np.array_equal(client.theta(), THETA_0), 5.0, "a decision")
+    assert node.end() == 0
+    assert np.array_equal(client.theta(), THETA_0)
+    assert "Traceback" not in node.text
+
+
+@pytest.mark.parametrize("fake", [("--spelling", "kinetic"), ("--layer", "inflation_layer")])
+def test_other_names_of_the_cpp_move_base(robot, stack, fake):
+    _, _, client = stack(fake=fake)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
+    names = dict(n for n in [(i, name) for i, _, name in client._names[PLANNER.split("/")[-1]]])
+    assert names[5] == ("pdist_scale" if "kinetic" in fake else "path_distance_bias")
+    assert client.servers["local_costmap/inflater_layer"].endswith(
+        fake[1] if fake[0] == "--layer" else "inflater_layer"
+    )
+
+
+def test_another_local_planner_is_named_in_one_line(robot, stack):
+    node, _, _ = stack(fake=("--without", "vtheta_samples"), ready=False)
+    line = f"{PLANNER} has no parameter vtheta_samples"
+    wait_for(lambda: line in node.text, 14.0, "one line")
+    assert node.alive()
+    assert node.text.count(line) == 1
+
+
+@pytest.mark.fault("1")
+def test_fault_1_nan_actor_is_refused_and_counted(robot, stack):
+    weights = make_weights(hidden=(4,))
+    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
+    node, _, client = stack(weights=weights, period=0.6)
+    wait_for(lambda: len(robot.values["servers"].split(", ")) == 3, 8.0, "the node has found the servers")
+    time.sleep(0.3)  # and has set theta_0
+    client.apply(SPACE.from_dict({"max_vel_x": 0.7}))
+    robot.goal = "one"
+    wait_for(lambda: robot.decisions, 5.0, "a decision")
+    assert client.theta()[0] == 0.7
+    assert "not finite" in robot.decisions[0]["refused"]
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0 once the policy is lost")
+    wait_for(lambda: robot.count("refused") >= 3, 3.0, "diagnostics")
+    assert robot.values["level"] == 2
+    assert "not finite" in node.text
+
+
+@pytest.mark.fault("9")
+@pytest.mark.parametrize("damage", ["missing", "truncated", "pickle", "shapes", "no such method"])
+def test_fault_9_unusable_policies_leave_theta_0(robot, stack, tmp_path, damage):
+    import pickle
+
+    path = tmp_path / "bad.safetensors"
+    save(path, make_weights())
+    if damage in ("missing", "no such method"):
+        path = tmp_path / "none.safetensors"
+    elif damage == "truncated":
+        path.write_bytes(path.read_bytes()[:1000])
+    elif damage == "pickle":
+        path.write_bytes(pickle.dumps({"a": 1}))
+    else:
+        import safetensors.numpy
+
+        path.write_bytes(safetensors.numpy.save({"x": np.zeros(3, np.float32)}))
+    node, _, client = stack("apple:%s" % path) if damage == "no such method" else stack(policy=str(path))
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
+    assert np.array_equal(client.theta(), THETA_0)
+    errors = [line for line in node.text.splitlines() if "ERROR" in line]
+    assert len(errors) == 1
+    assert str(path) in errors[0]
+    assert "theta_0" in errors[0]
+    wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], 3.0, "diagnostics")
+
+
+@pytest.mark.fault("11")
+def test_fault_11_odd_scans(robot, stack):
+    node, _, client = stack()
+    good = robot.ranges
+    robot.goal = "one"
+    for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
+        robot.ranges, count = odd, len(robot.decisions)
+        wait_for(lambda count=count: len(robot.decisions) >= count + 2, 5.0, "decisions")
+        assert np.all(np.isfinite(robot.observations[-1]))
+    for odd, line in (
+        (np.full(720, np.nan, np.float32), "all 720 beams"),
+        (good[:360], "360 beams"),
+        (good[:0], "0 beams"),
+    ):
+        robot.ranges = odd
+        wait_for(lambda line=line: line in node.text, 5.0, line)
+        assert node.text.count(line) <= 2
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 5.0, "theta_0")
+    assert robot.count("unusable") >= 1 or wait_for(lambda: robot.count("unusable") >= 1, 3.0)
+    robot.ranges, count = good, len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "recovery")
+    assert "Traceback" not in node.text
+
+
+def test_dwa_leaves_the_planner_alone(robot, stack):
+    _, _, client = stack("dwa")
+    wait_for(lambda: "TrajectoryPlannerROS" in robot.values.get("servers", ""), 5.0, "servers")
+    client.apply(SPACE.from_dict({"max_vel_x": 0.9}))  # a person tries something
+    robot.goal = "one"
+    wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], 5.0, "the search to end")
+    count = len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) >= count + 2, 5.0, "decisions")
+    assert client.theta()[0] == 0.9
+
+
+@pytest.mark.parametrize(
+    ("parameters", "line"),
+    [
+        ({"method": "dwa", "period": -1}, "period is -1"),
+        ({"method": "random", "seed": "x"}, "seed is 'x'"),
+        ({"method": "dwa", "scan_topic": 5}, "scan_topic is 5"),
+        ({"max_speed": 0.05}, "max_speed is 0.05: give at least 0.2 m/s"),
+        ({"meter_scoring": "heavy"}, "meter_scoring is heavy: give auto, true or false"),
+    ],
+)
+def test_wrong_parameters_end_the_node_in_one_line(robot, stack, parameters, line):
+    node, _, _ = stack(fake=None, ready=False, **parameters)
+    wait_for(lambda: not node.alive(), 10.0, "end")
+    assert node.process.returncode == 1
+    assert line in node.text
+    assert len(node.text.splitlines()) == 1
+
+
+# -- run-time services, cap, and what diagnostics say --------------------------------------------------------------
+def service(name, kind, *arguments):
+    import rospy
+
+    rospy.wait_for_service("/applr/" + name, 5.0)
+    return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
+
+
+def test_the_policy_is_switched_off_and_on(robot, stack):
+    from std_srvs.srv import SetBool
+
+    _, _, client = stack("random")
+    says(robot, "idle: no goal")
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
+    says(robot, "deciding")
+    assert service("enable", SetBool, False).message == "off: theta_0"
+    wait_for(lambda: np.array_equal(client.theta(), THETA_0), 3.0, "theta_0")
+    count = len(robot.decisions)
+    says(robot, "switched off: theta_0")
+    time.sleep(2 * PERIOD)
+    assert len(robot.decisions) <= count + 1
+    assert np.array_equal(client.theta(), THETA_0)
+    assert service("enable", SetBool, True).success
+    wait_for(lambda: len(robot.decisions) >= count + 3 and as_set(robot, client), 5.0, "decisions again")
+
+
+def test_method_and_file_change_while_driving(robot, stack, tmp_path):
+    from tests.support.ros_harness import use_generated
+
+    use_generated()
+    from applr_ros1.srv import SetMethod
+
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5}')
+    _, _, client = stack("random", max_speed=1.9)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    answer = service("set_method", SetMethod, "fixed:%s" % (tmp_path / "set.json"))
+    assert (answer.success, answer.message) == (True, "method fixed:%s" % (tmp_path / "set.json"))
+    wait_for(lambda: client.theta()[0] == 1.5, 3.0, "the fixed set")
+    (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
+    own = str(tmp_path / "own.py") + ":Class"
+    for method, words in (
+        ("applr:%s" % (tmp_path / "none.safetensors"), "none.safetensors"),
+        ("fast", "method 'fast' is not known"),
+        (own, "start the node with it"),
+        ("frozen:max_vel_x:" + own, "start the node with it"),
+    ):
+        answer = service("set_method", SetMethod, method)
+        assert not answer.success
+        assert words in answer.message
+        assert "\n" not in answer.message
+    assert not (tmp_path / "it_ran").exists()  # a service that anybody can call imports no code
+    time.sleep(2 * PERIOD)
+    assert client.theta()[0] == 1.5  # nothing was changed
+    count = len(robot.decisions)
+    assert service("set_method", SetMethod, "random").success
+    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), 5.0, "decisions")
+    wait_for(lambda: robot.values["method"] == "random", 2.0, "diagnostics, which come once a second")
+
+
+def test_max_speed_caps_what_is_set(robot, stack, tmp_path):
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
+    node, _, client = stack("fixed:%s" % (tmp_path / "set.json"), max_speed=0.3)
+    wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], 4.0, "the capped set")
+    assert node.end() == 0
+    assert client.theta()[0] == 0.3  # theta_0 is 0.5
+
+
+@pytest.mark.fault("14c")
+def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
+    stack("dwa")
+    says(robot, "idle: no goal")
+    robot.statuses = False
+    says(robot, "move_base has stopped publishing its status: is it still running?")
+    assert robot.values["level"] == 1
+    robot.statuses = True
+    says(robot, "idle: no goal")
+    assert robot.values["level"] == 0
+
+
+def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, stack):
+    """A decision every 6 s: our move_base, which expects a heartbeat every 2 s, must not take the node for dead."""
+    before = len(robot.beats)
+    stack("random", period=6.0)
+    wait_for(lambda: len(robot.beats) >= before + 2, 4.0, "a second heartbeat")
+    assert robot.beats[-1] - robot.beats[-2] == pytest.approx(2.0, abs=0.3)
+
+
+def test_a_late_move_base_leaves_no_warning(robot, stack):
+    node, _, _ = stack("dwa", fake=None, ready=False)
+    wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], 15.0, "trouble")
+    stack.fake()
+    says(robot, "idle: no goal", 8.0)
+    assert robot.values["level"] == 0
+
+
+def test_a_clock_that_jumps_all_the_time_is_one_line(robot, stack):
+    import rospy
+
+    rospy.set_param("/use_sim_time", True)
+    robot.simulated = True
+    node, _, _ = stack("dwa")
+    for _ in range(5):
+        robot.now -= 3.0
+        time.sleep(0.4)
+    assert node.text.count("jumped back") == 1
+
+
+def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_path):
+    """A policy's sets count per cell; rescaled for a planner whose cost_cloud shows that it counts per metre."""
+    import rospy
+    from sensor_msgs.msg import PointCloud2
+
+    from applr_ros1.nodes import conversions
+
+    publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
+    node, _, client = stack(period=0.3)
+    robot.goal = "one"
+    wait_for(lambda: as_set(robot, client), 5.0, "decisions")
+    wait_for(lambda: "no cost_cloud on" in robot.values["meter_scoring"], 5.0, "says that it found nothing")
+    rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
+    rows[:, 0] = 0.05 * rows[:, 0]
+    wait_for(lambda: publisher.get_num_connections(), 5.0, "the node listens")
+    values = client.values()
+    rows[:, 6] = rows[:, 3:6] @ (values[[5, 6, 4]] * [0.05, 0.05, 1.0])
+    publisher.publish(conversions.cost_cloud(rows, "odom", rospy.Time.now()))
+    wait_for(lambda: "pdist_scale x 2.5" in robot.values["meter_scoring"], 5.0, "what is sent instead")
+    factors = [{"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0) for n in SPACE.names]
+
+    def made_up_for():
+        return np.allclose(client.values(), np.array(factors) * list(robot.decisions[-1]["theta"].values()))
+
+    count = len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) > count + 1 and made_up_for(), 5.0, "the next sets mean the same")
+    assert robot.decisions[-1]["theta_prev"] == robot.decisions[-2]["theta"]
+    assert not publisher.get_num_connections()
+    assert node.text.count("count per metre") == 1
+    robot.goal = None
+    wait_for(lambda: client.values()[5] == 0.75 * 2.5, 3.0, "theta_0 is made up for, too")
+    assert node.end() == 0
+    assert np.array_equal(client.theta(), THETA_0)

@@ -1,0 +1,84 @@
+"""The collision monitor as a ROS node before a fake Jackal: it stops at a wall and for blind scanners."""
+
+import time
+
+import pytest
+import rospy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist
+from std_msgs.msg import Bool, String
+
+from tests.support.fake_jackal import FakeJackal
+from tests.support.ros_harness import ROOT, session, wait_for
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope="module")
+def stack():
+    ros = session()
+    jackal = FakeJackal(circles=[(1.5, y / 10, 0.075) for y in range(-8, 9)])
+    child = ros.python(
+        ROOT / "applr_ros1/scripts/collision_monitor.py",
+        "scan:=front/scan",
+        "odom:=odometry/filtered",
+    )
+    commands = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
+    actions = []
+    subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    wait_for(lambda: commands.get_num_connections() or not child.alive(), 60.0, "collision monitor")
+    assert child.alive(), child.text
+    yield jackal, commands, actions
+    child.end()
+    subscriber.unregister()
+    jackal.close()
+
+
+def drive(stack, v, seconds):
+    jackal, commands, _ = stack
+    end = time.time() + seconds
+    while time.time() < end:
+        message = Twist()
+        message.linear.x = v
+        commands.publish(message)
+        time.sleep(0.05)
+    return jackal.robot.pose
+
+
+def test_drives_to_the_wall_and_stands_before_it(stack):
+    jackal, _, actions = stack
+    jackal.put((0.0, 0.0, 0.0))
+    drive(stack, 1.0, 0.5)
+    assert max(v for _, v, _ in jackal.commands) == 1.0
+    x, _, _ = drive(stack, 1.0, 2.5)
+    assert 1.5 - 0.075 - 0.229 - 0.15 < x < 1.5 - 0.075 - 0.229
+    assert actions[-1].startswith("stop: an obstacle")
+    said = []
+    subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: said.append(m.data))
+    drive(stack, 1.0, 0.5)
+    assert said.count(True) > 3, "with each command, so that a new goal does not lose it"
+    subscriber.unregister()
+
+
+def test_says_which_node_sends_commands_past_it(stack):
+    """Such as a C++ move_base that was started without the remapping."""
+    messages = []
+    subscriber = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: messages.append(m.status[0]))
+    wait_for(lambda: messages, 5.0, "diagnostics")
+    assert "unchecked" not in messages[-1].message
+    past = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+    wait_for(lambda: "unchecked commands come from " + rospy.get_name() in messages[-1].message, 8.0, "the warning")
+    assert messages[-1].level == DiagnosticStatus.WARN
+    past.unregister()
+    wait_for(lambda: "unchecked" not in messages[-1].message, 8.0, "its end")
+    subscriber.unregister()
+
+
+def test_unknown_and_impossible_parameters_are_one_line(stack):
+    ros = session()
+    for arguments, words in (("_margins:=1", "no such parameter: margins"), ("_deceleration:=0", "deceleration is 0")):
+        child = ros.python(ROOT / "applr_ros1/scripts/collision_monitor.py", arguments, "__name:=wrong_monitor")
+        assert child.process.wait(30.0) == 1
+        assert words in child.text
+        assert "Traceback" not in child.text
+        rospy.delete_param("/wrong_monitor")

@@ -1,0 +1,117 @@
+"""The move_base node with DWAPlannerROS: names, types, parameters and displays beside the C++ one's."""
+
+import copy
+import json
+
+import pytest
+from dynamic_reconfigure.encoding import decode_config
+
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
+from tests.support import DATA, ros_harness
+from tests.support.fake_jackal import FakeJackal
+from tests.support.jackal import tree
+from tests.support.move_base_stack import POSTS, goal, start
+from tests.support.ros_harness import wait_for
+
+pytestmark = pytest.mark.ros
+SURFACE = json.loads((DATA / "dwa_surface.json").read_text())
+SERVER = "/move_base/DWAPlannerROS"
+OTHER = "/move_base/TrajectoryPlannerROS"
+
+
+@pytest.fixture(scope="module")
+def master():
+    return ros_harness.session()
+
+
+@pytest.fixture(scope="module")
+def node(master):
+    import rospy
+
+    parameters = copy.deepcopy(tree())
+    parameters["DWAPlannerROS"].update(
+        publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
+    )
+    jackal = FakeJackal(POSTS)
+    child = start(master, parameters)
+    yield child
+    jackal.close()
+    assert child.end() == 0, child.text
+    rospy.delete_param("/move_base")
+
+
+def test_topics_and_services_are_those_of_the_cpp_node(node):
+    import rosservice
+    import rostopic
+
+    published, subscribed = rostopic.get_topic_list()
+    ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
+    assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE["publishes"]
+    assert any(name == "/wheels/odom" and "/move_base" in nodes for name, _, nodes in subscribed)
+    assert not any(name.startswith(OTHER) for name in ours)
+    assert not any(name.startswith(OTHER) for name in rosservice.get_service_list(node="/move_base"))
+    for name, kind in SURFACE["services"].items():
+        assert rosservice.get_service_type(name) == kind
+
+
+def test_the_server_describes_the_cpp_parameters_and_clamps(node):
+    import rospy
+    from dynamic_reconfigure.client import Client
+
+    client = Client(SERVER, timeout=5.0)
+    got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=5.0)}
+    for p in SURFACE["dynamic_reconfigure"][SERVER]:
+        mine = got.pop(p["name"])
+        low, high = (float(v) if v in ("inf", "-inf") else v for v in (p["min"], p["max"]))
+        assert (mine["type"], mine["min"], mine["max"], mine["default"]) == (p["type"], low, high, p["default"])
+    assert not got
+    assert client.get_configuration(timeout=5.0)["vy_samples"] == 1
+    assert client.update_configuration({"acc_lim_x": 99.0})["acc_lim_x"] == 20.0
+    wait_for(lambda: rospy.get_param(SERVER + "/acc_lim_x") == 20.0, 3.0, "mirror")
+    assert client.update_configuration({"restore_defaults": True})["acc_lim_x"] == 10.0
+    client.close()
+
+
+def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(master, node):
+    """The Husky's parameters and policy. The layers of these parameter files have other names than the Husky's."""
+    import actionlib
+    import rospy
+    from applr_ros1.msg import Decision
+    from dynamic_reconfigure.msg import Config
+    from move_base_msgs.msg import MoveBaseAction
+    from nav_msgs.msg import Path as PathMessage
+    from sensor_msgs.msg import PointCloud2
+
+    from tests.support.fake_robot import decided
+
+    space = space_of(load("husky"))
+    decisions, in_force, seen = [], [], {}
+    rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
+    rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m)))
+
+    def has(theta):
+        """Whether the planner has had the values of a set at some time."""
+        wanted = space.requests(theta)["DWAPlannerROS"].items()
+        return any(wanted <= values.items() for values in in_force)
+
+    applr = master.python("-m", "applr_ros1.scripts.applr", "_robot:=husky", "_period:=0.4")
+    wait_for(lambda: has(space.theta0) or not applr.alive(), 10.0, "the Husky's own parameters")
+    kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)
+    for topic, kind in kinds.items():
+        rospy.Subscriber(SERVER + "/" + topic, kind, lambda m, topic=topic: seen.setdefault(topic, m))
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(10.0))
+    client.send_goal(goal(1.0))
+    assert client.wait_for_result(rospy.Duration(30.0)), node.text
+    assert client.get_goal_status_text() == "Goal reached."
+    assert len(decisions) >= 2
+    for theta in decisions[:-1]:  # the newest may have come too late
+        assert has(space.from_dict(theta)), theta
+    assert applr.end() == 0
+    assert "WARN" not in applr.text, applr.text
+    assert set(seen) == set(kinds)
+    assert [f.name for f in seen["trajectory_cloud"].fields] == ["x", "y", "z", "theta", "cost"]
+    assert seen["trajectory_cloud"].header.frame_id == "odom"
+    assert seen["trajectory_cloud"].width > 20
+    assert seen["cost_cloud"].point_step == 28

@@ -1,0 +1,169 @@
+"""Programs written for Gazebo on the simulated robot: its services, and two loops of real clients."""
+
+import math
+import time
+
+import pytest
+import rospy
+from gazebo_msgs.srv import GetModelState, SetModelState
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+
+from tests.support.gazebo_client import GazeboSimulation, Training, goal, model_state
+from tests.support.ros_harness import ROOT, session, wait_for
+
+pytestmark = pytest.mark.ros
+
+START, GOAL = (-2.25, 3.0, 1.57), (0.0, 10.0)  # the BARN Challenge's
+
+
+class Heard:
+    """The newest message of each topic, and when it came."""
+
+    def __init__(self, **topics):
+        self.messages = {}
+        self.subscribers = [
+            rospy.Subscriber("/" + name.replace("__", "/"), kind, self._keep, (name,), queue_size=5)
+            for name, kind in topics.items()
+        ]
+
+    def _keep(self, message, where):
+        self.messages[where[0]] = message
+
+    def next(self, name, seconds=5.0):
+        self.messages.pop(name, None)
+        return wait_for(lambda: self.messages.get(name), seconds, name)
+
+
+@pytest.fixture(scope="module")
+def gazebo():
+    """The simulated robot, started by the launch file that the BARN Challenge's runner starts."""
+    child = session().spawn(
+        "roslaunch",
+        str(ROOT / "compat" / "jackal_helper" / "launch" / "gazebo_launch.launch"),
+        "world_name:=generated:2",
+        "gui:=false",
+        APPLR_SIMULATOR="kinematic",
+    )
+    wait_for(lambda: "sim_bridge: ready" in child.text or not child.alive(), 90.0, "the simulated robot")
+    assert child.alive(), child.text
+    rospy.wait_for_service("/gazebo/set_model_state", 20.0)
+    yield child
+    rospy.set_param("/use_sim_time", False)
+    child.end(15.0)
+    rospy.delete_param("/sim_bridge")
+    assert "Traceback" not in child.text, child.text
+
+
+def test_starts_at_the_challenges_start_and_answers_where_it_is(gazebo):
+    get = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)
+    answer = get("jackal", "world")
+    assert answer.success
+    assert (answer.pose.position.x, answer.pose.position.y) == pytest.approx(START[:2], abs=0.02)
+    assert not get("turtle", "world").success
+    assert not get("jackal", "turtle").success
+
+
+def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
+    simulation = GazeboSimulation(START)
+    heard = Heard(clock=Clock, odometry__filtered=Odometry)
+    publisher = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
+    wait_for(publisher.get_num_connections, 5.0, "connection")
+    command = Twist()
+    command.linear.x = 0.5
+    for _ in range(20):
+        publisher.publish(command)
+        time.sleep(0.05)
+    assert simulation.state().twist.linear.y == pytest.approx(0.5, abs=0.1)  # heading +y, in the world's axes
+    publisher.publish(Twist())
+    time.sleep(0.4)
+    before, clock = heard.next("odometry__filtered").pose.pose, heard.next("clock").clock
+    assert simulation.reset().success
+    assert simulation.place() == pytest.approx(START[:2], abs=0.01)
+    assert abs(simulation.state().twist.linear.y) < 0.02
+    after = heard.next("odometry__filtered").pose.pose
+    assert (after.position.x, after.position.y) == pytest.approx((before.position.x, before.position.y), abs=0.03)
+    assert heard.next("clock").clock > clock
+    publisher.unregister()
+
+
+def test_refuses_in_words_what_it_cannot_do(gazebo):
+    set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
+    for change, words in (
+        (dict(model_name="turtle"), "turtle"),
+        (dict(reference_frame="moon"), "moon"),
+    ):
+        state = model_state(0, 0, 0, 0)
+        for name, value in change.items():
+            setattr(state, name, value)
+        answer = set_state(state)
+        assert not answer.success
+        assert words in answer.status_message
+    assert not set_state(model_state(float("inf"), 0, 0, 0)).success
+
+
+def test_paused_time_stands_and_goes_on(gazebo):
+    simulation = GazeboSimulation(START)
+    heard = Heard(clock=Clock)
+    heard.next("clock")
+    simulation.pause()
+    time.sleep(0.2)
+    stands = heard.messages["clock"].clock
+    time.sleep(0.5)
+    assert heard.messages["clock"].clock == stands
+    assert simulation.reset().success  # services answer meanwhile
+    assert simulation.place() == pytest.approx(START[:2], abs=0.01)
+    simulation.unpause()
+    assert heard.next("clock").clock > stands
+
+
+@pytest.fixture(scope="module")
+def move_base(gazebo):
+    """Under the name that launch files start, move_base/move_base."""
+    child = session().spawn("roslaunch", str(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch"))
+    wait_for(lambda: "move_base: ready" in child.text or "ready" in child.text or not child.alive(), 120.0, "move_base")
+    assert child.alive(), child.text
+    yield child
+    child.end(15.0)
+    rospy.delete_param("/move_base")
+
+
+def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
+    simulation = GazeboSimulation(START)
+    training = Training(simulation, GOAL)
+    simulation.reset()
+    training._action.send_goal(goal(*GOAL))
+    wait_for(lambda: simulation.place()[1] > START[1] + 0.2, 20.0, "the robot")
+    simulation.pause()
+    said = len(move_base.text)
+    place = simulation.place()
+    time.sleep(3.0)
+    assert simulation.place() == place
+    said = move_base.text[said:]
+    assert "WARN" not in said, said
+    assert "ERROR" not in said, said
+    simulation.unpause()
+    wait_for(lambda: math.dist(simulation.place(), place) > 0.2, 20.0, "the robot")
+
+
+def episodes(gazebo, count):
+    """The authors' loop; every episode drives, with the parameter that it set, and nothing fails."""
+    training = Training(GazeboSimulation(START), GOAL)
+    for n in range(count):
+        speed = 0.3 + 0.1 * (n % 5)
+        planned, driven, taken = training.episode(speed)
+        assert taken == pytest.approx(speed)
+        assert 9.5 < planned < 16.0, n
+        assert driven > 0.05, n
+
+
+def test_the_training_loop_of_the_authors(gazebo, move_base):
+    episodes(gazebo, 4)
+    assert "Traceback" not in move_base.text
+
+
+@pytest.mark.long
+def test_a_hundred_episodes_of_the_training_loop(gazebo, move_base):
+    episodes(gazebo, 100)
+    assert "Traceback" not in move_base.text

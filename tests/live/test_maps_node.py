@@ -1,0 +1,124 @@
+"""The move_base node on a map: a map on a latched topic, localisation that drifts, goals in frames that tf knows."""
+
+import copy
+import math
+import threading
+
+import pytest
+
+from applr_ros1.common.angles import compose
+from tests.support import ros_harness
+from tests.support.fake_jackal import FakeJackal, _transform
+from tests.support.jackal import JACKAL
+from tests.support.map_scenes import wall_with_a_door
+from tests.support.move_base_stack import ABORTED, SUCCEEDED, collect, finish, goal, start
+from tests.support.ros_harness import wait_for
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope="module")
+def master():
+    return ros_harness.session()
+
+
+class Localisation:
+    """Publishes map -> odom, which slides and turns once it is asked to drift; and a static frame in the map.
+
+    As amcl does with the transform_tolerance that Clearpath's launch files give it, it stamps map -> odom 1 s ahead.
+    """
+
+    def __init__(self, jackal):
+        self.pose, self.drifts = (0.3, -0.2, 0.4), False
+        self._jackal, self._over = jackal, threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        import rospy
+        from tf2_msgs.msg import TFMessage
+
+        tf = rospy.Publisher("/tf", TFMessage, queue_size=5)
+        while not self._over.wait(0.05):
+            if self.drifts:
+                x, y, yaw = self.pose
+                self.pose = x + 0.002, y - 0.001, yaw + 0.0005
+            now, ahead = self._jackal.now(), rospy.Duration(1.0)
+            door = _transform("map", "door", (2.1, 1.5, math.pi / 2), now)
+            tf.publish(TFMessage([_transform("map", "odom", self.pose, now + ahead), door]))
+        tf.unregister()
+
+    def close(self):
+        self._over.set()
+        self._thread.join(2.0)
+
+
+def served(given):
+    """A latched publisher of a StaticMap on /map, as map_server has it."""
+    import rospy
+    from nav_msgs.msg import OccupancyGrid
+
+    message = OccupancyGrid()
+    message.header.frame_id = given.frame
+    message.info.resolution = given.resolution
+    message.info.height, message.info.width = given.cells.shape
+    message.info.origin.position.x, message.info.origin.position.y = given.origin
+    message.data = given.cells.ravel().tolist()
+    publisher = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
+    publisher.publish(message)
+    return publisher
+
+
+@pytest.mark.slow
+def test_a_goal_in_the_map_is_reached_while_localisation_drifts(master):
+    import actionlib
+    import rospy
+    from move_base_msgs.msg import MoveBaseAction
+    from nav_msgs.msg import OccupancyGrid, Path
+
+    tree = copy.deepcopy(JACKAL)
+    world = tree["global_costmap"]
+    world.update(global_frame="map", plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]])
+    jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that the map does not know
+    localisation = Localisation(jackal)
+    node = start(master, tree)
+    client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+    assert client.wait_for_server(rospy.Duration(10.0))
+    client.send_goal(goal(4.0, 1.0, frame="map"))
+    wait_for(lambda: "standing still: no map on /map yet: start map_server" in node.text, 10.0, "line about the map")
+    publisher = served(wall_with_a_door())
+    subscriptions = [
+        collect("/move_base/" + topic, kind)
+        for topic, kind in (
+            ("global_costmap/costmap", OccupancyGrid),
+            ("NavfnROS/plan", Path),
+            ("TrajectoryPlannerROS/global_plan", Path),
+        )
+    ]
+    localisation.drifts = True
+    assert finish(client, 40.0) == (SUCCEEDED, "Goal reached.")
+    x, y, yaw = compose(localisation.pose, jackal.robot.pose)
+    assert math.hypot(x - 4.0, y - 1.0) < 0.35
+    assert abs(yaw) < 0.25
+    assert localisation.pose[0] > 0.5  # 0.2 m were driven that the odometry has not
+    shown = [messages[-1] for _, messages in subscriptions]
+    assert (shown[0].info.width, shown[0].info.height) == (200, 120)
+    assert [message.header.frame_id for message in shown] == ["map", "map", "odom"]
+    localisation.drifts = False
+
+    client.send_goal(goal(0.0, -1.0, frame="door"))  # beyond the door, a metre along the frame's own y axis
+    assert finish(client, 40.0) == (SUCCEEDED, "Goal reached.")
+    x, y, _ = compose(localisation.pose, jackal.robot.pose)
+    assert math.hypot(x - 3.1, y - 1.5) < 0.35
+
+    client.send_goal(goal(0.0, 0.0, frame="attic"))
+    status, text = finish(client, 5.0)
+    assert status == ABORTED
+    assert text.startswith("frame 'attic' cannot be transformed to map: ")
+    for end in (publisher, *(subscriber for subscriber, _ in subscriptions)):
+        end.unregister()
+    localisation.close()
+    jackal.close()
+    assert node.end() == 0, node.text
+    assert "Traceback" not in node.text
+    rospy.delete_param("/move_base")

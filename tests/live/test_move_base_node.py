@@ -1,0 +1,205 @@
+"""The move_base node on a real master, with a made-up Jackal: goals, services, maps."""
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+from tests.support.move_base_stack import PLANNER, PREEMPTED, SCRIPT, SUCCEEDED, collect, finish, goal
+from tests.support.ros_harness import wait_for
+
+pytestmark = pytest.mark.ros
+pytest_plugins = ("tests.support.move_base_stack",)
+
+
+# -- goals ---------------------------------------------------------------------------------------------------------
+def test_goal_is_reached_through_the_action(idle):
+    from geometry_msgs.msg import PoseStamped
+    from move_base_msgs.msg import MoveBaseActionFeedback
+    from nav_msgs.msg import Path as PathMessage
+
+    subscribers, got = zip(
+        *[
+            collect(topic, kind)
+            for topic, kind in (
+                ("/move_base/current_goal", PoseStamped),
+                ("/move_base/feedback", MoveBaseActionFeedback),
+                ("/move_base/NavfnROS/plan", PathMessage),
+                (PLANNER + "/local_plan", PathMessage),
+                (PLANNER + "/global_plan", PathMessage),
+            )
+        ]
+    )
+    time.sleep(0.5)
+    idle.client.send_goal(goal(2.0, 0.0, 0.6))
+    assert finish(idle.client) == (SUCCEEDED, "Goal reached.")
+    x, y, yaw = idle.jackal.robot.pose
+    assert math.hypot(x - 2.0, y) < 0.27
+    assert abs(yaw - 0.6) < 0.17
+    current, feedback, plan, local, cut = got
+    assert current[0].pose.position.x == 2.0
+    assert current[0].header.frame_id == "odom"
+    assert len(feedback) > 20
+    assert feedback[-1].feedback.base_position.pose.position.x == pytest.approx(x, abs=0.1)
+    assert plan[0].poses[-1].pose.position.x == 2.0
+    assert len(plan[0].poses) > 30
+    assert plan[0].poses[-1].pose.orientation.z == pytest.approx(math.sin(0.3))
+    assert plan[0].poses[0].header.frame_id == "odom"
+    assert local
+    assert cut
+    time.sleep(0.3)
+    assert idle.jackal.commands[-1][1:] == (0.0, 0.0)
+    times = np.array([t for t, _, _ in idle.jackal.commands])
+    gaps = np.diff(times[:-1]) * 1e3
+    print(
+        "cmd_vel gap: median %.1f, p99 %.1f, max %.1f ms of %d"
+        % (np.median(gaps), np.percentile(gaps, 99), gaps.max(), len(gaps))
+    )
+    assert np.median(gaps) == pytest.approx(50.0, abs=5.0)
+    assert np.percentile(gaps, 99) < 100.0
+    for s in subscribers:
+        s.unregister()
+
+
+def test_preempt(idle):
+    idle.client.send_goal(goal(4.0))
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
+    idle.client.cancel_goal()
+    assert finish(idle.client, 1.0) == (PREEMPTED, "")
+    time.sleep(0.2)
+    assert idle.jackal.commands[-1][1:] == (0.0, 0.0)
+
+
+def test_simple_goal_topic(idle):
+    import rospy
+    from actionlib_msgs.msg import GoalStatusArray
+    from geometry_msgs.msg import PoseStamped
+
+    publisher = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
+    subscriber, got = collect("/move_base/status", GoalStatusArray)
+    wait_for(lambda: publisher.get_num_connections(), 5.0, "connection")
+    publisher.publish(goal(0.5).target_pose)
+    wait_for(
+        lambda: got and any(s.status == SUCCEEDED and s.text == "Goal reached." for s in got[-1].status_list[-1:]),
+        10.0,
+        "goal reached",
+    )
+    subscriber.unregister()
+
+
+def test_goal_in_another_frame(idle):
+    idle.jackal.put((0.0, 0.0, math.pi / 2))
+    time.sleep(0.3)
+    idle.client.send_goal(goal(0.6, 0.0, 0.0, frame="base_link"))
+    assert finish(idle.client)[0] == SUCCEEDED
+    assert idle.jackal.robot.pose[1] == pytest.approx(0.6, abs=0.27)
+
+
+# -- services ------------------------------------------------------------------------------------------------------
+def test_make_plan_and_its_refusal_while_driving(idle):
+    import rospy
+    from nav_msgs.srv import GetPlan
+
+    make = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
+    navfn = rospy.ServiceProxy("/move_base/NavfnROS/make_plan", GetPlan)
+    here, there = goal(0.0).target_pose, goal(2.0).target_pose
+    plan = make(here, there, 0.0).plan
+    assert plan.header.frame_id == ""
+    assert plan.poses[-1].pose.position.x == 2.0
+    assert len(plan.poses) > 30
+    nobody = goal(0.0, frame="").target_pose
+    assert len(make(nobody, there, 0.0).plan.poses) > 30  # an empty frame means: from the robot
+    assert make(here, goal(1.5, 0.7).target_pose, 0.0).plan.poses == []
+    assert len(make(here, goal(1.5, 0.7).target_pose, 1.0).plan.poses) > 10
+    assert make(here, goal(math.nan).target_pose, 1.0).plan.poses == []
+    assert navfn(here, goal(99.0).target_pose, 0.0).plan.poses == []
+    idle.client.send_goal(goal(4.0))
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
+    with pytest.raises(rospy.ServiceException, match="inactive"):
+        make(here, there, 0.0)
+    assert len(navfn(here, there, 0.0).plan.poses) > 30
+
+
+# -- maps ----------------------------------------------------------------------------------------------------------
+def test_costmaps_footprints_and_cloud(idle):
+    import rospy
+    from geometry_msgs.msg import Point32, Polygon, PolygonStamped
+    from map_msgs.msg import OccupancyGridUpdate
+    from nav_msgs.msg import OccupancyGrid
+    from sensor_msgs.msg import PointCloud2
+
+    subscribers, (world, local, updates, outline, cloud) = zip(
+        *[
+            collect(topic, kind)
+            for topic, kind in (
+                ("/move_base/global_costmap/costmap", OccupancyGrid),
+                ("/move_base/local_costmap/costmap", OccupancyGrid),
+                ("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate),
+                ("/move_base/local_costmap/footprint", PolygonStamped),
+                (PLANNER + "/cost_cloud", PointCloud2),
+            )
+        ]
+    )
+    wait_for(lambda: world and local and len(updates) > 2 and outline, 5.0, "maps")
+    whole = np.array(world[0].data, np.int8).reshape(800, 800)
+    assert world[0].info.origin.position.x == -20.0
+    assert world[0].info.resolution == pytest.approx(0.05)
+    assert whole.max() == 100
+    assert whole.min() == 0
+    hit = np.argwhere(whole == 100)
+    assert (hit[:, 1] * 0.05 - 20.0).min() == pytest.approx(1.4, abs=0.15)
+    assert len(local[0].data) == 40000
+    assert len(updates[0].data) == updates[0].width * updates[0].height
+    assert len(outline[0].polygon.points) == 4
+    assert max(p.x for p in outline[0].polygon.points) == pytest.approx(0.31)
+    idle.client.send_goal(goal(1.0))
+    wait_for(lambda: cloud, 5.0, "cost cloud")
+    assert [f.name for f in cloud[0].fields][3:] == ["path_cost", "goal_cost", "occ_cost", "total_cost"]
+    assert len(cloud[0].data) == cloud[0].width * cloud[0].point_step
+    finish(idle.client)
+    # the same name also takes an outline, as in C++
+    publisher = rospy.Publisher("/move_base/global_costmap/footprint", Polygon, queue_size=1)
+    wait_for(lambda: publisher.get_num_connections(), 5.0, "connection")
+    before = (np.array(world[-1].data) == 99).sum()
+    for side in (0.4, 0.165):
+        world.clear()
+        publisher.publish(
+            Polygon([Point32(x, y, 0.0) for x, y in ((-0.21, -side), (-0.21, side), (0.21, side), (0.21, -side))])
+        )
+        time.sleep(0.2)
+        subscribers[0].unregister()
+        subscribers = (
+            rospy.Subscriber("/move_base/global_costmap/costmap", OccupancyGrid, world.append),
+        ) + subscribers[1:]
+        wait_for(lambda: world, 5.0, "whole map")
+        if side == 0.4:
+            assert (np.array(world[-1].data) == 99).sum() > before  # a larger inscribed radius
+    publisher.unregister()
+    for s in subscribers:
+        s.unregister()
+
+
+# -- start and end -------------------------------------------------------------------------------------------------
+def test_bad_parameters_are_named_and_nothing_starts(stack, master):
+    import rospy
+
+    rospy.set_param("/bad_one", {"TrajectoryPlannerROS": {"max_vel_x": 99.0, "pdist_scala": 1.0}, "colour": "red"})
+    child = master.python(SCRIPT, "__name:=bad_one")
+    child.process.wait(20.0)
+    assert child.process.returncode == 1
+    lines = [line for line in child.text.splitlines() if line.startswith("move_base: parameter")]
+    assert len(lines) == 3
+    assert "Traceback" not in child.text
+    assert "max_vel_x is 99.0" in child.text
+    assert "did you mean pdist_scale?" in child.text
+    assert "colour" in child.text
+
+
+def test_zero_velocity_at_shutdown(idle):
+    """Ctrl-C while driving; the last test of this file, since the node has ended then."""
+    idle.client.send_goal(goal(4.0))
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, 10.0, "motion")
+    assert idle.node.end() == 0
+    time.sleep(0.1)
+    assert idle.jackal.commands[-1][1:] == (0.0, 0.0), idle.node.text

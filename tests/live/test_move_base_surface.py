@@ -1,0 +1,162 @@
+"""The move_base node's names and types beside the C++ one's, and its eight parameter servers at work."""
+
+import json
+import math
+import time
+import xmlrpc.client
+
+import pytest
+
+from tests.support import DATA
+from tests.support.move_base_stack import PLANNER
+from tests.support.ros_harness import wait_for
+
+pytestmark = pytest.mark.ros
+pytest_plugins = ("tests.support.move_base_stack",)
+SURFACE = json.loads((DATA / "move_base_surface.json").read_text())
+OWN_TOPICS = (  # beside those of the C++ node
+    "/rosout",
+    "/applr/heartbeat",
+    "/collision_monitor/held_back",
+    "/move_base/TrajectoryPlannerROS/trajectory_cloud",
+)
+
+
+# -- surface -------------------------------------------------------------------------------------------------------
+def node_api(master):
+    """The node's own XML-RPC server."""
+    uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
+    return xmlrpc.client.ServerProxy(uri)
+
+
+@pytest.mark.parametrize(("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")])
+def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
+    ours = [(topic, kind) for topic, kind in getattr(node_api(master), call)("/test")[2] if topic not in OWN_TOPICS]
+    assert sorted(ours) == sorted(SURFACE[what].items())
+
+
+def test_services_are_those_of_the_cpp_node(stack):
+    import rosservice
+
+    ours = {name: rosservice.get_service_type(name) for name in rosservice.get_service_list(node="/move_base")}
+    assert {name: kind for name, kind in ours.items() if "logger" not in name} == SURFACE["services"]
+
+
+@pytest.mark.parametrize("server", SURFACE["dynamic_reconfigure"])
+def test_servers_describe_the_cpp_parameters(stack, server):
+    from dynamic_reconfigure.client import Client
+
+    client = Client(server, timeout=5.0)
+    got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=5.0)}
+    values = client.get_configuration(timeout=5.0)
+    client.close()
+    for p in SURFACE["dynamic_reconfigure"][server]:
+        mine = got.pop(p["name"])
+        low, high = (float(v) if v in ("inf", "-inf") else v for v in (p["min"], p["max"]))
+        assert (mine["type"], mine["min"], mine["max"], mine["default"]) == (p["type"], low, high, p["default"])
+        assert values[p["name"]] == p["jackal"]
+    assert set(got) <= {"pdist_scale", "gdist_scale"}
+
+
+def test_parameters_are_on_the_server(stack):
+    import rospy
+
+    wait_for(lambda: rospy.get_param("/move_base/aggressive_reset/reset_distance", 0) == 1.84, 5.0, "mirror")
+    for server, parameters in SURFACE["dynamic_reconfigure"].items():
+        for p in parameters:
+            assert rospy.get_param(server + "/" + p["name"]) == p["jackal"], p["name"]
+
+
+# -- dynamic_reconfigure -------------------------------------------------------------------------------------------
+CHANGES = {  # name, a new value, one out of bounds, the bound; another name and value
+    "/move_base": ("planner_patience", 7.5, 1e9, 100.0, "shutdown_costmaps", True),
+    PLANNER: ("max_vel_x", 0.7, 1e9, 20.0, "vx_samples", 9),
+    "/move_base/global_costmap": ("publish_frequency", 2.0, -3.0, 0.0, "robot_radius", 0.7),
+    "/move_base/local_costmap": ("transform_tolerance", 0.4, 99.0, 10.0, "width", 12),
+    "/move_base/global_costmap/inflater_layer": ("inflation_radius", 0.2, 1e9, 50.0, "enabled", False),
+    "/move_base/local_costmap/inflater_layer": ("cost_scaling_factor", 5.0, -1.0, 0.0, "inflate_unknown", True),
+    "/move_base/global_costmap/obstacles_layer": ("max_obstacle_height", 1.5, 60.0, 50.0, "enabled", False),
+    "/move_base/local_costmap/obstacles_layer": ("max_obstacle_height", 1.0, -1.0, 0.0, "combination_method", 0),
+}
+
+
+@pytest.mark.parametrize("server", CHANGES)
+def test_every_server_is_read_set_clamped_and_refuses_nan(idle, server):
+    import rospy
+    from dynamic_reconfigure import DynamicReconfigureCallbackException
+    from dynamic_reconfigure.client import Client
+
+    name, value, beyond, bound, other, something = CHANGES[server]
+    client = Client(server, timeout=5.0)
+    before, kept = (client.get_configuration(timeout=5.0)[n] for n in (name, other))
+    try:
+        assert client.update_configuration({name: value})[name] == value
+        wait_for(lambda: client.get_configuration()[name] == value, 3.0, "update")
+        wait_for(lambda: rospy.get_param(server + "/" + name) == value, 3.0, "mirror")
+        assert client.update_configuration({name: beyond})[name] == bound
+        client.update_configuration({name: value})
+        for bad in (math.nan, math.inf):
+            said = len(idle.node.text)
+            with pytest.raises(DynamicReconfigureCallbackException):
+                client.update_configuration({name: bad, other: something})
+            assert "refused a change: %s is %r" % (name, bad) in idle.node.text[said:]
+        time.sleep(0.05)
+        assert client.get_configuration()[name] == value
+        assert client.get_configuration()[other] == kept
+    finally:
+        client.update_configuration({name: before})
+        client.close()
+
+
+def test_older_names_always_show_the_same(idle):
+    from dynamic_reconfigure.client import Client
+
+    client = Client(PLANNER, timeout=5.0)
+    assert client.update_configuration({"pdist_scale": 0.31})["path_distance_bias"] == 0.31
+    assert client.update_configuration({"path_distance_bias": 0.75})["pdist_scale"] == 0.75
+    client.close()
+
+
+def test_watch_over_the_policy():
+    """The watch by itself; with a running stack it is seen in tests/faults/test_processes.py."""
+    from applr_ros1.nodes.move_base import heartbeat_watchdog
+
+    watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
+    assert not watch.is_lost(100.0)  # never heard: left alone
+    watch.heartbeat(100.0)
+    assert not watch.is_lost(105.0)
+    assert watch.is_lost(105.05)
+    assert not watch.is_lost(200.0)
+    watch.heartbeat(300.0)
+    assert not watch.is_lost(10.0)
+    assert watch.is_lost(15.1)
+    from applr_ros1 import robots
+    from applr_ros1.planner.move_base import MoveBase
+    from applr_ros1.planner.parameters.check import complete
+    from applr_ros1.planner.parameters.configuration import Configuration
+    from applr_ros1.planner.parameters.declarations import SERVERS
+    from applr_ros1.policy.parameter_space import space_of
+    from tests.support.jackal import JACKAL
+
+    start_up = Configuration(complete(JACKAL)).start_up
+    capped = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS), max_speed=0.3)
+    assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
+    waffle = robots.load("turtlebot3_waffle_pi")
+    own = MoveBase(waffle.parameters())
+    requests = heartbeat_watchdog.start_up_requests(own.start_up_configuration, own.servers, space_of(waffle))
+    assert requests["DWAPlannerROS"]["max_vel_x"] == waffle.parameters()["DWAPlannerROS"]["max_vel_x"]
+    requests = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS))
+    assert requests == {
+        "TrajectoryPlannerROS": {
+            "max_vel_x": 0.5,
+            "max_vel_theta": 1.57,
+            "min_vel_theta": -1.57,
+            "vx_samples": 6,
+            "vtheta_samples": 20,
+            "occdist_scale": 0.1,
+            "path_distance_bias": 0.75,
+            "goal_distance_bias": 1.0,
+        },
+        "local_costmap/inflater_layer": {"inflation_radius": 0.3},
+        "global_costmap/inflater_layer": {"inflation_radius": 0.3},
+    }

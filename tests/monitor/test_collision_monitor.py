@@ -1,0 +1,306 @@
+"""The collision monitor without ROS: what passes, what is remembered, which scanners are not believed."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1.monitor.memory import ObstacleMemory
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
+from applr_ros1.monitor.scanner import FROZEN_SCANS
+from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stopping import half_planes, penetration, safe_scale
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots import JACKAL, load
+
+SETTINGS = MonitorSettings.of(JACKAL)
+
+BEAMS, ANGLE = 720, 2.35619
+LASER = 0.12
+
+
+def scan_of(points, pose, stamp=0.0, **changes):
+    """What a Jackal's laser at `pose` sees of discs of 5 cm radius at points (n, 2) in the odometry frame."""
+    x = pose[0] + LASER * math.cos(pose[2])
+    y = pose[1] + LASER * math.sin(pose[2])
+    angles = np.linspace(-ANGLE, ANGLE, BEAMS)
+    ranges = np.full(BEAMS, np.inf, np.float32)
+    for px, py in points:
+        distance, bearing = math.hypot(px - x, py - y), math.atan2(py - y, px - x) - pose[2]
+        off = np.abs((angles - bearing + math.pi) % (2 * math.pi) - math.pi)
+        hit = off < math.asin(min(1.0, 0.05 / distance))
+        ranges[hit] = np.minimum(ranges[hit], distance - 0.05)
+    fields = {
+        "stamp": stamp,
+        "angle_min": -ANGLE,
+        "angle_increment": 2 * ANGLE / (BEAMS - 1),
+        "range_min": 0.1,
+        "range_max": 30.0,
+        "ranges": ranges,
+        "sensor_pose": (x, y, pose[2]),
+    }
+    return LaserScan(**dict(fields, **changes))
+
+
+def wall(x, half_width=1.0):
+    return [(x, y) for y in np.arange(-half_width, half_width, 0.04)]
+
+
+def test_nothing_near_changes_no_command():
+    monitor = CollisionMonitor()
+    assert monitor.see(scan_of([(4.0, 0.0)] * 2, (0, 0, 0)), (0, 0, 0)) == ""
+    assert monitor.filter(0.0, (0, 0, 0), (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
+
+
+@pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
+def test_drives_up_to_a_wall_and_stands_before_it(speed):
+    """A base that accelerates at once and brakes as the settings promise never touches the wall, and gets near it."""
+    monitor, x, v = CollisionMonitor(), 0.0, 0.0
+    obstacles = wall(2.0)
+    for step in range(400):
+        now = 0.05 * step
+        monitor.see(scan_of(obstacles, (x, 0, 0), now), (x, 0, 0))
+        verdict = monitor.filter(now, (x, 0, 0), (v, 0.0), (speed, 0.0))
+        target = verdict.command[0]
+        v = target if target > v else max(target, v - monitor.settings.deceleration * 0.05)
+        x += 0.05 * v
+    front = x + 0.229
+    assert 1.95 - 0.15 < front < 1.95
+    assert verdict.action == STOP
+    assert verdict.reason
+
+
+def test_a_tighter_turn_is_let_through_where_straight_on_is_not():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of(wall(0.55, 0.1), pose), pose)
+    assert monitor.filter(0.0, pose, (1.0, 0.0), (1.0, 0.0)).action == SLOW
+    assert monitor.filter(0.0, pose, (0.0, 0.0), (0.0, 2.0)).action == PASS
+
+
+def test_backs_out_only_as_far_as_what_was_seen_behind_allows():
+    """The laser does not look behind: what it saw there before the robot turned is remembered."""
+    monitor, behind = CollisionMonitor(), [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.see(scan_of(behind, (0, 0, math.pi)), (0, 0, math.pi))
+    pose = (0.0, 0.0, 0.0)
+    monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, 8.0, np.float32)), pose)
+    assert monitor.filter(0.1, pose, (0, 0), (-0.5, 0.0)).action == PASS
+    assert monitor.filter(0.1, (-0.2, 0, 0), (-0.5, 0), (-0.5, 0.0)).action != PASS
+    assert monitor.filter(0.1, (-0.2, 0, 0), (0, 0), (0.5, 0.0)).action == PASS
+
+
+def test_backs_out_along_a_long_way_only_as_far_as_what_was_seen_there_allows():
+    """What was passed and lay three metres behind still stands there when the robot has backed up to it."""
+    monitor, behind = CollisionMonitor(), [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.see(scan_of(behind, (0, 0, math.pi)), (0, 0, math.pi))
+    there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
+    for step, x in enumerate(there_and_back):
+        pose, now = (float(x), 0.0, 0.0), 0.1 * (step + 1)
+        monitor.see(scan_of([], pose, now, ranges=np.full(BEAMS, 20.0 + now, np.float32)), pose)
+        verdict = monitor.filter(now, pose, (0, 0), (-0.5, 0.0))
+        assert x < 0.0 or verdict.action == PASS
+    assert verdict.action != PASS
+
+
+def test_a_long_time_before_edges_does_not_fill_the_memory():
+    rng, monitor, pose = np.random.default_rng(0), CollisionMonitor(), (0.0, 0.0, 0.0)
+    discs = [(0.8, y) for y in np.arange(-0.9, 0.9, 0.18)]
+    clean = scan_of(discs + wall(1.6, 1.5), pose)
+    counts = []
+    for step in range(200):
+        noisy = clean.ranges + rng.normal(0.0, 0.002, BEAMS).astype(np.float32)
+        monitor.see(scan_of([], pose, 0.05 * step, ranges=noisy), pose)
+        counts.append(len(monitor.memory.points))
+    assert counts[-1] < 1.5 * counts[0]
+
+
+TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}  # a TurtleBot3's laser, whose ends meet ahead
+
+
+@pytest.mark.parametrize("geometry", [{}, TURN], ids=["270 degrees", "a full turn"])
+def test_the_ends_of_a_scan_do_not_fill_the_memory(geometry):
+    rng, memory, pose = np.random.default_rng(0), ObstacleMemory(), (0.0, 0.0, 0.0)
+    counts = []
+    for step in range(100):
+        ranges = rng.normal(2.0, 0.003, 360 if geometry else BEAMS).astype(np.float32)
+        memory.update(scan_of([], pose, 0.1 * step, ranges=ranges, **geometry), pose)
+        counts.append(len(memory.points))
+    assert counts[-1] < 1.1 * counts[0]
+
+
+def test_what_has_gone_where_the_ends_of_a_scan_meet_is_forgotten():
+    memory, pose = ObstacleMemory(), (0.0, 0.0, 0.0)
+    empty = np.full(360, 3.0, np.float32)
+    post = empty.copy()
+    post[[-2, -1, 0, 1]] = 1.0
+    for stamp, ranges, left in ((0.0, post, 4), (0.1, empty, 0)):
+        memory.update(scan_of([], pose, stamp, ranges=ranges, **TURN), pose)
+        assert np.sum(np.hypot(memory.points[:, 0] - LASER, memory.points[:, 1]) < 1.5) == left
+
+
+def test_a_full_memory_forgets_the_oldest(monkeypatch):
+    monkeypatch.setattr("applr_ros1.monitor.memory.CAPACITY", 1000)
+    memory, newest = ObstacleMemory(), ObstacleMemory()
+    for x in (0.0, 2.0, 4.0, 6.0, 8.0):  # each time far beyond what the scan before has shown
+        pose = (x, 0.0, 0.0)
+        scan = scan_of([], pose, x, ranges=np.full(BEAMS, 0.9, np.float32))
+        memory.update(scan, pose)
+    newest.update(scan, pose)
+    assert len(newest.points) < len(memory.points) <= 1000
+    assert np.array_equal(memory.points[-len(newest.points) :], newest.points)
+
+
+def test_a_blocked_robot_does_not_outwait_its_memory():
+    monitor, pose = CollisionMonitor(), (-0.25, 0.0, 0.0)
+    behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.see(scan_of(behind, (0, 0, math.pi)), (0, 0, math.pi))
+    for step in range(1, 100):
+        monitor.see(scan_of([], pose, 1.0 * step, ranges=np.full(BEAMS, 8.0, np.float32)), pose)
+        assert monitor.filter(1.0 * step, pose, (0, 0), (-0.5, 0.0)).command[0] > -0.5
+
+
+def test_what_has_gone_is_forgotten_when_it_is_looked_at():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of(wall(0.38, 0.3), pose), pose)
+    assert monitor.filter(0.0, pose, (0, 0), (0.5, 0.0)).action != PASS
+    monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, 20.0, np.float32)), pose)
+    assert len(monitor.memory.points) == 0
+    assert monitor.filter(0.1, pose, (0, 0), (0.5, 0.0)).action == PASS
+
+
+def test_a_robot_in_touch_may_leave_and_not_press():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)], pose), pose)
+    assert monitor.filter(0.0, pose, (0, 0), (0.3, 0.0)).action == STOP
+    assert monitor.filter(0.0, pose, (0, 0), (-0.3, 0.0)).action == PASS
+
+
+@pytest.mark.parametrize("beams", [0.05, math.nan, math.inf])
+def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it(beams):
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    good = scan_of(wall(5.0, 2.0), pose)
+    monitor.see(good, pose)
+    assert monitor.filter(0.0, pose, (1.0, 0), (1.0, 0)).action == PASS
+    assert "scanner" in monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, beams, np.float32)), pose)
+    assert monitor.filter(0.1, pose, (1.0, 0), (1.0, 0)).command == (0.0, 0.0)
+    good.stamp = 0.2
+    monitor.see(good, pose)
+    assert monitor.filter(0.2, pose, (1.0, 0), (1.0, 0)).action == PASS
+
+
+def test_open_space_is_no_blindness():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    assert monitor.see(scan_of([], pose), pose) == ""
+    assert monitor.filter(0.0, pose, (1.0, 0), (1.0, 0)).action == PASS
+
+
+def test_a_frozen_image_under_new_stamps_stops_the_robot_that_moves():
+    monitor = CollisionMonitor()
+    image = scan_of(wall(3.0), (0, 0, 0)).ranges
+    faults = []
+    for step in range(FROZEN_SCANS + 3):
+        pose = (0.05 * step, 0, 0)
+        faults.append(monitor.see(scan_of([], pose, 0.05 * step, ranges=image), pose))
+    assert faults[0] == ""
+    assert "frozen" in faults[-1]
+    standing = CollisionMonitor()
+    assert not any(standing.see(scan_of([], (0, 0, 0), 0.05 * k, ranges=image), (0, 0, 0)) for k in range(50))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"angle_increment": 0.0},
+        {"range_max": 0.0},
+        {"sensor_pose": (0.0, math.inf, 0.0)},
+    ],
+)
+def test_absurd_geometry_stops_the_robot(changes):
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    assert monitor.see(scan_of([], pose, **changes), pose)
+    assert monitor.filter(0.0, pose, (1, 0), (1, 0)).action == STOP
+
+
+def test_no_scan_old_scan_and_nonsense_commands_stop():
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    assert monitor.filter(0.0, pose, (0, 0), (1, 0)).action == STOP
+    monitor.see(scan_of([], pose), pose)
+    assert monitor.filter(0.4, pose, (0, 0), (1, 0)).action == PASS
+    assert "old" in monitor.filter(0.6, pose, (0, 0), (1, 0)).reason
+    assert monitor.filter(0.1, pose, (0, 0), (math.nan, 0)).command == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("command", [(1e9, 0.0), (0.0, -1e9), (1e300, 1e300)])
+def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped(command):
+    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor.see(scan_of(wall(5.0), pose), pose)
+    verdict = monitor.filter(0.0, pose, (0, 0), command)
+    assert verdict.action == SLOW
+    assert [abs(v) <= limit + 1e-9 for v, limit in zip(verdict.command, monitor.fastest)] == [True, True]
+    assert verdict.command != (0.0, 0.0)
+    v, _ = monitor.fastest
+    assert v * 0.15 + v * v / (2 * 4.0) == pytest.approx(2.0)
+    assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # odometry that cannot be
+
+
+def test_scale_is_the_largest_safe_one():
+    """Against plain sampling: a scale a little larger is not safe, for random points and commands."""
+    rng = np.random.default_rng(5)
+    planes, brake = half_planes(SETTINGS.body), (4.0, 12.0)
+    scales = []
+    for _ in range(60):
+        points = rng.uniform(-1.2, 1.2, (30, 2))
+        points = points[[penetration(planes, 0.05, x, y) < 0 for x, y in points]]
+        command = (float(rng.uniform(-0.5, 2.0)), float(rng.uniform(-2, 2)))
+        scale, free = safe_scale(points, planes, 0.03, (0.0, 0.0), command, 0.15, brake)
+        assert free
+        scales.append(scale)
+        scaled = (scale * command[0], scale * command[1])
+        assert safe_scale(points, planes, 0.03, (0.0, 0.0), scaled, 0.15, brake)[0] == 1.0
+        more = (min(1.0, scale + 0.05) * command[0], min(1.0, scale + 0.05) * command[1])
+        assert scale == 1.0 or safe_scale(points, planes, 0.03, (0.0, 0.0), more, 0.15, brake)[0] < 1.0
+    assert 0 < sum(scale < 1.0 for scale in scales) < 60
+
+
+def test_settings_are_checked():
+    with pytest.raises(ValueError, match="deceleration is 0"):
+        replace(SETTINGS, deceleration=0.0)
+    with pytest.raises(ValueError, match="three"):
+        CollisionMonitor(replace(SETTINGS, body=((0, 0), (1, 1))))
+
+
+@pytest.mark.parametrize("world", ["generated:3", "generated:120", "generated:299"])
+def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
+    """Full speed straight ahead through a course: with the monitor the Jackal stands before the first obstacle."""
+    pytest.importorskip("gymnasium")
+    import sim_bridge
+    import worlds
+    from training.env.episode import Episode
+
+    class Mad(MoveBase):
+        def step(self, *arguments):
+            cycle = super().step(*arguments)
+            cycle.command = (2.0, 0.0)
+            return cycle
+
+    touched = {}
+    for monitor in (False, True):
+        episode = Episode(sim_bridge.make("kinematic"), Mad(JACKAL.parameters()), limit=5, monitor=monitor)
+        outcome = episode.reset(worlds.load(world), 0)
+        while not outcome.over:
+            outcome = episode.decide(episode.space.theta0)
+        touched[monitor] = outcome.collided
+    assert touched == {False: True, True: False}
+
+
+def test_an_episode_has_the_robots_monitor_or_the_one_that_it_is_given():
+    pytest.importorskip("gymnasium")
+    from training.env.episode import Episode
+
+    own, husky = CollisionMonitor(replace(SETTINGS, margin=0.2)), load("husky")
+    monitors = [
+        Episode(None, MoveBase(husky.parameters()), husky, monitor=given).monitor for given in (True, own, False)
+    ]
+    assert monitors[0].settings == MonitorSettings.of(husky)
+    assert monitors[1:] == [own, None]

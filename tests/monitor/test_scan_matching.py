@@ -1,0 +1,135 @@
+"""The collision monitor's scan matching: the robot's true motion is found where the odometry has slipped."""
+
+import math
+
+import numpy as np
+
+from applr_ros1.common.angles import compose, inverse
+from applr_ros1.monitor.monitor import PASS, CollisionMonitor
+from applr_ros1.monitor.scan_matching import ScanMatcher
+from applr_ros1.planner.costmap.scan import LaserScan
+from tests.support.seeds import seeds
+
+BEAMS, ANGLE = 720, 2.35619
+NO_WALLS, NO_DISCS = np.zeros((0, 4)), np.zeros((0, 3))
+
+
+def ranges_from(pose, discs, walls, noise):
+    """A scan (BEAMS,) [m] at pose (x, y, yaw) of discs (x, y, radius) and walls (x0, y0, x1, y1)."""
+    angles = pose[2] + np.linspace(-ANGLE, ANGLE, BEAMS)
+    ux, uy = np.cos(angles), np.sin(angles)
+    found = np.full(BEAMS, np.inf)
+    for x, y, radius in discs:
+        along = (x - pose[0]) * ux + (y - pose[1]) * uy
+        aside = (x - pose[0]) * uy - (y - pose[1]) * ux
+        hit = (np.abs(aside) < radius) & (along > 0)
+        found[hit] = np.minimum(found[hit], along[hit] - np.sqrt(radius**2 - aside[hit] ** 2))
+    for x0, y0, x1, y1 in walls:
+        dx, dy = x1 - x0, y1 - y0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            across = ux * dy - uy * dx
+            distance = ((x0 - pose[0]) * dy - (y0 - pose[1]) * dx) / across
+            share = ((x0 - pose[0]) * uy - (y0 - pose[1]) * ux) / across
+        hit = (distance > 0) & (share >= 0) & (share <= 1)
+        found[hit] = np.minimum(found[hit], distance[hit])
+    return (found + noise).astype(np.float32)
+
+
+def scan(true, odometry, stamp, rng, discs=NO_DISCS, walls=NO_WALLS):
+    """What a robot at pose `true` measures, stated where the odometry believes to be; the laser is in its middle."""
+    ranges = ranges_from(true, discs, walls, rng.normal(0.0, 0.003, BEAMS))
+    return LaserScan(stamp, -ANGLE, 2 * ANGLE / (BEAMS - 1), 0.1, 30.0, ranges, odometry)
+
+
+def pillars(rng, count=60):
+    places = rng.uniform(-4.0, 4.0, (count, 2))
+    places = places[np.hypot(*places.T) > 0.7]
+    return np.column_stack((places, np.full(len(places), 0.075)))
+
+
+@seeds(5)
+def test_slip_and_wrong_headings_of_a_drive_are_found(seed):
+    """Every tenth step the wheels slip by up to 8 cm; the headings are off by .003 rad. At the end it is there."""
+    rng = np.random.default_rng(seed)
+    discs, matcher = pillars(rng), ScanMatcher()
+    true, slipped = (0.0, 0.0, 0.0), 0.0
+    believed = true
+    for step in range(80):
+        move = (0.03 * math.cos(0.05 * step), 0.0, 0.04 * math.sin(0.11 * step))
+        slip = float(rng.uniform(-0.08, 0.08)) if step % 10 == 5 else 0.0
+        slipped += slip
+        true = compose(true, (move[0] + slip, move[1], move[2]))
+        believed = compose(believed, move)
+        stated = (*believed[:2], believed[2] + float(rng.normal(0.0, 0.003)))
+        matcher.see(scan(true, stated, 0.05 * step, rng, discs))
+        x, y, yaw = compose(inverse(true), matcher.corrected(stated))
+        assert math.hypot(x, y) < 0.015
+        assert abs(yaw) < 0.01
+    assert math.hypot(believed[0] - true[0], believed[1] - true[1]) > 0.015
+
+
+@seeds(5)
+def test_a_base_that_slides_on_while_its_wheels_turn_backwards_is_followed(seed):
+    """It brakes from 2 m/s at 4.8 m/s^2 between rows of posts 15 cm apart, which look alike every 15 cm."""
+    rng = np.random.default_rng(seed)
+    rows = [(0.15 * i, side, 0.075) for side in (-0.9, 0.9) for i in range(-10, 50) if rng.random() < 0.8]
+    discs, matcher = np.array([*rows, (3.2, 0.3, 0.075), (4.0, -0.4, 0.075)]), ScanMatcher()
+    true = believed = (0.0, 0.0, 0.0)
+    ahead, errors = 0.1, []
+    for step in range(22):
+        sliding = step >= 12
+        ahead = max(0.0, ahead - 0.012) if sliding else ahead
+        true = compose(true, (ahead, 0.0, 0.0))
+        believed = compose(believed, (-0.025 if sliding else ahead, 0.0, 0.0))
+        matcher.see(scan(true, believed, 0.05 * step, rng, discs))
+        x, y, _ = compose(inverse(true), matcher.corrected(believed))
+        errors.append(math.hypot(x, y))
+    assert max(errors) < 0.02
+    assert believed[0] < true[0] - 0.5
+
+
+def test_along_a_bare_corridor_the_odometry_stands():
+    rng, matcher = np.random.default_rng(0), ScanMatcher()
+    walls = np.array([[-40.0, 1.0, 40.0, 1.0], [-40.0, -1.0, 40.0, -1.0]])
+    for step in range(40):
+        true = (0.05 * step, 0.02 * math.sin(step), 0.0)
+        matcher.see(scan(true, (true[0], 0.0, 0.0), 0.05 * step, rng, walls=walls))
+        x, y, _ = matcher.corrected((true[0], 0.0, 0.0))
+        assert abs(y - true[1]) < 0.01
+        assert abs(x - true[0]) < 0.05
+
+
+def test_a_person_who_walks_past_does_not_carry_the_robot_along():
+    rng, matcher = np.random.default_rng(1), ScanMatcher()
+    discs, pose = pillars(rng, 20), (0.0, 0.0, 0.0)
+    for step in range(60):
+        person = np.array([[1.0, -1.5 + 0.05 * step, 0.25]])
+        matcher.see(scan(pose, pose, 0.05 * step, rng, np.vstack((discs, person))))
+        assert np.hypot(*matcher.corrected(pose)[:2]) < 0.01
+
+
+def test_a_scene_that_has_changed_altogether_is_not_believed():
+    """Someone carried the robot, or it is another scan: the pose stays the odometry's, and the next scan fits again."""
+    rng, matcher = np.random.default_rng(2), ScanMatcher()
+    pose, first, second = (0.0, 0.0, 0.0), pillars(rng), np.array([[-2.0, -0.5, 2.0, -0.9], [1.5, -2.0, 1.2, 3.0]])
+    assert not matcher.see(scan(pose, pose, 0.0, rng, first))
+    assert matcher.see(scan(pose, pose, 0.1, rng, first))
+    assert not matcher.see(scan(pose, pose, 0.2, rng, walls=second))
+    assert np.allclose(matcher.corrected(pose), pose, atol=0.002)
+    assert matcher.see(scan(pose, pose, 0.3, rng, walls=second))
+
+
+def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels_believe_it_to_be():
+    """What it saw behind leaves room to back out, until the wheels lock and it slides back by 9 cm unnoticed."""
+    rng = np.random.default_rng(3)
+    discs = np.array([(-0.65, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)] + [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
+    verdicts = []
+    for slide in (0.0, 0.09):
+        monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
+        monitor.see(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs), (0, 0, math.pi))
+        monitor.see(scan(pose, pose, 0.1, rng, discs), pose)
+        monitor.see(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs), (-0.20, 0, 0))
+        monitor.see(scan((-0.20 - slide, 0, 0), (-0.20, 0, 0), 0.3, rng, discs), (-0.20, 0, 0))
+        verdicts.append(monitor.filter(0.3, (-0.20, 0, 0), (0, 0), (-0.5, 0.0)))
+    assert verdicts[0].action == PASS
+    assert -0.4 < verdicts[1].command[0] < 0.0

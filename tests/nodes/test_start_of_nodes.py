@@ -1,0 +1,153 @@
+"""Nodes that are started without a ROS master or with words that are no parameters, or stopped at once, say so in one
+line."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tests.support import ros_harness
+
+pytest.importorskip("rospy")
+NODES = (
+    "applr",
+    "collision_monitor",
+    "move_base",
+    "parameter_panel",
+    "send_goal",
+    "sim_bridge",
+    "teleop",
+    "velocity",
+)
+SCRIPTS = ros_harness.ROOT / "applr_ros1" / "scripts"
+
+
+def start(*arguments):
+    paths = [str(ros_harness.ROOT), str(ros_harness.GENERATED), os.environ.get("PYTHONPATH", "")]
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        env=dict(
+            os.environ,
+            ROS_MASTER_URI="http://localhost:%d" % ros_harness.free_port(),
+            PYTHONPATH=os.pathsep.join(paths).rstrip(os.pathsep),
+        ),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_without_a_master(name):
+    process = start(str(SCRIPTS / (name + ".py")))
+    _, text = process.communicate(timeout=30)
+    assert process.returncode == 1, text
+    assert len(text.splitlines()) == 1, text
+    assert text.startswith(name + ": no ROS master at http://localhost:")
+    assert "roscore" in text
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_words_that_are_no_parameters_start_nothing(name):
+    """`send_goal.py 1 0 0` would send the robot somewhere else, and so would `send_goal.py --help`."""
+    wrong, helped = (
+        start(str(SCRIPTS / (name + ".py")), "1", "0", "0", "_a:=b"),
+        start(str(SCRIPTS / (name + ".py")), "-h"),
+    )
+    _, text = wrong.communicate(timeout=30)
+    assert wrong.returncode == 1, text
+    assert len(text.splitlines()) == 1, text
+    assert text.startswith(name + ": 1 0 0: give parameters as _NAME:=VALUE")
+    told, text = helped.communicate(timeout=30)
+    assert (helped.returncode, text) == (0, "")
+    assert "~robot" in told or "~method" in told or "_input:=" in told
+
+
+@pytest.mark.parametrize("module", ["applr_ros1.nodes.move_base.node", "applr_ros1.nodes.applr.main", "training.train"])
+def test_a_missing_python_package_is_one_line_with_the_remedy(module):
+    begin = "import sys; sys.modules['numba'] = None; from applr_ros1.common.errors import run_script;"
+    process = start("-c", begin + "sys.argv[1:] = ['--help']; run_script('%s')" % module)
+    _, text = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert len(text.splitlines()) == 1, text
+    assert "numba" in text
+    assert "./applr packages" in text
+
+
+class Searching:
+    """A reconfigure client that never finds the servers; `starting`: whether a move_base is registered."""
+
+    connected = False
+
+    def __init__(self, starting):
+        self.starting, self.searches = starting, 0
+
+    def connect(self):
+        self.searches += 1
+        return "no parameter server"
+
+    def is_move_base_starting(self):
+        return self.starting
+
+
+@pytest.mark.parametrize("starting", [True, False])
+def test_a_move_base_that_is_still_starting_is_no_trouble(monkeypatch, starting):
+    from applr_ros1.nodes.applr import reconfigure_worker
+
+    monkeypatch.setattr(reconfigure_worker, "RETRY", 1e-4)
+    client, troubles = Searching(starting), []
+    worker = reconfigure_worker.ReconfigureWorker(client, troubles.append, troubles.append)
+    worker.start()
+    ros_harness.wait_for(lambda: client.searches >= 30, 10.0, "searches")
+    if starting:
+        assert not troubles or client.searches >= reconfigure_worker.STARTING
+        ros_harness.wait_for(
+            lambda: client.searches > reconfigure_worker.STARTING and troubles, 10.0, "the line at last"
+        )
+    worker.stop()
+    assert set(troubles) == {"no parameter server"}
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.2, 0.5])
+def test_ctrl_c_during_the_import(delay):
+    begin = (
+        "import sys\n"
+        "from applr_ros1.common.errors import run_script\n"
+        "class Begun:  # says when the import begins\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'training': print('begun', flush=True)\n"
+        "sys.meta_path.insert(0, Begun())\n"
+        "sys.argv[1:] = ['--help']\n"
+    )
+    process = start("-c", begin + "run_script('training.train')")
+    assert process.stdout.readline() == "begun\n"
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
+    _, text = process.communicate(timeout=30)
+    assert "Traceback" not in text, text
+    assert len(text.splitlines()) <= 1, text
+
+
+HANGS = """
+import threading, rospy
+from applr_ros1.common import ros_node
+ros_node.LONGEST = 0.5
+ros_node.init_node("hangs")
+rospy.on_shutdown(lambda: threading.Event().wait())
+print("ready", flush=True)
+rospy.spin()
+"""
+
+
+def test_a_node_that_hangs_while_it_shuts_down_ends_itself_and_says_where():
+    with ros_harness.RosMaster() as master:
+        child = master.python("-c", HANGS)
+        ros_harness.wait_for(lambda: "ready" in child.text, 20.0, "the node")
+        os.kill(child.pid, signal.SIGINT)
+        assert child.process.wait(10.0) == 1
+        assert 'File "<string>", line 6 in <lambda>' in child.text

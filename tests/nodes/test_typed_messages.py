@@ -1,0 +1,115 @@
+"""Messages of this package: what the applr node publishes, and what a bag's reader makes of it."""
+
+import math
+import xml.etree.ElementTree as xml
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rosbag
+import rospy
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+
+from applr_ros1.nodes.applr import topics as applr_topics
+from applr_ros1.nodes.applr.inputs import Snapshot
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from tests.support import ROOT
+from training.bags.reader import read
+
+
+@pytest.fixture
+def published(monkeypatch):
+    """What a ApplrTopics publishes, as (topic, message)."""
+    messages = []
+
+    def publisher(topic, kind, **_):
+        return SimpleNamespace(publish=lambda message: messages.append((topic, as_message(kind, message))))
+
+    def as_message(kind, message):
+        return message if isinstance(message, kind) else kind(message)
+
+    monkeypatch.setattr(rospy, "Publisher", publisher)
+    monkeypatch.setattr(rospy, "get_namespace", lambda: "/")
+    return messages
+
+
+def decide(topics, number, theta, refused=""):
+    now = rospy.Time(100 + number, 5)
+    stamps = [rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3)]
+    ranges = np.full(720, 2.0, np.float32)
+    seen = Snapshot(ranges, (1.0, 2.0, 0.5), np.zeros((2, 2)), "odom", *stamps)
+    observation = np.linspace(0.0, 1.0, 729, dtype=np.float32) + np.float32(number)
+    topics.decision(number, now, "goal 7", seen, (1.5, -0.25), observation, THETA_0, theta, refused)
+    return now
+
+
+def written(path, messages):
+    with rosbag.Bag(str(path), "w") as bag:
+        for second in (100, 101, 102, 103):
+            for topic, message in (("/front/scan", LaserScan(ranges=[1.0])), ("/odometry/filtered", Odometry())):
+                message.header.stamp, message.header.frame_id = rospy.Time(second, 1), "odom"
+                bag.write(topic, message, rospy.Time(second, 1))
+        for i, (topic, message) in enumerate(messages):
+            bag.write("/" + topic, message, rospy.Time(104, i))
+    return read(path)
+
+
+def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
+    topics = applr_topics.ApplrTopics()
+    theta = SPACE.clip(np.linspace(0.4, 1.9, 8))
+    decide(topics, 1, theta)
+    decide(topics, 2, None, "not finite")
+    recording = written(tmp_path / "a.bag", published)
+    decisions = [{key: value for key, value in d.items() if key != "at"} for d in recording.decisions]
+    assert decisions == [
+        {
+            "number": number,
+            "goal": "goal 7",
+            "stamp": (100 + number) * 10**9 + 5,
+            "scan": (100 + number) * 10**9 + 1,
+            "odometry": (100 + number) * 10**9 + 2,
+            "plan": (100 + number) * 10**9 + 3,
+            "theta_prev": SPACE.as_dict(THETA_0),
+            "theta": chosen,
+        }
+        for number, chosen in ((1, SPACE.as_dict(theta)), (2, None))
+    ]
+    for number in (1, 2):
+        ((_, observation),) = recording.observations[number]
+        assert observation.dtype == np.float32
+        assert np.array_equal(observation, np.linspace(0, 1, 729, dtype=np.float32) + np.float32(number))
+
+
+def test_what_the_planner_got_multiplied_is_read_as_the_set_that_it_means(published, tmp_path):
+    multipliers = np.where(np.arange(8) == 5, 2.5, 1.0)
+    topics = applr_topics.ApplrTopics()
+    topics.parameters(THETA_0, rospy.Time(100), multipliers)
+    decide(topics, 1, THETA_0)  # without one, the bag lacks updates of the costmaps
+    config = Config(doubles=[DoubleParameter(name, 0.5) for name in ("path_distance_bias", "goal_distance_bias")])
+    for target in SPACE.targets.values():
+        config.doubles += [DoubleParameter(t.names[0], 1.0) for t in target if "bias" not in t.names[0]]
+    update = ("move_base/TrajectoryPlannerROS/parameter_updates", config)
+    recording = written(tmp_path / "a.bag", [*published, update])
+    assert recording.multipliers == {SPACE.names[5]: 2.5}
+    ((_, values),) = recording.parameters["TrajectoryPlannerROS"]
+    assert (values["path_distance_bias"], values["goal_distance_bias"]) == (0.2, 0.5)
+
+
+def test_fields_of_the_parameters_are_named_for_plotting():
+    message = applr_topics.parameters_message(np.arange(8.0), rospy.Time(3))
+    assert message.names == list(SPACE.names)
+    assert message.values == list(range(8))
+    assert (message.max_vel_x, message.path_distance_bias, message.goal_distance_bias) == (0.0, 5.0, 6.0)
+    assert message.inflation_radius == 7.0
+    assert message.header.stamp == rospy.Time(3)
+    empty = applr_topics.parameters_message(None, rospy.Time(3))
+    assert empty.names == []
+    assert math.isnan(empty.max_vel_x)
+
+
+def test_packages_that_build_upon_the_messages_get_what_these_need():
+    package = xml.parse(ROOT / "package.xml").getroot()
+    exported = {node.text for node in package if node.tag in ("depend", "build_export_depend")}
+    assert {"std_msgs", "message_runtime"} <= exported

@@ -1,0 +1,166 @@
+"""The robot's outline: parsing, padding, radii, its cost on a map and the cells it fills, against plain versions."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.costmap import footprint as footprints
+from applr_ros1.planner.costmap.grid import world_to_map
+from tests.support.plain_maps import line_cells
+
+JACKAL = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
+coordinate = st.floats(-0.6, 0.6).map(lambda v: round(v, 3))
+polygons = st.lists(st.tuples(coordinate, coordinate), min_size=0, max_size=7).map(
+    lambda points: np.array(points, dtype=np.float64).reshape(-1, 2)
+)
+
+
+def test_jackals_footprint():
+    padded = footprints.pad(footprints.parse(JACKAL), 0.1)
+    assert footprints.radii(padded) == (pytest.approx(0.265), pytest.approx(0.408, abs=1e-3))
+    np.testing.assert_allclose(padded.max(axis=0) - padded.min(axis=0), (0.62, 0.53))
+
+
+def test_parse_reads_values_as_the_cpp_node_does():
+    assert footprints.parse("[[0.1234567, 1], [2, 3], [4, 5]]")[0, 0] == float(np.float32(0.123457))
+    assert footprints.parse([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])[2, 1] == float(np.float32(0.6))
+    assert footprints.parse("[]").shape == footprints.parse("").shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[[0,0],[1,1]]",
+        "[[0,0],[1,1],[2]]",
+        "[[0,0],[1,1],[2,'a']]",
+        "__import__('os')",
+        "[[",
+        "[1,2,3]",
+        "[[0,0,0],[1,1,1],[2,2,2]]",
+        "[[0,0],[1,1],[2,1e999]]",
+        "7",
+        "(" * 500,
+    ],
+)
+def test_parse_refuses_in_one_line(text):
+    with pytest.raises(ApplrError) as refusal:
+        footprints.parse(text)
+    assert "footprint" in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_padding_leaves_zero_alone():
+    np.testing.assert_array_equal(footprints.pad([[0.0, 0.2], [-0.1, 0.0]], 0.05), [[0.0, 0.25], [-0.1 - 0.05, 0.0]])
+
+
+def test_radii_of_few_points_and_of_a_zero_length_edge():
+    huge = np.finfo(np.float64).max
+    assert footprints.radii(np.zeros((0, 2))) == footprints.radii([[1.0, 1.0], [2.0, 2.0]]) == (huge, 0.0)
+    square = [[1, 1], [1, 1], [-1, 1], [-1, -1], [1, -1]]
+    assert footprints.radii(square) == (1.0, math.sqrt(2))
+    assert len(footprints.circle(0.46)) == 16
+    assert footprints.radii(footprints.circle(0.46))[1] == pytest.approx(0.46)
+
+
+@given(polygons, st.floats(-3, 3), st.floats(-2, 2), st.floats(-7, 7))
+@settings(max_examples=100, deadline=None)
+def test_transform_keeps_distances(vertices, x, y, yaw):
+    placed = footprints.transform(vertices, x, y, yaw)
+    np.testing.assert_allclose(np.hypot(*(placed - (x, y)).T), np.hypot(*vertices.T), atol=1e-12)
+
+
+def corners_of(vertices, pose, shape, origin, resolution):
+    placed = footprints.transform(vertices, *pose).tolist()
+    cells = [world_to_map(x, y, *origin, resolution, shape[1], shape[0]) for x, y in placed]
+    return [None if cell[0] < 0 else cell for cell in cells]
+
+
+def plain_cost(cells, origin, resolution, vertices, pose):
+    """The footprint's cost as docs/planner.md, section 2.4 states it."""
+    cx, cy = world_to_map(pose[0], pose[1], *origin, resolution, cells.shape[1], cells.shape[0])
+    if cx < 0:
+        return -3
+    if len(vertices) < 3:
+        cost = int(cells[cy, cx])
+        return -2 if cost == 255 else -1 if cost >= 253 else cost
+    corners, worst = corners_of(vertices, pose, cells.shape, origin, resolution), 0
+    for i, corner in enumerate(corners):
+        following = corners[(i + 1) % len(corners)]
+        if corner is None or following is None:
+            return -3
+        for x, y in line_cells(*corner, *following).tolist():
+            cost = int(cells[y, x])
+            if cost >= 254:
+                return -2 if cost == 255 else -1
+            worst = max(worst, cost)
+    return worst
+
+
+def plain_fill(shape, origin, resolution, vertices, pose):
+    """The filled footprint as docs/planner.md, section 2.5 states it: the set of cells (x, y)."""
+    if len(vertices) <= 1:
+        cell = world_to_map(pose[0], pose[1], *origin, resolution, shape[1], shape[0])
+        return {cell} if cell[0] >= 0 else set()
+    corners, cells = corners_of(vertices, pose, shape, origin, resolution), []
+    for i, corner in enumerate(corners):
+        following = corners[(i + 1) % len(corners)]
+        if corner is None or following is None:
+            return set(cells)
+        cells += map(tuple, line_cells(*corner, *following).tolist())
+    for column in {x for x, _ in cells}:
+        rows = [y for x, y in cells if x == column]
+        cells += [(column, y) for y in range(min(rows), max(rows))]
+    return set(cells)
+
+
+@given(polygons, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-4, 4), st.integers(0, 2**32 - 1))
+@settings(max_examples=200, deadline=None)
+def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(0, 254, (34, 44)).astype(np.uint8)
+    cells[rng.random(cells.shape) < 0.01] = 254
+    cells[rng.random(cells.shape) < 0.01] = 255
+    origin, resolution, pose = (-1.1, -0.85), 0.05, (x, y, yaw)
+    assert footprints.footprint_cost(cells, *origin, resolution, vertices, *pose) == plain_cost(
+        cells, origin, resolution, vertices, pose
+    )
+    for whole in (False, True):
+        grid = np.zeros_like(cells)
+        done = footprints.fill_footprint(grid, 1, *origin, resolution, vertices, *pose, whole)
+        expected = plain_fill(cells.shape, origin, resolution, vertices, pose)
+        if whole and (len(vertices) < 3 or None in corners_of(vertices, pose, cells.shape, origin, resolution)):
+            assert not done
+            expected = set()
+        assert {(int(cx), int(cy)) for cy, cx in np.argwhere(grid)} == expected
+
+
+def test_first_failing_edge_decides():
+    cells = np.zeros((40, 40), np.uint8)
+    square = np.array([[-0.4, -0.4], [0.4, -0.4], [0.4, 0.4], [-0.4, 0.4]])
+    at = (0.525, 1.025, 0.0)  # its edge 0 runs along row 12, from column 2 to 18
+    cells[12, 10] = 254  # under edge 0
+    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == footprints.ON_LETHAL
+    cells[12, 9] = 255  # the outline meets it earlier
+    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == footprints.ON_UNKNOWN
+    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, 0.3, 1.025, 0.0) == footprints.OFF_MAP
+    cells[:] = 253
+    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == 253.0
+    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square[:2], *at) == footprints.ON_LETHAL
+
+
+@given(*[st.integers(0, 30)] * 4)
+@settings(max_examples=200, deadline=None)
+def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
+    line = line_cells(x0, y0, x1, y1)
+    assert tuple(line[0]) == (x0, y0)
+    assert tuple(line[-1]) == (x1, y1)
+    assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1
+    assert (np.abs(np.diff(line, axis=0)).max(axis=1) == 1).all()
+
+
+def test_the_way_back_is_another_line():
+    assert line_cells(0, 0, 1, 2).tolist() != line_cells(1, 2, 0, 0)[::-1].tolist()

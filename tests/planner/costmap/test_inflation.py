@@ -1,0 +1,190 @@
+"""The inflation layer: costs, bounds and windows by hand; spreading and repairing against the plain queue."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from applr_ros1.planner.costmap import brushfire
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import LARGEST_F32, InflationLayer, InflationParameters, cost_at
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from tests.support import map_scenes, plain_maps
+
+RADII = (0.0, 0.04, 0.1, 0.25, 0.28, 0.3, 0.6, 1.3)
+
+
+def make(nx, ny, parameters, inscribed=0.265, resolution=0.05):
+    layer = InflationLayer(nx, ny, resolution, parameters)
+    layer.set_inscribed_radius(inscribed)
+    return layer
+
+
+def blank(nx, ny, value=0):
+    return np.full((ny, nx), value, np.uint8)
+
+
+def test_cost_of_a_distance():
+    assert [cost_at(d, 0.05, 0.265, 10.0) for d in (0, 1, 5.3)] == [254, 253, 253]
+    assert cost_at(6, 0.05, 0.265, 10.0) == int(252 * math.exp(-10.0 * (6 * 0.05 - 0.265))) == 177
+
+
+def test_reach_is_whole_cells_not_metres():
+    for radius, reach in ((0.0, 0), (0.25, 5), (0.28, 6), (0.30, 6)):
+        layer = make(40, 40, InflationParameters(radius))
+        assert layer.reach == reach
+        master, base = blank(40, 40), blank(40, 40)
+        base[20, 20] = 254
+        layer.update(master, base, (0, 0, 40, 40))
+        assert np.count_nonzero(master[20]) == (2 * reach + 1 if reach else 1)
+
+
+def test_without_a_radius_nothing_is_written():
+    master, base = blank(9, 9), blank(9, 9)
+    base[4, 4] = 254
+    make(9, 9, InflationParameters(0.0)).update(master, base, (0, 0, 9, 9))
+    np.testing.assert_array_equal(master, base)
+
+
+def test_fewer_than_three_points_make_all_within_reach_inscribed():
+    costmap = Costmap(2.025, 2.025, 0.05, footprint=[[0.1, 0.1]], inflation=InflationParameters(0.2))
+    cells = blank(40, 40)
+    cells[20, 20] = 254
+    costmap.paint(cells)
+    assert set(np.unique(costmap.cells)) == {0, 253, 254}
+
+
+def test_bounds():
+    layer = make(40, 40, InflationParameters(0.3))
+    everything = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
+    assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything  # the footprint was set
+    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) == (1.0 - 0.3, 0.5 - 0.3, 3.0 + 0.3, 2.0 + 0.3)
+    same = layer.parameters
+    layer.configure(replace(same))
+    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) != everything  # the same values again do nothing
+    for change in (dict(inflation_radius=0.4), dict(cost_scaling_factor=3.0), dict(inflate_unknown=True)):
+        layer.configure(replace(layer.parameters, **change))
+        assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything
+        assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) != everything
+    layer.configure(replace(layer.parameters, enabled=False))
+    layer.reset()
+    assert not layer.full_pass_due
+
+
+def test_outside_the_window_costs_are_raised_and_never_lowered():
+    layer, master, base = make(60, 60, InflationParameters(0.3)), blank(60, 60), blank(60, 60)
+    base[30, 30] = 254
+    layer.update(master, base, (0, 0, 60, 60))
+    whole = master.copy()
+    np.copyto(base, master)
+    base[25:36, 30:] = 0  # the window is reset, the obstacle gone
+    layer.update(master, base, (30, 25, 60, 36))
+    np.testing.assert_array_equal(master[:, :30], whole[:, :30])
+    assert not master[25:36, 30:].any()
+    base = master.copy()
+    base[28, 40] = 254  # an obstacle outside the window, but within reach of it
+    layer.update(master, base, (45, 25, 60, 36))
+    assert master[28, 36] > 0
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(RADII),
+    st.sampled_from((0.0, 3.0, 10.0, 100.0)),
+    st.booleans(),
+    st.sampled_from((0.0, 0.165, 0.265, 0.5)),
+)
+@settings(max_examples=60, deadline=None)
+def test_a_painted_map_is_the_plain_one(seed, radius, weight, inflate_unknown, inscribed):
+    rng = np.random.default_rng(seed)
+    ny, nx = rng.integers(3, 60, 2)
+    cells = np.where(map_scenes.cellular(rng, ny, nx, rng.uniform(0, 0.5)), 254, 0).astype(np.uint8)
+    cells[rng.random(cells.shape) < rng.choice((0.0, 0.1))] = 255
+    cells[rng.random(cells.shape) < rng.choice((0.0, 0.1))] = rng.integers(1, 254)
+    layer = make(nx, ny, InflationParameters(radius, weight, True, inflate_unknown), inscribed)
+    master = blank(nx, ny)
+    layer.update(master, cells, (0, 0, nx, ny))
+    plain_maps.inflate(cells, 0, 0, nx, ny, radius, 0.05, weight, inscribed, inflate_unknown)
+    np.testing.assert_array_equal(master, cells)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
+@settings(max_examples=40, deadline=None)
+def test_repairs_equal_spreading_anew(seed, radius, fill):
+    """Obstacles come and go, windows move: every map is the one that C++ makes from nothing each time."""
+    rng = np.random.default_rng(seed)
+    nx, ny = 50, 44
+    layer = make(nx, ny, InflationParameters(radius, 3.0))
+    master, plain = blank(nx, ny), blank(nx, ny)
+    obstacles = rng.random((ny, nx)) < fill
+    for _ in range(8):
+        obstacles ^= rng.random((ny, nx)) < rng.choice((0.0, 0.002, 0.02))
+        x0, y0 = rng.integers(0, 30, 2)
+        xn, yn = x0 + rng.integers(1, 20), y0 + rng.integers(1, 14)
+        if rng.random() < 0.3:
+            x0, y0, xn, yn = 0, 0, nx, ny
+        plain[y0:yn, x0:xn] = np.where(obstacles, 254, 0)[y0:yn, x0:xn]
+        base = master.copy()
+        base[y0:yn, x0:xn] = plain[y0:yn, x0:xn]
+        before = master.copy()
+        changed = layer.update(master, base, (x0, y0, xn, yn))
+        plain_maps.inflate(plain, x0, y0, xn, yn, radius, 0.05, 3.0, 0.265, False)
+        np.testing.assert_array_equal(master, plain)
+        assert_within(before != master, changed)
+
+
+def assert_within(differs, rect):
+    """Every difference lies in the rectangle, and the rectangle is no larger than they need."""
+    ys, xs = np.nonzero(differs)
+    if len(ys) == 0:
+        assert rect is None
+    elif rect is not None:
+        assert rect[0] <= xs.min()
+        assert rect[1] <= ys.min()
+        assert xs.max() < rect[2]
+        assert ys.max() < rect[3]
+    else:
+        pytest.fail("changes were not reported")
+
+
+def test_short_queues_are_survived():
+    """Many obstacles at once: the queue grows, or the spread begins anew."""
+    rng = np.random.default_rng(3)
+    layer, plain = make(300, 300, InflationParameters(0.3, 3.0)), blank(300, 300)
+    layer._queue, layer._lost = np.empty((4, 300), np.int32), np.empty(1000, np.int64)
+    master = blank(300, 300)
+    for fill in (0.02, 0.1, 0.0, 0.05):
+        plain[:] = np.where(rng.random(plain.shape) < fill, 254, 0)
+        layer.update(master, plain.copy(), (0, 0, 300, 300))
+        plain_maps.inflate(plain, 0, 0, 300, 300, 0.3, 0.05, 3.0, 0.265, False)
+        np.testing.assert_array_equal(master, plain)
+
+
+def test_levels_fit_their_type():
+    step_level, distances = brushfire.tables(brushfire.MAX_REACH)
+    assert brushfire.SEED < step_level.max() == len(distances) < brushfire.NONE
+    assert (2 * brushfire.MAX_REACH + 1) ** 2 <= brushfire.CODE + 1
+
+
+def test_a_disabled_layer_leaves_old_costs_until_the_window_passes():
+    costmap = Costmap(
+        2.025,
+        2.025,
+        0.05,
+        footprint=map_scenes.JACKAL,
+        inflation=InflationParameters(0.3),
+        obstacles=ObstacleParameters(footprint_clearing_enabled=False),
+    )
+    costmap.obstacles.cells[20, 20] = 254
+    costmap.update((1.0, 1.0, 0.0))
+    assert costmap.cells[20, 24] == 253
+    costmap.configure(costmap.inflation.name, enabled=False)
+    costmap.update((1.0, 1.0, 0.0))  # no bounds: nothing happens
+    assert costmap.window is None
+    assert costmap.cells[20, 24] == 253
+    costmap.configure(costmap.obstacles.name, footprint_clearing_enabled=True)
+    costmap.update((1.0, 1.0, 0.0))
+    assert costmap.cells[20, 24] == 0

@@ -1,0 +1,225 @@
+"""The DWA planner: its short cuts choose what scoring every sample chooses; parameters, memory, single velocities."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner.dwa.planner import DWAPlanner
+from applr_ros1.planner.dwa.velocities import spread
+from applr_ros1.planner.parameters.parameter import ParameterError
+from tests.planner.trajectory.test_trajectory_planner import (
+    FEET,
+    JACKAL_FOOT,
+    give_room,
+    random_map,
+    random_plan,
+    random_pose,
+)
+
+BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
+BURGER = dict(
+    max_vel_trans=0.22,
+    min_vel_trans=0.11,
+    max_vel_x=0.22,
+    min_vel_x=-0.22,
+    max_vel_y=0.0,
+    min_vel_y=0.0,
+    max_vel_theta=2.75,
+    min_vel_theta=1.37,
+    acc_lim_x=2.5,
+    acc_lim_y=0.0,
+    acc_lim_theta=3.2,
+    sim_time=1.5,
+    sim_granularity=0.025,
+    angular_sim_granularity=0.1,
+    path_distance_bias=32.0,
+    goal_distance_bias=20.0,
+    occdist_scale=0.02,
+    twirling_scale=0.0,
+    oscillation_reset_dist=0.05,
+    oscillation_reset_angle=0.2,
+    forward_point_distance=0.325,
+    scaling_speed=0.25,
+    max_scaling_factor=0.2,
+    vx_samples=20,
+    vy_samples=1,
+    vth_samples=40,
+    use_dwa=True,
+)
+
+
+def open_map(nx=60, ny=60, resolution=0.05, foot=BURGER_FOOT):
+    return SimpleNamespace(
+        cells=np.zeros((ny, nx), np.uint8), origin=(-1.5, -1.5), resolution=resolution, footprint=foot
+    )
+
+
+def random_parameters(random):
+    def one(*values):
+        return float(random.choice(values))
+
+    holonomic = random.random() < 0.3
+    fastest = one(0.22, 0.5, 1.0, 2.0)
+    return dict(
+        BURGER,
+        max_vel_trans=fastest * one(1, 1, 0.7, 1.2),
+        min_vel_trans=one(0, 0.05, 0.11),
+        max_vel_x=fastest,
+        min_vel_x=one(0, 0, -0.2, 0.1),
+        max_vel_y=one(0.1, 0.3) if holonomic else 0.0,
+        min_vel_y=one(-0.1, 0.0) if holonomic else 0.0,
+        max_vel_theta=one(0, 0.5, 1.57, 2.75),
+        min_vel_theta=one(0, 0.3, 1.37),
+        acc_lim_x=one(10, 2.5, 0.3, 0),
+        acc_lim_y=one(2.5, 0.3),
+        acc_lim_theta=one(20, 3.2, 0.5),
+        sim_time=one(0.5, 1.5, 2, 4),
+        sim_granularity=one(0.025, 0.1),
+        angular_sim_granularity=one(0.025, 0.1, 0.7),
+        path_distance_bias=one(0, 0.6, 32),
+        goal_distance_bias=one(0, 0.8, 20),
+        occdist_scale=one(0, 0.01, 0.02, 0.1, 1),
+        twirling_scale=one(0, 0, 0.5),
+        forward_point_distance=one(0, 0.1, 0.325, -0.2),
+        scaling_speed=one(0.25, 0),
+        max_scaling_factor=one(0.2, 1),
+        vx_samples=int(random.integers(1, 7)),
+        vy_samples=int(random.integers(1, 4)),
+        vth_samples=int(random.integers(1, 14)),
+        use_dwa=bool(random.random() < 0.8),
+    )
+
+
+def test_chooses_as_scoring_every_sample():
+    """Winner, cost and flags, on random maps, plans, poses, velocities, footprints, parameters and flags."""
+    legal = 0
+    for seed in range(400):
+        random = np.random.default_rng(seed)
+        foot = FEET[random.integers(len(FEET))] if random.random() < 0.3 else (JACKAL_FOOT, BURGER_FOOT)[seed % 2]
+        costmap = random_map(random, foot)
+        pose = random_pose(random, costmap)
+        if random.random() < 0.85:
+            give_room(random, costmap, pose, foot)
+        if random.random() < 0.3:  # far from the origin float32 steps are coarse
+            far = random.choice([-700.0, 40.0, 5000.0])
+            costmap.origin[:] += far
+            pose[:2] += far
+        planner = DWAPlanner(random_parameters(random), 0.1, bool(random.random() < 0.2))
+        flags = [int(v) for v in random.integers(0, 2, 12) * (random.random() < 0.3)]
+        planner.state = flags + (pose + random.normal(0, 0.05, 3)).astype(np.float32).tolist()
+        velocity = (random.choice([0, 0.2, 0.5, -0.1]), random.choice([0, 0, 0.1]), random.uniform(-2, 2))
+        plan = random_plan(random, pose)
+        for _ in range(2):  # the second time with the flags and the older plan of the first
+            before = planner.state
+            choice = planner.find_best_path(costmap, plan, pose, velocity)
+            every = planner.score_all_samples()
+            ranked = np.where(every.costs >= 0, every.costs, np.inf)
+            best = int(np.argmin(ranked))
+            if not np.isfinite(ranked[best]):
+                assert (choice.cost, choice.sample, choice.drive) == (-7.0, -1, (0.0, 0.0, 0.0)), seed
+                assert planner.state == before
+                continue
+            legal += 1
+            assert (choice.cost, choice.sample, choice.count) == (every.costs[best], best, every.counts[best]), seed
+            assert [choice.vx, choice.vy, choice.w] == every.stored[best].tolist(), seed
+            assert choice.points[-1].tolist() == every.ends[best].tolist(), seed
+            assert min(every.shown[every.shown >= 0]) == choice.cost
+    assert legal > 300
+
+
+@pytest.mark.parametrize(
+    ("bottom", "top", "n", "expected"),
+    [
+        (0.25, 0.25, 5, [0.25]),
+        (0.0, 1.0, 1, [0.0, 1.0]),
+        (-1.0, 1.0, 2, [-1.0, 0.0, 1.0]),
+        (-1.0, 1.0, 3, [-1.0, 0.0, 1.0]),
+        (-1.0, 2.0, 3, [-1.0, 0.0, 0.5, 2.0]),
+        (1.0, -1.0, 3, [1.0, 0.0, -1.0]),
+        (0.5, -0.5, 2, [0.5, -0.5]),
+    ],
+)
+def test_values_of_an_axis(bottom, top, n, expected):
+    values = np.zeros(8)
+    assert values[: spread(bottom, top, n, values)].tolist() == expected
+
+
+def test_slow_samples_need_a_fast_turn():
+    planner = DWAPlanner(dict(BURGER, acc_lim_theta=20.0), 0.1)
+    planner.find_best_path(open_map(), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0))
+    every = planner.score_all_samples()
+    slow = np.abs(every.velocities[:, 0]) < 0.11 - 1e-4
+    turning = np.abs(every.velocities[:, 2]) > 1.37
+    assert (slow & ~turning).any()
+    assert (slow & turning).any()
+    assert np.array_equal(every.counts > 0, ~slow | turning)
+
+
+def test_a_barred_direction_is_not_chosen_until_the_robot_has_moved_on():
+    planner = DWAPlanner(BURGER, 0.1)
+    flags = [0] * 15
+    flags[1] = 1  # forward_neg_only
+    for x, v in ((0.0, -1), (0.04, -1), (0.06, -1)):
+        planner.state = flags
+        choice = planner.find_best_path(open_map(), [(0, 0), (1, 0)], (x, 0, 0), (0, 0, 0))
+        assert math.copysign(1, choice.vx) == v
+        assert planner.state[1] == (x <= 0.05)
+
+
+def test_the_nose_must_stay_on_the_map():
+    planner = DWAPlanner(BURGER, 0.1)
+    plan = [(0, 0), (1, 0)]
+    assert planner.find_best_path(open_map(), plan, (1.1, 0, 0.0), (0, 0, 0)).cost >= 0
+    assert planner.find_best_path(open_map(), plan, (1.2, 0, 0.0), (0, 0, 0)).cost == -7
+    assert planner.find_best_path(open_map(), plan, (1.2, 0, 3.1), (0, 0, 0)).cost >= 0
+
+
+def test_a_changed_footprint_counts_at_once():
+    planner, costmap, plan = DWAPlanner(BURGER, 0.1), open_map(), [(0, 0), (1, 0)]
+    costmap.cells[34, 30] = 254  # beside the robot, under the outline of one twice as large
+    assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
+    costmap.footprint = BURGER_FOOT * 2
+    assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
+
+
+def test_weights_follow_the_resolution():
+    planner = DWAPlanner(BURGER, 0.1)
+    for resolution in (0.05, 0.1):
+        planner.find_best_path(open_map(resolution=resolution), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0))
+        assert planner.scales[1:3] == [0.02, resolution * 20.0]
+        assert planner.scales[4] == resolution * 32.0
+
+
+def test_reset_is_a_new_object():
+    costmap, plan = open_map(), [(0, 0), (1, 0.3)]
+    planner = DWAPlanner(BURGER, 0.1)
+    first = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
+    for x in (0.1, 0.2, 0.9):
+        planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
+    planner.reset()
+    planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
+    assert planner.check((0.2, 0, 0))[0] > 1e300  # the grids count as never flooded
+    again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
+    assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sim_granularity": 0.0}, "sim_granularity = 0.0 must be above 0"),
+        ({"occdist_scale": -0.1}, "occdist_scale = -0.1 must be 0 or more"),
+        ({"sim_time": math.nan}, "sim_time = nan is not a finite number"),
+    ],
+)
+def test_useless_parameters_are_refused_and_change_nothing(changes, words):
+    planner = DWAPlanner(BURGER, 0.1)
+    with pytest.raises(ParameterError, match=words):
+        planner.reconfigure(changes)
+    assert planner.find_best_path(open_map(), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0)).cost >= 0
+
+
+def test_a_missing_parameter_is_named():
+    with pytest.raises(ParameterError, match="sim_time is missing"):
+        DWAPlanner({name: value for name, value in BURGER.items() if name != "sim_time"})

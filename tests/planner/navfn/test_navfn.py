@@ -1,0 +1,265 @@
+"""navfn against a plain version in float32 arithmetic: potentials, cost arrays, plans; answers from memory."""
+
+from collections import Counter
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.scan import project
+from applr_ros1.planner.navfn import window
+from applr_ros1.planner.navfn.flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
+from applr_ros1.planner.navfn.navfn import Navfn
+from tests.support import map_scenes
+from tests.support.plain_navfn import plain_plan
+from tests.support.seeds import seeds
+
+RES = 0.05
+
+
+def costmap_of(cells, origin=(0.0, 0.0)):
+    """A costmap with exactly these cells (ny, nx)."""
+    ny, nx = cells.shape
+    made = Costmap((nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0))
+    made.paint(cells)
+    return made
+
+
+def world(rng, ny, nx, kind):
+    """(ny, nx) uint8: "cellular" obstacles with falling costs, or any "arbitrary" bytes."""
+    if kind == "arbitrary":
+        cells = rng.integers(0, 256, (ny, nx)).astype(np.uint8)
+        cells[rng.random((ny, nx)) < 0.6] = 0
+        return cells
+    obstacles = map_scenes.cellular(rng, ny, nx, rng.uniform(0.1, 0.5))
+    made = Costmap(
+        (nx + 0.5) * RES,
+        (ny + 0.5) * RES,
+        RES,
+        footprint=map_scenes.JACKAL,
+        inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0),
+    )
+    made.inflation.set_inscribed_radius(0.05)
+    made.paint(np.where(obstacles, 254, 0).astype(np.uint8))
+    cells = made.cells.copy()
+    cells[rng.random((ny, nx)) < 0.03] = 255
+    return cells
+
+
+def inside(rng, nx, ny, border=0.0):
+    """A point on the map, sometimes on its border cells."""
+    point = [rng.uniform(0, n * RES) for n in (nx, ny)]
+    if rng.random() < border:
+        axis = int(rng.integers(2))
+        point[axis] = rng.choice((0.01, (nx, ny)[axis] * RES - 0.01))
+    return tuple(point)
+
+
+def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
+    expected, potential, costs = plain_plan(costmap, start, goal, tolerance, allow_unknown, planner._list_size)
+    plan = planner.plan(costmap, start, goal, tolerance, allow_unknown)
+    np.testing.assert_array_equal(plan, expected)
+    if potential is not None:
+        np.testing.assert_array_equal(planner.potential, potential)
+        np.testing.assert_array_equal(planner.costs, costs)
+    return plan
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(("cellular", "arbitrary")),
+    st.booleans(),
+    st.sampled_from((0.0, 0.0, 0.12)),
+)
+@settings(max_examples=60, deadline=None)
+def test_random_worlds(seed, kind, allow_unknown, tolerance):
+    rng = np.random.default_rng(seed)
+    ny, nx = (int(v) for v in rng.integers(3, 45, 2))
+    costmap = costmap_of(world(rng, ny, nx, kind))
+    goal = inside(rng, nx, ny, 0.1) + (rng.uniform(-3, 3),)
+    if rng.random() < 0.1:
+        goal = (goal[0] + 3.0, goal[1], goal[2])  # perhaps off the map
+    compare(Navfn(), costmap, inside(rng, nx, ny, 0.2), goal, tolerance, allow_unknown)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(4, 60))
+@settings(max_examples=40, deadline=None)
+def test_full_lists_lose_the_same_cells(seed, list_size):
+    rng = np.random.default_rng(seed)
+    costmap = costmap_of(world(rng, 40, 50, "arbitrary"))
+    compare(Navfn(list_size), costmap, inside(rng, 50, 40), inside(rng, 50, 40) + (0.0,))
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from((10000, 10000, 25)))
+@settings(max_examples=25, deadline=None)
+def test_one_planner_on_a_changing_map(seed, list_size):
+    """Map, robot, goal and flag change between the plans of one planner; each equals the plain one, from nothing."""
+    rng = np.random.default_rng(seed)
+    ny, nx = (int(v) for v in rng.integers(20, 45, 2))
+    cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
+    costmap, planner = costmap_of(cells), Navfn(list_size)
+    robot, goal, allow_unknown = inside(rng, nx, ny, 0.1), inside(rng, nx, ny) + (0.0,), True
+    for _ in range(8):
+        compare(planner, costmap, robot, goal, 0.0, allow_unknown)
+        if rng.random() < 0.7:  # the map changes about a point, as about a robot
+            x, y = (int(v) for v in rng.integers(0, (nx, ny)))
+            block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
+            cells[block] = world(rng, 9, 9, "arbitrary")[: cells[block].shape[0], : cells[block].shape[1]]
+            costmap.clear()
+            costmap.paint(cells)
+        if rng.random() < 0.5:
+            robot = inside(rng, nx, ny, 0.1)
+        if rng.random() < 0.2:
+            goal = inside(rng, nx, ny) + (0.0,)
+        if rng.random() < 0.2:
+            allow_unknown = not allow_unknown
+
+
+def test_a_listed_cell_keeps_its_cost():
+    """What the flood's field says of a listed cell: no push to it, its cost and its weight as before, all exact."""
+    weights = push_weights()
+    for cost in range(1, OBSTACLE):
+        listed = weights[cost] * LISTED
+        assert listed > 1e10
+        assert np.rint(listed * COST) == cost
+        assert listed * UNLISTED == weights[cost]
+        assert weights[cost] == np.float32(0.707106781 * cost)
+    assert np.isinf(weights[OBSTACLE:]).all()
+    assert np.isinf(weights[OBSTACLE] * LISTED)
+
+
+def test_a_straight_line():
+    costmap = costmap_of(np.zeros((60, 60), np.uint8), (-1.0, -1.0))
+    plan = compare(Navfn(), costmap, (-0.48, 0.03), (1.52, 0.03, 0.7))
+    assert plan[-1].tolist() == [1.52, 0.03, 0.7]  # the goal as it was given
+    np.testing.assert_allclose(plan[0, :2], (-0.5, 0.0))  # the robot's cell's corner
+    assert not plan[:-1, 2].any()
+    assert (np.diff(plan[:-1, 0]) >= 0).all()
+    assert np.abs(plan[:-1, 1] - 0.0).max() < 1e-6
+
+
+def test_no_way():
+    cells = np.zeros((40, 40), np.uint8)
+    cells[:, 20] = 254
+    costmap, planner = costmap_of(cells), Navfn()
+    assert compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0)).shape == (0, 3)
+    assert len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3  # in the wall, but near
+    assert planner.plan(costmap, (5.0, 5.0), (1.0, 1.0, 0.0)).shape == (0, 3)
+    assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0)).shape == (0, 3)
+    assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0), 0.2).shape == (0, 3)
+
+
+def test_a_path_beyond_four_widths_is_none():
+    """The limit is four times the map's width, whatever its height: a meander beyond it fails."""
+    cells = np.full((240, 9), 254, np.uint8)
+    for row in range(2, 238, 4):
+        cells[row, 1:8] = 0
+        cells[row : row + 5, 7 if row % 8 == 2 else 1] = 0
+    costmap = costmap_of(cells)
+    assert len(compare(Navfn(), costmap, (0.07, 0.12), (0.07, 4.92, 0.0))) == 0
+    assert len(compare(Navfn(), costmap, (0.07, 0.12), (0.07, 0.52, 0.0))) > 0
+
+
+def test_the_robots_cell_becomes_free():
+    cells = np.zeros((40, 40), np.uint8)
+    cells[20, 10] = 254
+    costmap = costmap_of(cells)
+    version = costmap.version
+    assert len(Navfn().plan(costmap, (0.52, 1.02), (1.5, 1.0, 0.0))) > 0
+    assert costmap.cells[20, 10] == 0
+    assert costmap.changed_since(version) == (10, 20, 11, 21)
+
+
+def test_unknown_cells():
+    cells = np.full((40, 40), 255, np.uint8)
+    costmap, planner = costmap_of(cells), Navfn()
+    assert len(compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0), 0.0, True)) > 0
+    assert len(compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0), 0.0, False)) == 0
+
+
+@seeds(6)
+def test_a_planner_that_remembers_answers_as_a_new_one(seed):
+    """Along a drive with a growing map, requests repeat, goals and flags change; only cells that changed are read."""
+    rng = np.random.default_rng(seed)
+    circles = map_scenes.cylinders(rng, 5.0, 0.35)
+    costmap = Costmap(8, 6, RES, (-4, -3), footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3))
+    other = costmap_of(np.zeros((120, 160), np.uint8), (-4, -3))
+    planner, goal, allow_unknown = Navfn(), (3.0, 0.5, 0.3), True
+    for pose in map_scenes.drive(rng, 40, step=0.06):
+        costmap.update(pose, project(map_scenes.laser(circles, pose, rng, beams=90)))
+        if rng.random() < 0.1:
+            goal = tuple(rng.uniform(-2.9, 2.9, 3))
+        if rng.random() < 0.1:
+            allow_unknown = not allow_unknown
+        if rng.random() < 0.1:
+            costmap.configure(costmap.inflation.name, inflation_radius=float(rng.uniform(0.1, 0.6)))
+        asked = other if rng.random() < 0.05 else costmap
+        for _ in range(rng.integers(1, 3)):
+            plan = planner.plan(asked, pose[:2], goal, 0.0, allow_unknown)
+            fresh = Navfn()
+            np.testing.assert_array_equal(plan, fresh.plan(asked, pose[:2], goal, 0.0, allow_unknown))
+            np.testing.assert_array_equal(planner.potential, fresh.potential)
+            np.testing.assert_array_equal(planner.costs, fresh.costs)
+
+
+def test_changes_that_the_flood_did_not_see_cost_nothing():
+    cells = np.zeros((80, 80), np.uint8)
+    costmap, planner = costmap_of(cells), Navfn()
+    plan = planner.plan(costmap, (2.0, 2.0), (2.5, 2.0, 0.0))
+    plan[:] = 0  # the caller's own copy
+    reached = planner.potential < 1e9
+    assert not reached[5, 5]
+    planner._potential[:] += 0.0
+    marker = planner._potential
+    cells[5, 5] = 100
+    costmap.paint(cells)
+    planner._lines[:] = 0  # a new flood would now find old potentials
+    again = planner.plan(costmap, (2.0, 2.0), (2.5, 2.0, 0.0))
+    assert planner._potential is marker
+    assert len(again) == len(plan)
+    assert again.any()
+
+
+def test_a_map_too_small_to_have_an_inside():
+    for shape in ((1, 1), (2, 5), (5, 2)):
+        costmap = costmap_of(np.zeros(shape, np.uint8))
+        assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
+
+
+# -- the part of the map that is flooded ------------------------------------------------------------------------------
+def test_a_fenced_flood_gives_the_plan_of_a_whole_one(monkeypatch):
+    """On maps that are mostly free, along short drives with cells that change: plans, and potentials in the fence."""
+    whole, stat = window.around, Counter()
+    rises = window.leaves
+    monkeypatch.setattr(window, "leaves", lambda *given: (stat.update([bool(rises(*given))]), rises(*given))[1])
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        nx, ny = (int(n) for n in rng.integers(150, 400, 2))
+        cells = np.zeros((ny, nx), np.uint8)
+        w, h = (int(n) for n in rng.integers(10, 80, 2))
+        cx, cy = int(rng.integers(0, nx - w)), int(rng.integers(0, ny - h))
+        cells[cy : cy + h, cx : cx + w] = world(rng, h, w, ("arbitrary", "cellular")[seed % 2])
+        costmap, fenced, full = costmap_of(cells), Navfn(), Navfn()
+        at = np.array([cx + w // 2, cy + h // 2]) if seed % 3 else rng.integers(5, (nx - 5, ny - 5))
+        goal = (*(rng.uniform(5, (nx - 5, ny - 5)) * RES), 0.3)
+        for _ in range(4):
+            start = tuple((at + 0.5) * RES)
+            monkeypatch.setattr(window, "around", whole)
+            plan = fenced.plan(costmap, start, goal)
+            monkeypatch.setattr(window, "around", lambda *given: [])
+            np.testing.assert_array_equal(plan, full.plan(costmap, start, goal))
+            stat["fenced"] += fenced._fence is not None
+            if fenced._fence is not None:
+                x0, y0, x1, y1 = fenced._fence
+                within = np.s_[y0 + window.ROWS : y1 - window.ROWS + 1, x0 + window.ROWS : x1 - window.ROWS + 1]
+                mine = fenced._potential[: nx * ny].reshape(ny, nx)[within]
+                np.testing.assert_array_equal(mine, full.potential[within])
+            at = np.clip(at + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
+            x, y = cx + int(rng.integers(w)), cy + int(rng.integers(h))
+            cells[y, x] = rng.choice([0, 100, 254])
+            costmap.paint(cells)
+        np.testing.assert_array_equal(fenced.potential, full.potential)
+    assert stat["fenced"] > 60
+    assert stat[False] > 5, "where the wave does not leave, the whole map is flooded"

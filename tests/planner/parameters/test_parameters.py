@@ -1,0 +1,448 @@
+"""The parameter tables, checks and requests. Expected values: running C++ move_bases (*_surface.json)."""
+
+import copy
+import json
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters import declarations as parameters
+from applr_ros1.planner.parameters.check import check, complete, warnings
+from applr_ros1.planner.parameters.configuration import Configuration
+from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError, servers
+from tests.support import DATA, ROOT
+from tests.support.jackal import JACKAL
+
+with open(os.path.join(DATA, "move_base_surface.json")) as file:
+    SURFACE = json.load(file)
+with open(os.path.join(DATA, "dwa_surface.json")) as file:
+    DWA_SURFACE = json.load(file)
+with open(os.path.join(DATA, "turtlebot3_surface.json")) as file:
+    MAP_SURFACE = json.load(file)
+DWA = {"base_local_planner": "dwa_local_planner/DWAPlannerROS", "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0}}
+PLANNER = "TrajectoryPlannerROS"
+
+
+TURN, CLEAR = "rotate_recovery/RotateRecovery", "clear_costmap_recovery/ClearCostmapRecovery"
+BARE = {name: {"observation_sources": "scan"} for name in ("global_costmap", "local_costmap")}
+NOT_ZERO = [
+    (server, p) for server in ("", PLANNER, "local_costmap") for p in SERVERS[server] if p.not_zero and p.min <= 0
+]
+
+
+def changed(path, value):
+    tree = copy.deepcopy(JACKAL)
+    *folders, name = path.split("/")
+    here = tree
+    for folder in folders:
+        here = here.setdefault(folder, {})
+    here[name] = value
+    return tree
+
+
+def number(value):
+    return float(value) if value in ("inf", "-inf") else value
+
+
+@pytest.mark.parametrize("server", servers(complete(JACKAL)))
+def test_servers_equal_the_cpp_ones(server):
+    theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
+    begun = Configuration(complete(JACKAL)).start_up(server)
+    table = servers(complete(JACKAL))[server].parameters
+    ours = [(p.name, p.type, p.min, p.max, p.default, begun[p.name]) for p in table]
+    assert ours == [
+        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"]) for p in theirs
+    ]
+
+
+def test_the_dwa_planners_server_equals_the_cpp_one():
+    theirs = DWA_SURFACE["dynamic_reconfigure"]["/move_base/DWAPlannerROS"]
+    ours = [(p.name, p.type, p.min, p.max, p.default) for p in SERVERS["DWAPlannerROS"]]
+    assert ours == [(p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"]) for p in theirs]
+
+
+def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
+    theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
+    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # 0 as in its own file
+    assert check(tree) == []
+    config = Configuration(complete(tree))
+    assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
+
+
+def test_only_the_servers_of_the_planner_in_use_exist():
+    for tree, there, other in ((JACKAL, PLANNER, "DWAPlannerROS"), (DWA, "DWAPlannerROS", PLANNER)):
+        config = Configuration(complete(tree))
+        assert config[there]["sim_time"] > 0
+        with pytest.raises(ParameterError, match="no server '%s'" % other):
+            config[other]
+
+
+def test_the_control_period_is_looked_for_upwards():
+    for tree in ({}, DWA):
+        assert complete(dict(tree, controller_frequency=10.0))["DWAPlannerROS"]["controller_frequency"] == 10.0
+        assert complete(dict(tree, controller_frequency=10.0))[PLANNER]["controller_frequency"] == 10.0
+    own = complete({"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}})
+    assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
+
+
+def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
+    tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], max_rot_vel=2.0, max_trans_vel=0.3))
+    assert check(tree) == []
+    assert Configuration(complete(tree))["DWAPlannerROS"] == Configuration(complete(DWA))["DWAPlannerROS"]
+    assert warnings(tree)[:2] == [
+        "DWAPlannerROS/max_trans_vel is an older name without effect: give max_vel_trans",
+        "DWAPlannerROS/max_rot_vel is an older name without effect: give max_vel_theta",
+    ]
+    assert warnings(dict(DWA, local_costmap=JACKAL["local_costmap"])) == warnings(JACKAL) == []
+
+
+@pytest.mark.parametrize(
+    ("own", "values", "words"),
+    [
+        ({}, {"latch_xy_goal_tolerance": True}, "give it below move_base itself"),
+        ({}, {"occdist_scale": 0.0}, "occdist_scale is 0"),
+    ],
+)
+def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
+    sees = {"local_costmap": JACKAL["local_costmap"]}
+    (line,) = warnings(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own, **sees))
+    assert words in line
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"vx_samples": 2147483647}, "at most 1000000 together"),
+        ({"max_vel_y": 0.1}, "no sideways velocity"),
+        ({"sim_granularity": 1e-9}, "more than 100000 points"),
+        ({"max_vel_trans": -1.0}, "give a value from 0.0"),
+    ],
+)
+def test_what_the_dwa_planner_cannot_run_with_is_one_line(values, words):
+    (line,) = check(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
+    assert words in line
+    config = Configuration(complete(DWA))
+    if "max_vel_trans" not in values:  # that one is clamped by the server
+        with pytest.raises(ParameterError, match=words):
+            config.request("DWAPlannerROS", values)
+
+
+def test_jackal_tree_equals_the_running_one():
+    assert complete(SURFACE["params"]) == complete(JACKAL)
+
+
+def test_jackal_is_clean_and_complete_is_stable():
+    assert check(JACKAL) == []
+    assert check({}) == []
+    full = complete(JACKAL)
+    assert complete(full) == full
+    assert check(full) == []
+    assert full["aggressive_reset"]["reset_distance"] == 1.84
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        ("TrajectoryPlannerROS/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
+        ("zzz", 1.0, "no such parameter; remove it"),
+        ("TrajectoryPlannerROS/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
+        ("TrajectoryPlannerROS/vx_samples", 6.5, "give a whole number"),
+        ("TrajectoryPlannerROS/max_vel_x", math.nan, "give a finite number"),
+        ("TrajectoryPlannerROS/dwa", 1, "give true or false"),
+        ("TrajectoryPlannerROS/pdist_scale", 0.5, "one of them"),
+        ("controller_frequency", 0, "cannot work"),
+        ("local_costmap/footprint", "__import__('os')", "at least three points"),
+        ("local_costmap/width", 100000, "cells"),
+        ("local_costmap/robot_base_frame", "base", "give the same"),
+        ("local_costmap/plugins", [{"name": "v", "type": "costmap_2d::VoxelLayer"}], "give a name and a type of"),
+        ("local_costmap/plugins", 2 * [{"name": "a", "type": "costmap_2d::StaticLayer"}], "two layers named a"),
+        ("local_costmap/obstacles_layer/scan/data_type", "Range", "LaserScan or PointCloud2"),
+        ("local_costmap", 3, "no such parameter"),
+        ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
+    ],
+)
+def test_check_says_what_where_and_what_to_do(path, value, words):
+    name = path.rpartition("/")[2]
+    problems = check(changed(path, value))
+    assert any(words in problem and name in problem for problem in problems), problems
+    assert all("\n" not in problem for problem in problems)
+
+
+def test_older_name_alone_is_taken():
+    full = complete({PLANNER: {"pdist_scale": 0.4}})
+    assert full[PLANNER]["path_distance_bias"] == full[PLANNER]["pdist_scale"] == 0.4
+
+
+def test_scan_source_may_have_any_name():
+    tree = copy.deepcopy(JACKAL)
+    layer = tree["local_costmap"]["obstacles_layer"]
+    layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
+    layer["laser"]["raytrace_range"] = 4.5
+    assert check(tree) == []
+    assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
+    layer["observation_sources"] = "laser bump"
+    assert check(tree) == []
+    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # C++'s defaults, and the ranges of the layer
+    assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
+    assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
+    layer["observation_sources"] = "bump"
+    (line,) = warnings(tree)
+    assert line.startswith("local_costmap/obstacles_layer/laser has no effect: observation_sources of")
+
+
+TURTLEBOT = {  # in the shape of its navigation package
+    "global_frame": "map",
+    "static_map": True,
+    "obstacle_range": 3.0,
+    "raytrace_range": 3.5,
+    "inflation_radius": 1.0,
+    "cost_scaling_factor": 3.0,
+    "map_type": "costmap",
+    "observation_sources": "scan",
+    "scan": {"sensor_frame": "base_scan", "data_type": "LaserScan", "topic": "scan", "clearing": True},
+}
+
+
+def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
+    tree = {"global_costmap": TURTLEBOT, "local_costmap": dict(TURTLEBOT, static_map=False, track_unknown_space=True)}
+    assert check(tree) == []
+    full = complete(tree)
+    world, local = full["global_costmap"], full["local_costmap"]
+    assert [p["name"] for p in world["plugins"]] == ["static_layer", "obstacle_layer", "inflation_layer"]
+    assert [p["name"] for p in local["plugins"]] == ["obstacle_layer", "inflation_layer"]
+    theirs = MAP_SURFACE["params"]["global_costmap"]["obstacle_layer"]
+    assert world["obstacle_layer"]["scan"]["obstacle_range"] == theirs["obstacle_range"] == 3.0
+    assert world["inflation_layer"] == MAP_SURFACE["params"]["global_costmap"]["inflation_layer"]
+    assert local["track_unknown_space"] is local["obstacle_layer"]["track_unknown_space"] is True
+    assert "inflation_radius" not in world
+    assert complete(full) == full
+    assert check(full) == []
+    names = {name for name in servers(full) if "costmap" in name}
+    assert names == {name[11:] for name in MAP_SURFACE["dynamic_reconfigure"] if "costmap" in name}
+
+
+def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
+    tree = copy.deepcopy(JACKAL)
+    tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
+    full = complete(tree)["local_costmap"]
+    assert full["inflater_layer"]["inflation_radius"] == 0.7
+    assert full["obstacles_layer"]["raytrace_range"] == 5.0
+    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # the source's own is nearer
+
+
+def test_a_topic_has_one_type():
+    tree = copy.deepcopy(JACKAL)
+    tree["local_costmap"]["obstacles_layer"]["scan"]["data_type"] = "PointCloud2"
+    (line,) = check(tree)
+    assert line.endswith("PointCloud2 from the topic front/scan, another source takes LaserScan: give one type")
+
+
+def test_footprint_may_be_a_list():
+    tree = {"local_costmap": {"footprint": [[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]}}
+    assert check(tree) == []
+    assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
+
+
+def test_own_recoveries_bring_their_parameters():
+    tree = {
+        "recovery_behaviors": [{"name": "wide", "type": parameters.RECOVERY_TYPES[0]}],
+        "wide": {"reset_distance": 7.0},
+    }
+    assert check(tree) == []
+    assert complete(tree)["wide"]["reset_distance"] == 7.0
+
+
+def test_planners_that_are_not_built_in_are_refused():
+    (line,) = check({"base_local_planner": "teb_local_planner/TebLocalPlannerROS"})
+    assert line.startswith("base_local_planner is teb_local_planner/TebLocalPlannerROS: give base_local_planner/Traj")
+
+
+# -- trees and requests that no robot can run with, and what C++ files may hold
+
+
+def one_line(tree, *words):
+    (line,) = check(tree)
+    assert "\n" not in line
+    for word in words:
+        assert word in line, line
+    with pytest.raises(ParameterError):
+        complete(tree)
+
+
+def test_what_would_be_clamped_to_a_useless_zero_is_refused_as_zero_is():
+    config = Configuration(complete(JACKAL))
+    assert len(NOT_ZERO) > 5
+    for server, p in NOT_ZERO:
+        for value in (0, -1):
+            with pytest.raises(ParameterError, match="%s is .* cannot work" % p.name):
+                config.request(server, {p.name: value})
+        (line,) = check(changed(server + "/" + p.name if server else p.name, -1))
+        assert "cannot work" in line, p.name
+
+
+def test_a_negative_control_frequency_leaves_the_robot_as_it_is():
+    move_base = MoveBase(JACKAL)
+    before = dict(move_base.configuration(""))
+    with pytest.raises(ParameterError, match="controller_frequency is -1"):
+        move_base.reconfigure("", {"controller_frequency": -1})
+    assert dict(move_base.configuration("")) == before
+
+
+@pytest.mark.parametrize("name", ["local_costmap", "global_costmap"])
+def test_a_costmap_without_cells_is_refused_before_anything_changes(name):
+    move_base = MoveBase(JACKAL)
+    before, size = dict(move_base.configuration(name)), move_base.costmaps[name].size
+    for values in ({"resolution": 50.0}, {"width": 1, "resolution": 1.5}, {"height": 1, "resolution": 1.5}):
+        with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
+            move_base.reconfigure(name, values)
+        assert dict(move_base.configuration(name)) == before
+        assert move_base.costmaps[name].size == size
+    assert move_base.reconfigure(name, {"width": 1, "height": 1, "resolution": 1.0})["resolution"] == 1.0
+
+
+def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
+    plugins = [{"name": "world", "type": "costmap_2d::StaticLayer"}]
+    tree = {"global_costmap": {"plugins": plugins}, "local_costmap": {"plugins": plugins}}
+    assert check(tree) == []
+    assert MoveBase(tree).global_costmap.size == (200, 200)
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        (changed("local_costmap/obstacles_layer/observation_sources", ["scan"]), ["observation_sources", "give text"]),
+        (changed("local_costmap/obstacles_layer/observation_sources", "front/scan"), ["'front/scan'", "letters"]),
+        (changed("local_costmap/obstacles_layer/observation_sources", "enabled"), ["'enabled'", "no parameter's"]),
+        (changed("local_costmap/plugins", [{"name": "width", "type": "costmap_2d::ObstacleLayer"}]), ["'width'"]),
+        (changed("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}]), ["'local_costmap'", "another"]),
+        (changed("recovery_behaviors", [{"name": "a b", "type": TURN}]), ["'a b'", "letters"]),
+        (changed("recovery_behaviors", [{"type": TURN}]), ["give a name and a type"]),
+        (changed("local_costmap/footprint", [[10**400, 0], [1, 0], [0, 1]]), ["at least three points"]),
+        (changed(PLANNER + "/sim_time", 10**400), ["TrajectoryPlannerROS/sim_time", "beyond 1e308"]),
+        (changed("local_costmap/resolution", 1e-200), ["cells"]),
+        (changed("local_costmap/resolution", 20.0), ["local_costmap/width, height are 10 x 10 m", "20 m", "no cells"]),
+        (changed(PLANNER + "/sim_granularity", 1e-9), ["sim_granularity is 1e-09", "more than 100000 points"]),
+        (changed("rotate_recovery/sim_granularity", 1e-9), ["rotate_recovery/sim_granularity", "100000 poses"]),
+    ],
+)
+def test_a_tree_that_cannot_be_run_is_one_line(tree, words):
+    one_line(tree, *words)
+
+
+@pytest.mark.parametrize("name", ["sim_granularity", "angular_sim_granularity"])
+def test_a_request_for_endless_trajectories_is_refused(name):
+    config = Configuration(complete(JACKAL))
+    with pytest.raises(ParameterError, match="%s is 1e-09.*more than 100000 points" % name):
+        config.request(PLANNER, {name: 1e-9})
+    slow = {"max_vel_x": 0.0, "min_vel_x": 0.0, "escape_vel": 0.0, "sim_granularity": 1e-9}
+    config.request(PLANNER, slow)
+    with pytest.raises(ParameterError, match="heading_scoring"):
+        config.request(PLANNER, dict(slow, heading_scoring=True))
+
+
+def test_a_footprint_of_another_kind_is_one_line():
+    for text in ("{[1]: 2}", "[[%s, 0], [1, 0], [0, 1]]" % ("9" * 400)):
+        with pytest.raises(ApplrError, match="footprint"):
+            footprint.parse(text)
+
+
+def test_side_velocities_may_be_a_list_as_cpp_wants_them():
+    assert check(changed(PLANNER + "/y_vels", [-0.3, -0.1, 0.1, 0.3])) == []
+
+
+CLEARING = {"layer_names": ["obstacles_layer"], "affected_maps": "both", "force_updating": True}
+
+
+def test_recovery_parameters_of_cpp_files_are_taken():
+    tree = dict(
+        JACKAL,
+        conservative_reset=dict(CLEARING, reset_distance=3.0),
+        aggressive_reset=dict(CLEARING, invert_area_to_clear=False),
+        rotate_recovery={"frequency": 10.0},
+        recovery_behaviors=[{"name": "wide", "type": CLEAR}, {"name": "turn", "type": TURN}],
+        wide=dict(CLEARING, reset_distance=7.0),
+        turn={"frequency": 5.0, "sim_granularity": 0.02},
+    )
+    assert check(tree) == []
+    assert warnings(tree) == []
+    full = complete(tree)
+    assert full["conservative_reset"]["layer_names"] == full["wide"]["layer_names"] == ["obstacles_layer"]
+    assert complete(full) == full
+
+
+@pytest.mark.parametrize(("name", "value"), [("affected_maps", "local"), ("invert_area_to_clear", True)])
+def test_what_cpp_would_clear_otherwise_is_remarked(name, value):
+    tree = changed("aggressive_reset/" + name, value)
+    assert check(tree) == []
+    assert warnings(tree) == [
+        "aggressive_reset/%s is without effect: a clearing clears both costmaps outside of its square" % name
+    ]
+
+
+class TestConfiguration:
+    @pytest.fixture
+    def config(self):
+        return Configuration(complete(JACKAL))
+
+    def test_clamps_and_keeps_the_rest(self, config):
+        new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
+        assert (new["max_vel_x"], new["vx_samples"], new["sim_time"]) == (20.0, 1, 2.0)
+        assert config[PLANNER]["max_vel_x"] == 0.5  # request alone changes nothing
+
+    @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, None, "1", True])
+    def test_refuses_the_whole_request(self, config, bad):
+        with pytest.raises(ParameterError, match="max_vel_x"):
+            config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": bad})
+
+    def test_older_names_always_follow(self, config):
+        for name, other in (("pdist_scale", "path_distance_bias"), ("goal_distance_bias", "gdist_scale")):
+            config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
+            assert config[PLANNER][name] == config[PLANNER][other] == 0.33
+        everything = dict(config[PLANNER], pdist_scale=0.5)  # rqt_reconfigure sends all values, one changed
+        new = config.request(PLANNER, everything)
+        assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
+
+    def test_restore_defaults_is_the_start_up_state(self, config):
+        config.accept(PLANNER, config.request(PLANNER, {"max_vel_x": 1.5}))
+        new = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
+        assert new == config.start_up(PLANNER)
+        assert new["max_vel_x"] == 0.5
+        assert new["restore_defaults"] is False
+
+    def test_unknown_names(self, config):
+        with pytest.raises(ParameterError, match="no such parameter"):
+            config.request(PLANNER, {"warp": 9})
+        with pytest.raises(ParameterError, match="no server"):
+            config.request("nowhere", {})
+
+    def test_another_planner_cannot_be_loaded(self, config):
+        assert config.request("", {"base_global_planner": "x/Y"})["base_global_planner"] == "navfn/NavfnROS"
+
+
+def test_cfg_files_are_generated_without_numpy(tmp_path):
+    dynamic_reconfigure = "/usr/share/dynamic_reconfigure"
+    if not os.path.isdir(dynamic_reconfigure):
+        dynamic_reconfigure = "/opt/ros/noetic/share/dynamic_reconfigure"
+    if not os.path.isdir(dynamic_reconfigure):
+        pytest.skip("no dynamic_reconfigure here")
+    cfg = os.path.join(ROOT, "applr_ros1", "cfg", "TrajectoryPlanner.cfg")
+    (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
+    there = str(tmp_path)
+    done = subprocess.run(
+        [sys.executable, cfg, dynamic_reconfigure, there, there, there],
+        env=dict(os.environ, PYTHONPATH=there + ":" + os.environ.get("PYTHONPATH", "")),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    made = {}
+    exec((tmp_path / "cfg" / "TrajectoryPlannerConfig.py").read_text(), made)
+    assert made["defaults"]["vx_samples"] == 20
+    assert made["max"]["pdist_scale"] == 5.0
+    assert made["min"]["min_vel_theta"] == -20.0

@@ -1,0 +1,100 @@
+"""What a planner's distance weights count: found from its cost_cloud, and made up for without changing the drive."""
+
+import json
+
+import numpy as np
+import pytest
+
+import worlds
+from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy import methods
+from applr_ros1.policy.distance_weights import Compensation, factor_of, fit
+from applr_ros1.policy.parameter_space import SPACE
+from tests.support.toy_robot import ToyRobot, quick, ring, run
+
+
+def cloud(weights, seed):
+    """(rows of cost_cloud, theta) of a robot that has just set out among posts, with parameters drawn from a seed."""
+    draw = np.random.default_rng(seed)
+    made = MoveBase(quick(), weights, seed=seed)
+    robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))
+    theta = SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
+    for server, values in SPACE.requests(theta).items():
+        made.reconfigure(server, values)
+    made.set_goal((*draw.uniform(-4.0, 4.0, 2), 0.0), 0.0)
+    run(made, robot, 0.15)
+    return made, made.local_planner.cost_cloud(made.local_costmap), theta
+
+
+def test_weights_are_found_in_20_of_20_starts():
+    words = []
+    for seed in range(20):
+        made, rows, theta = cloud("drawn", seed)
+        word, path, goal, occ = made.variant.weights, theta[5], theta[6], theta[4]
+        effective = fit(np.vstack([rows, np.zeros((500, 7), np.float32)]))  # C++ fills its clouds up with zeros
+        factor = factor_of(effective, path, goal)
+        assert factor == {"per_cell": 1.0, "per_metre": 0.05}[word]
+        assert effective[:2] == pytest.approx((path * factor, goal * factor), rel=1e-4)
+        assert np.isnan(effective.occ) or effective.occ == pytest.approx(occ, rel=1e-3)
+        assert effective.spacing == pytest.approx(0.05, rel=1e-4)
+        assert factor_of(effective, 1.1 * path, goal) is None  # a cloud from before a change
+        words.append(word)
+    assert set(words) == {"per_cell", "per_metre"}
+    assert fit(rows[:5]) is None
+    rows[:, 4] = 2.0 * rows[:, 3]
+    assert fit(rows) is None, "one distance says nothing of two weights"
+
+
+def test_a_compensated_drive_equals_one_that_needed_none():
+    from sim_bridge import make
+    from training.env.episode import Episode
+
+    class Rescaled(Episode):
+        """Sends what means the same to a planner that counts per metre, as the applr node does."""
+
+        def apply(self, theta):
+            for server, values in SPACE.requests_for(Compensation(SPACE, 0.05).outgoing(theta)).items():
+                self.move_base.reconfigure(server, values)
+            return theta
+
+    draw, rows = np.random.default_rng(2), []
+    sets = [SPACE.theta0] + [SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE))) for _ in range(3)]
+    for weights, kind in (("per_cell", Episode), ("per_metre", Rescaled), ("per_metre", Episode)):
+        episode = kind(make("kinematic"), MoveBase(robots.JACKAL.parameters(), weights=weights), record=True)
+        episode.reset(worlds.load("generated:3"), 5)
+        for theta in sets:
+            assert np.array_equal(episode.decide(theta).theta, theta)
+        trace = episode.trace
+        rows.append([trace.time, trace.pose, trace.twist, trace.command])
+    for exact, compensated in zip(rows[0], rows[1]):
+        assert np.allclose(exact, compensated, rtol=0.0, atol=1e-9)
+    assert rows[2] != rows[0], "without compensation it drives otherwise"
+
+
+def test_every_set_of_the_space_can_be_sent_within_the_planners_bounds():
+    for factor in (0.05, 0.02):
+        made = Compensation(SPACE, factor)
+        for theta in (SPACE.low, SPACE.high, SPACE.theta0):
+            sent = made.outgoing(theta)
+            assert sent[4:7].min() > 0.0
+            assert sent[4:7].max() <= 5.0
+            assert np.array_equal(np.delete(sent, (4, 5, 6)), np.delete(theta, (4, 5, 6)))
+            assert made.incoming(sent) == pytest.approx(theta, rel=1e-12)
+    assert not Compensation(SPACE, 1.0).needed
+
+
+def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_path):
+    path = tmp_path / "set.json"
+    path.write_text(json.dumps({"meter_scoring": False, "parameters": {"max_vel_x": 0.7}}))
+    made = methods.make(str(path))
+    assert (made.per_cell, made.theta(None)[0]) == (True, 0.7)
+    path.write_text(json.dumps({"max_vel_x": 0.7}))
+    assert not methods.make(str(path)).per_cell
+    path.write_text(json.dumps({"meter_scoring": True, "parameters": {}}))
+    with pytest.raises(ApplrError, match="meter_scoring is True: sets count per cell"):
+        methods.make(str(path))
+    learned = {"applr", "static", "appld", "frozen:vx_samples:applr"}
+    names = learned | {"dwa", "random", "appld:published"}
+    assert {name for name in names if methods.make(name).per_cell} == learned

@@ -1,0 +1,106 @@
+"""MoveBase with DWAPlannerROS: goals, parameters and a drive of the simulated Jackal through a generated course."""
+
+import math
+import os
+import subprocess
+import sys
+
+import pytest
+
+import sim_bridge
+import worlds
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import ParameterError
+from tests.support import ROOT
+from tests.support.jackal import tree
+from tests.support.toy_robot import ToyRobot, run, start
+from training.env.episode import laser_pose
+
+DWA = "DWAPlannerROS"
+
+
+def test_success_is_found_whatever_the_planner_frequency():
+    """C++ has no mark that a new plan could clear here: cpp-like and ours both end at the goal at once."""
+    for planner in ("ours", "cpp-like"):
+        made, robot = MoveBase(tree(), planner=planner), ToyRobot()
+        made.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
+        assert robot.time < 6.0
+
+
+def test_reconfigure_reaches_the_planner_and_no_other_server():
+    made, robot = start((4.0, 0.0, 0.0), tree=tree())
+    assert made.local_planner_name == DWA
+    assert "TrajectoryPlannerROS" not in made.servers
+    assert made.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})["acc_lim_x"] == 20.0
+    run(made, robot, 1.0)
+    assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
+    with pytest.raises(ParameterError, match="no sideways"):
+        made.reconfigure(DWA, {"max_vel_y": 0.2, "max_vel_x": 0.1})
+    assert made.configuration(DWA)["max_vel_x"] == 0.2
+    with pytest.raises(ParameterError, match="TrajectoryPlannerROS"):
+        made.reconfigure("TrajectoryPlannerROS", {"max_vel_x": 0.2})
+    made.reset(robot.time)
+    assert made.configuration(DWA)["max_vel_x"] == 0.5
+
+
+def test_the_latch_is_read_from_move_bases_own_name_space():
+    """As in C++: the entry below DWAPlannerROS, which TurtleBot3's file has, is without effect."""
+    for own, nested in ((True, False), (False, True)):
+        params = tree(latch_xy_goal_tolerance=own, planner_frequency=0.0)
+        params[DWA]["latch_xy_goal_tolerance"] = nested
+        made, robot = start((1.0, 0.0, 2.0), tree=params)
+        while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:
+            assert run(made, robot, 0.05) is None
+        run(made, robot, 0.1)
+        robot.pose = (0.7, 0.0, 0.0)  # pushed out of the tolerance
+        robot.twist = (0.0, 0.0)
+        run(made, robot, 0.1)
+        assert (robot.twist[0] == 0.0) is own
+
+
+def test_the_simulated_jackal_drives_through_a_course():
+    world = worlds.load("generated:0")
+    simulator, made = sim_bridge.make("kinematic"), MoveBase(tree())
+    state = simulator.reset(world, seed=1)
+    made.set_goal(simulator.to_odom(world.course.goal), state.time)
+    result, touched = None, False
+    while result is None and state.time < 60.0:
+        laser = simulator.robot.laser
+        beams = laser.first_angle, laser.increment, laser.range_min, laser.range_max
+        scan = LaserScan(state.time, *beams, simulator.scan(), laser_pose(state.odom_pose))
+        cycle = made.step(state.time, state.odom_pose, state.odom_twist, scan)
+        if cycle.command is not None:
+            simulator.command(*cycle.command)
+        result = cycle.result
+        state = simulator.advance(0.05)
+        touched |= state.contact
+    assert result == ("succeeded", "Goal reached.")
+    assert not touched
+
+
+def test_warmed_up_it_compiles_nothing_while_it_drives():
+    """Otherwise the robot would stand for seconds in its first cycles."""
+    script = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from applr_ros1.planner.warm_up import warm_up
+from tests.support.jackal import tree
+from tests.support.toy_robot import ToyRobot, run, start
+warm_up(tree()["base_local_planner"])
+def overloads():
+    modules = [module for name, module in sys.modules.items() if name.startswith("applr_ros1.planner")]
+    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
+    return {str(k): len(k.signatures) for k in kernels.values()}
+before = overloads()
+driven = tree()
+driven["DWAPlannerROS"]["prune_plan"] = True
+made, robot = start((1.0, 0.0, 2.0), ToyRobot(circles=[(0.6, 0.7, 0.1)]), driven)
+assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+print({name: n for name, n in overloads().items() if n != before[name]})
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=dict(os.environ, PYTHONPATH=str(ROOT)), capture_output=True, text=True
+    )
+    assert done.stdout.strip() == "{}", done.stdout + done.stderr

@@ -1,0 +1,212 @@
+"""The local planner: what it cuts off the plan, how it ends at the goal, what is frozen and what is remembered."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.plan_cut import cut_plan
+from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
+from tests.support.jackal import JACKAL
+
+FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
+PARAMS = dict(complete(JACKAL)["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0)
+
+
+def costmap():
+    return SimpleNamespace(cells=np.zeros((200, 200), np.uint8), origin=(-5.0, -5.0), resolution=0.05)
+
+
+def straight(length, yaw=0.0, step=0.05):
+    """A plan along x from 0 to `length` that ends with the heading `yaw`."""
+    x = np.arange(0.0, length + step / 2, step)
+    plan = np.column_stack([x, 0 * x, 0 * x])
+    plan[-1, 2] = yaw
+    return plan
+
+
+def local_planner(plan=None, **changes):
+    made = TrajectoryLocalPlanner(dict(PARAMS, **changes), FOOT)
+    made.set_plan(straight(3.0) if plan is None else plan)
+    return made
+
+
+# -- the plan's cut ----------------------------------------------------------------------------------------------
+
+
+def test_cut_ends_with_the_first_point_beyond_the_map():
+    cut, dropped = cut_plan(straight(9.0, step=0.5), 0.0, 0.0, 5.0, True)
+    assert np.array_equal(cut[:, 0], np.arange(0, 5.6, 0.5))
+    assert dropped == 0
+
+
+def test_a_point_on_the_limit_is_inside():
+    plan = np.array([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]])
+    assert len(cut_plan(plan, 0.0, 0.0, 5.0, True)[0]) == 3
+
+
+def test_leading_points_1_m_away_or_more_are_dropped_for_good():
+    plan = straight(3.0, step=0.5)
+    cut, dropped = cut_plan(plan, 2.0, 0.0, 5.0, True)
+    assert dropped == 3
+    assert cut[0, 0] == 1.5
+    assert cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0] == 0.0
+    made = local_planner(plan)
+    made.compute_velocity((2.0, 0.0, 0.0), (0.0, 0.0), costmap())
+    made.compute_velocity((0.2, 0.0, 0.0), (0.0, 0.0), costmap())
+    assert len(made.cropped_plan) == 0 or made.cropped_plan[0, 0] >= 1.5
+
+
+def test_the_stored_plan_loses_points_from_its_front_even_if_the_cut_begins_later():
+    """docs/planner.md, section 7.2: the cut skips points beyond the map, the deletions start at the front."""
+    plan = np.array([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]])
+    cut, dropped = cut_plan(plan, 0.0, 0.0, 5.0, True)
+    assert np.array_equal(cut, [[0.5, 0, 0]])
+    assert dropped == 1
+
+
+def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
+    made = local_planner(np.array([[2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
+    assert made.compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
+    assert made.compute_velocity((2, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
+    made.set_plan(straight(3.0))
+    assert made.compute_velocity((0, 0, 0), (0, 0), costmap())[0]
+
+
+# -- driving -----------------------------------------------------------------------------------------------------
+
+
+def test_follows_the_plan_and_shows_it():
+    made = local_planner(straight(9.0))
+    ok, command = made.compute_velocity((0, 0, 0), (0.3, 0.0), costmap())
+    assert ok
+    assert command == (0.5, 0.0)
+    assert made.local_plan.shape == (50, 3)
+    assert made.cropped_plan[-1, 0] == pytest.approx(5.05)
+    assert len(made.cost_cloud(costmap())) > 30000
+    assert not made.goal_reached
+
+
+def test_a_cycle_without_a_command_shows_nothing_of_the_one_before():
+    made = local_planner()
+    assert made.compute_velocity((0.0, 0.0, 0.0), (0.0, 0.0), costmap())[0]
+    assert min(len(made.local_plan), len(made.cropped_plan)) > 1
+    made.set_plan(np.zeros((0, 3)))
+    assert not made.compute_velocity((0.0, 0.0, 0.0), (0.0, 0.0), costmap())[0]
+    assert len(made.local_plan) == len(made.cropped_plan) == 0
+
+
+def test_no_valid_control_is_a_standing_robot():
+    walled = costmap()
+    walled.cells[:, 130] = 254
+    made = local_planner()
+    assert made.compute_velocity((0, 0, 0), (0, 0), walled) == (False, (0.0, 0.0))
+    assert len(made.local_plan) == 0
+    assert len(made.cropped_plan)
+
+
+def drive(made, pose, twist=(0.0, 0.0), cycles=200):
+    """Ideal robot at 20 Hz; returns the poses and commands until the goal is reached or control fails."""
+    poses, commands = [pose], []
+    for _ in range(cycles):
+        ok, (v, w) = made.compute_velocity(poses[-1], twist, costmap())
+        commands.append((v, w))
+        if not ok or made.goal_reached:
+            return poses, commands, ok
+        x, y, yaw = poses[-1]
+        poses.append((x + v * math.cos(yaw) * 0.05, y + v * math.sin(yaw) * 0.05, yaw + w * 0.05))
+        twist = v, w
+    return poses, commands, ok
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.5, -2.0, math.pi])
+def test_reaches_place_and_heading_of_the_goal(yaw):
+    made = local_planner(straight(2.0, yaw))
+    poses, commands, ok = drive(made, (0.0, 0.0, 0.0))
+    x, y, heading = poses[-1]
+    assert ok
+    assert made.goal_reached
+    assert commands[-1] == (0.0, 0.0)
+    assert math.hypot(x - 2.0, y) <= 0.25
+    assert abs(math.remainder(heading - yaw, 2 * math.pi)) <= 0.157
+    assert len(made.local_plan) == 0
+
+
+def test_stops_before_it_turns():
+    made = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
+    assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), costmap()) == (True, (0.4, pytest.approx(0.2)))
+    assert made.compute_velocity((0.9, 0, 0), (-0.05, 0.0), costmap()) == (True, (-0.0, 0.0))
+    ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())
+    assert ok
+    assert v == 0.0
+    assert w == 0.314
+    # once it turns it does not stop again for being in motion
+    assert made.compute_velocity((0.9, 0, 0.1), (0.0, 0.5), costmap())[1][1] == pytest.approx(0.6)
+
+
+def test_turning_obeys_max_rotational_vel_and_not_the_server():
+    made = local_planner(straight(1.0, 3.0), max_rotational_vel=0.8)
+    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())[1] == (0.0, 0.8)
+    made.reconfigure(dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1))
+    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())[1] == (0.0, 0.8)
+
+
+def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
+    made = local_planner(straight(1.0, 0.2), acc_lim_theta=0.5)
+    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())[1] == (0.0, 0.314)
+    made = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
+    made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())  # it has stopped, and turns
+    assert made.compute_velocity((0.9, 0, 0), (0.0, -2.0), costmap())[1][1] == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
+
+
+def test_an_illegal_turn_is_refused():
+    wall = costmap()
+    made = local_planner(straight(1.0, 1.5))
+    wall.cells[100 + 8, 100:140] = 254  # 0.4 m to the left: the corners meet it on the way
+    ok, command = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall)
+    assert (ok, command) == (False, (0.0, 0.0))
+
+
+def test_the_goal_is_seen_in_the_cycle_that_reaches_it_although_plans_keep_coming():
+    """DO NOT COPY: C++ stands at the goal for many seconds because a new plan clears the latch before it is read."""
+    made = local_planner(straight(1.0))
+    for _ in range(3):
+        made.set_plan(straight(1.0))
+        assert not made.goal_reached
+        assert made.compute_velocity((0.9, 0, 0), (0.5, 0.0), costmap()) == (True, (0.0, 0.0))
+        assert made.goal_reached
+
+
+def test_reconfigure_clears_what_was_reached():
+    made = local_planner(straight(1.0))
+    made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
+    made.reconfigure(PARAMS)
+    assert not made.goal_reached
+
+
+def test_latch_keeps_the_place_reached():
+    for latches in (False, True):
+        made = local_planner(straight(1.0, 2.0), latch_xy_goal_tolerance=latches)
+        made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
+        v, w = made.compute_velocity((0.5, 0, 0), (0, 0), costmap())[1]
+        assert (v == 0.0 and w > 0) is latches
+        made.set_plan(straight(1.0, 2.0))
+        assert made.compute_velocity((0.5, 0, 0), (0, 0), costmap())[1][0] > 0
+
+
+def test_flags_survive_plans_and_not_a_reset():
+    made = local_planner(straight(1.0, 2.0))
+    made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
+    made.planner.state = [1] * 5 + [0.9, 0, 0.9, 0, 0]
+    made.set_plan(straight(1.0, 2.0))
+    assert made.planner.state[:5] == [1] * 5
+    made.reset()
+    assert made.planner.state == [0] * 10
+    assert made.compute_velocity((0, 0, 0), (0, 0), costmap()) == (False, (0.0, 0.0))
+
+
+def test_the_control_period_is_the_inverse_of_the_frequency():
+    assert local_planner(controller_frequency=10.0).planner.effective["sim_period"] == 0.1
+    assert local_planner(controller_frequency=0.0).planner.effective["sim_period"] == 0.05

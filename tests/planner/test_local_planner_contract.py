@@ -1,0 +1,200 @@
+"""The contract of planner/local_planner.py, which every local planner has to keep."""
+
+import copy
+import inspect
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner import factory
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.local_planner import LocalPlanner
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.configuration import Configuration
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
+from tests.support.jackal import JACKAL
+
+FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
+STANDING = (0.0, 0.0)
+DWA = dict(min_vel_y=0.0, max_vel_y=0.0, max_vel_x=0.5, max_vel_trans=0.5, acc_lim_x=10.0, acc_lim_theta=10.0)
+
+
+def make(plugin, **changes):
+    tree = copy.deepcopy(JACKAL)
+    tree["base_local_planner"] = plugin
+    tree["DWAPlannerROS"] = dict(DWA)
+    tree[namespace(plugin)].update(xy_goal_tolerance=0.2, yaw_goal_tolerance=0.15, **changes)
+    full = complete(tree)
+    return factory.make_local_planner(full, Configuration(full), True)
+
+
+def costmap(*lethal):
+    made = Costmap(6.0, 6.0, 0.05, (-3.0, -3.0), footprint=FOOT, inflation=InflationParameters(0.3))
+    cells = np.zeros((120, 120), np.uint8)
+    for x, y in lethal:
+        cells[int((y + 3) / 0.05), int((x + 3) / 0.05)] = 254
+    made.paint(cells)
+    return made
+
+
+def straight(to=2.0, yaw=0.0):
+    plan = np.zeros((int(to / 0.05) + 1, 3))
+    plan[:, 0] = np.linspace(0.0, to, len(plan))
+    plan[-1, 2] = yaw
+    return plan
+
+
+@pytest.fixture(params=LOCAL_PLANNERS)
+def plugin(request):
+    return request.param
+
+
+@pytest.fixture
+def planner(plugin):
+    made = make(plugin)
+    made.set_plan(straight())
+    return made
+
+
+def test_every_name_makes_a_local_planner():
+    assert set(factory.LOCAL_PLANNERS) == set(LOCAL_PLANNERS)
+    kinds = {type(make(plugin)) for plugin in LOCAL_PLANNERS}
+    assert len(kinds) == len(LOCAL_PLANNERS)
+    assert all(issubclass(kind, LocalPlanner) for kind in kinds)
+
+
+def test_signatures_are_those_of_the_contract(planner):
+    for name, function in inspect.getmembers(LocalPlanner, inspect.isfunction):
+        if not name.startswith("_"):
+            theirs = inspect.signature(getattr(type(planner), name))
+            assert list(theirs.parameters) == list(inspect.signature(function).parameters), name
+
+
+def test_drives_along_the_plan_and_shows_what_it_chose(planner):
+    here = costmap()
+    cells = here.cells.copy()
+    ok, (v, w) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, here)
+    assert ok
+    assert v > 0.1
+    assert abs(w) < 1.5
+    assert not planner.goal_reached
+    assert planner.local_plan[0].tolist() == [0.0, 0.0, 0.0]
+    assert planner.local_plan.shape[1] == planner.cropped_plan.shape[1] == 3
+    assert len(planner.cropped_plan) > 10
+    costs = planner.cost_cloud(here)
+    assert costs.shape[1] == 7
+    assert len(costs) > 1000
+    assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
+    points = planner.trajectory_cloud(here)
+    assert points.shape[1] == 5
+    assert points[:, 4].min() >= 0.0  # legal ones alone, the chosen one among them with the least cost
+    best = points[points[:, 4] == points[:, 4].min()]
+    assert np.hypot(*(best[:, :2] - planner.local_plan[-1, :2]).T).min() < 1e-5
+    assert np.array_equal(here.cells, cells)
+
+
+def drive(planner, here, pose=(0.0, 0.0, 0.0), seconds=20.0):
+    """Follow the commands exactly at 20 Hz; returns the pose at the end and whether the goal was reached."""
+    x, y, yaw = pose
+    twist = STANDING
+    for _ in range(int(20 * seconds)):
+        ok, (v, w) = planner.compute_velocity((x, y, yaw), twist, here)
+        assert ok
+        if planner.goal_reached:
+            assert (v, w) == STANDING
+            return (x, y, yaw), True
+        x, y, yaw = x + v * math.cos(yaw) / 20, y + v * math.sin(yaw) / 20, yaw + w / 20
+        twist = v, w
+    return (x, y, yaw), False
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.5])
+def test_arrives_and_turns_to_the_heading(planner, yaw):
+    planner.set_plan(straight(1.5, yaw))
+    (x, y, turned), reached = drive(planner, costmap())
+    assert reached
+    assert math.hypot(x - 1.5, y) <= 0.25
+    assert abs(turned - yaw) <= 0.15
+    planner.set_plan(straight(1.5, yaw))
+    assert not planner.goal_reached
+
+
+def test_no_command_for_what_is_not_finite(planner):
+    for at, bad in itertools.product(range(5), (math.nan, math.inf)):
+        values = [0.0] * 5
+        values[at] = bad
+        refused = planner.compute_velocity(tuple(values[:3]), tuple(values[3:]), costmap())
+        assert refused == (False, STANDING), (at, bad)
+        assert planner.compute_velocity((0, 0, 0), STANDING, costmap())[0]
+
+
+def test_no_command_without_a_plan(planner):
+    planner.set_plan(np.zeros((0, 3)))
+    assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == (False, STANDING)
+    assert len(planner.local_plan) == 0
+    assert not planner.goal_reached
+
+
+def test_no_command_far_from_the_plan(planner):
+    assert planner.compute_velocity((0, 40, 0), STANDING, costmap()) == (False, STANDING)
+
+
+def test_no_forward_command_into_an_obstacle(planner):
+    ok, (v, _) = planner.compute_velocity((0, 0, 0), STANDING, costmap(*[(0.36, y / 20) for y in range(-20, 21)]))
+    assert not (ok and v > 0)
+
+
+def test_a_reset_planner_equals_a_new_one(plugin, planner):
+    here = costmap((1.0, 0.35), (1.4, -0.4))
+    drive(planner, here, seconds=1.0)
+    planner.reset()
+    assert planner.compute_velocity((0, 0, 0), STANDING, here) == (False, STANDING)
+    planner.reset()
+    fresh = make(plugin)
+    for one in (planner, fresh):
+        one.set_plan(straight())
+    pose, twist = np.zeros(3), STANDING
+    for _ in range(30):
+        ours = planner.compute_velocity(tuple(pose), twist, here)
+        assert ours == fresh.compute_velocity(tuple(pose), twist, here)
+        twist = ours[1]
+        pose += twist[0] * math.cos(pose[2]) / 20, twist[0] * math.sin(pose[2]) / 20, twist[1] / 20
+
+
+def test_the_same_calls_give_the_same_commands(plugin):
+    ends = []
+    for _ in range(2):
+        made = make(plugin)
+        made.set_plan(straight())
+        ends.append(drive(made, costmap((1.0, 0.35)), seconds=3.0)[0])
+    assert ends[0] == ends[1]
+
+
+def test_a_reconfigure_reaches_the_next_command(plugin, planner):
+    tree = complete(dict(JACKAL, base_local_planner=plugin, DWAPlannerROS=DWA))
+    config = Configuration(tree)
+    slow = config.request(namespace(plugin), {"max_vel_x": 0.12})
+    planner.reconfigure(slow)
+    ok, (v, _) = planner.compute_velocity((0, 0, 0), (0.12, 0.0), costmap())
+    assert ok
+    assert v <= 0.12 + 1e-6
+
+
+def test_a_reconfigure_of_some_values_keeps_the_others(planner):
+    planner.reconfigure({"max_vel_x": 0.2})
+    ok, (v, _) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, costmap())
+    assert ok
+    assert 0.1 < v <= 0.2 + 1e-6
+
+
+def test_a_refused_reconfigure_changes_nothing(plugin, planner):
+    before = planner.compute_velocity((0, 0, 0), STANDING, costmap())
+    full = dict(Configuration(complete(dict(JACKAL, base_local_planner=plugin, DWAPlannerROS=DWA)))[namespace(plugin)])
+    with pytest.raises(ValueError, match="sim_granularity") as refused:
+        planner.reconfigure(dict(full, max_vel_x=0.2, sim_granularity=0.0))
+    assert "\n" not in str(refused.value)
+    planner.set_plan(straight())
+    assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == before

@@ -1,0 +1,384 @@
+"""Static maps, layers in any order, several sources, and localisation that moves one costmap against the other."""
+
+import copy
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.angles import compose, inverse, transform_point
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, SensorCloud, moved, observe, project
+from applr_ros1.planner.costmap.sources import ObservationBuffer, Source
+from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters, interpretation
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots import JACKAL as JACKAL_ROBOT
+from tests.support import map_scenes
+from tests.support.jackal import JACKAL_DWA
+from tests.support.map_scenes import wall_with_a_door
+from tests.support.plain_maps import inflate
+from tests.support.toy_robot import ToyRobot, quick, ring
+
+HERE = (0.0, 0.0, 0.0)
+N = 40
+
+
+def costmap(*layers, rolling=False, track_unknown=False):
+    """40 x 40 cells of 0.1 m, its middle at the origin."""
+    side = (N + 0.5) * 0.1
+    return Costmap(side, side, 0.1, (-2.0, -2.0), rolling, map_scenes.JACKAL, track_unknown, layers=layers)
+
+
+def grid(rng, share=0.03):
+    cells = np.where(rng.random((N, N)) < share, 100, 0)
+    cells[rng.random((N, N)) < 0.05] = -1
+    return StaticMap(cells.astype(np.int8), 0.1, (-2.0, -2.0), "map")
+
+
+# -- what a map means -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("parameters", "costs"),
+    [  # of the occupancies 0, 1, 50, 64, 65, 99, 100, 127, -1
+        ({}, (0, 0, 0, 0, 0, 0, 254, 254, 255)),
+        ({"track_unknown_space": False}, (0, 0, 0, 0, 0, 0, 254, 254, 0)),
+        ({"lethal_cost_threshold": 65}, (0, 0, 0, 0, 254, 254, 254, 254, 255)),
+        ({"lethal_cost_threshold": 400}, (0, 0, 0, 0, 0, 0, 254, 254, 255)),
+        ({"lethal_cost_threshold": -3}, (254, 254, 254, 254, 254, 254, 254, 254, 255)),
+        ({"unknown_cost_value": 50}, (0, 0, 255, 0, 0, 0, 254, 254, 254)),
+        ({"trinary_costmap": False}, (0, 2, 127, 162, 165, 251, 254, 254, 255)),
+        ({"trinary_costmap": False, "lethal_cost_threshold": 65}, (0, 3, 195, 250, 254, 254, 254, 254, 255)),
+    ],
+)
+def test_costs_of_occupancies(parameters, costs):
+    table = interpretation(StaticParameters(**parameters))
+    assert tuple(table[np.array([0, 1, 50, 64, 65, 99, 100, 127, 255])].tolist()) == costs
+
+
+def test_a_fixed_costmap_takes_the_maps_size_and_place_and_a_rolling_one_does_not():
+    fixed = costmap(LayerDescription("static", StaticParameters()))
+    rolling = costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    given = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
+    for made in (fixed, rolling):
+        made.set_map("elsewhere", given)
+        assert made.size == (N, N)
+        made.set_map("map", given)
+        made.update(HERE)
+    assert (fixed.size, fixed.resolution, fixed.origin.tolist()) == ((70, 30), given.resolution, [-1.0, 3.0])
+    assert (fixed.cells == 254).all()
+    assert (rolling.size, rolling.resolution) == ((N, N), 0.1)
+    fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))  # the map has decided
+    assert fixed.size == (70, 30)
+    for wrong in (StaticMap(np.zeros((0, 3)), 0.1, (0, 0)), StaticMap(np.zeros((3, 3)), math.nan, (0, 0))):
+        with pytest.raises(ApplrError, match="a map"):
+            fixed.set_map("map", wrong)
+    assert fixed.size == (70, 30)
+
+
+def test_the_first_map_alone_and_updates():
+    first = costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
+    updated = costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
+    for made in (first, updated):
+        for value in (0, 100):
+            made.set_map("map", StaticMap(np.full((N, N), value, np.int8), 0.1, (-2.0, -2.0)))
+        made.update_map("map", 3, 5, np.full((2, 4), -1, np.int8))
+        made.update(HERE)
+    assert not first.cells.any()
+    expected = np.full((N, N), 254)
+    expected[5:7, 3:7] = 255
+    np.testing.assert_array_equal(updated.cells, expected)
+    updated.update_map("map", 0, 0, np.zeros((1, 1), np.int8))  # two updates before the costmap looks again
+    updated.update_map("map", 39, 39, np.zeros((1, 1), np.int8))
+    updated.update(HERE)
+    assert updated.cells[0, 0] == updated.cells[39, 39] == 0
+    updated.clear()
+    updated.update(HERE)
+    assert updated.cells[6, 6] == 255
+    with pytest.raises(ApplrError, match="not on the map"):
+        updated.update_map("map", 38, 0, np.zeros((1, 3), np.int8))
+
+
+def test_a_rolling_costmap_shows_the_part_of_the_map_that_it_is_over():
+    rng = np.random.default_rng(3)
+    given, made = grid(rng, 0.3), costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    made.set_map("map", given)
+    made.static_layers[0].placement = frame = (0.4, -0.3, 0.5)
+    made.update((0.7, 0.5, 1.0))
+    costs, seen = interpretation(StaticParameters())[given.cells.view(np.uint8)], 0
+    for j, i in itertools.product(range(N), range(N)):
+        x, y = transform_point(frame, *(made.origin + (np.array((i, j)) + 0.5) * 0.1))
+        mx, my = (x + 2.0) / 0.1, (y + 2.0) / 0.1
+        on_map = 0 <= mx < N and 0 <= my < N
+        seen += on_map
+        assert made.cells[j, i] == (costs[int(my), int(mx)] if on_map else 0)
+    assert 500 < seen < N * N
+
+
+# -- layers and sources -----------------------------------------------------------------------------------------------
+def test_layers_in_any_order_equal_the_plain_ones():
+    """s: static, m: static with use_maximum, o: obstacles, i: inflation; two updates of the whole map."""
+    orders = [*itertools.permutations("som"), "ois", "sioi", "iso", "so", "s", "smoi", "oio", ""]
+    for order, track_unknown in itertools.product(orders, (False, True)):
+        compare_layers(order, track_unknown)
+
+
+def compare_layers(order, track_unknown):
+    rng = np.random.default_rng(len(order) + track_unknown)
+    kinds = {
+        "s": lambda k: LayerDescription("s%d" % k, StaticParameters()),
+        "m": lambda k: LayerDescription("m%d" % k, StaticParameters(use_maximum=True, trinary_costmap=False)),
+        "o": lambda k: LayerDescription(
+            "o%d" % k, ObstacleParameters(combination_method=k % 2), (Source(raytrace_range=1.5),), 255 if k else None
+        ),
+        "i": lambda k: LayerDescription("i%d" % k, InflationParameters(0.3 + 0.1 * k, 3.0, True, bool(k % 2))),
+    }
+    made = costmap(*[kinds[letter](k) for k, letter in enumerate(order)], track_unknown=track_unknown)
+    given = StaticMap(
+        np.where(rng.random((N, N)) < 0.02, 100, rng.integers(-1, 60, (N, N))).astype(np.int8), 0.1, (-2, -2)
+    )
+    made.set_map("map", given)
+    made.update(HERE)
+    points = rng.uniform(-1.8, 1.8, (40, 3)).astype(np.float32)
+    for layer in made.obstacle_layers:
+        layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
+    made.set_map("map", given)
+    made.set_footprint(made.footprint)  # the whole map is due
+    made.update(HERE)
+    master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
+    for k, layer in enumerate(made.layers):
+        if order[k] == "i":
+            p = layer.parameters
+            inflate(
+                master,
+                0,
+                0,
+                N,
+                N,
+                p.inflation_radius,
+                0.1,
+                p.cost_scaling_factor,
+                made.inscribed_radius,
+                p.inflate_unknown,
+            )
+            continue
+        known = layer.cells != 255
+        if order[k] == "s":
+            master = layer.cells.copy()
+        elif order[k] == "o" and k % 2 == 0:
+            master = np.where(known, layer.cells, master)
+        else:
+            master = np.where(known & ((master == 255) | (master < layer.cells)), layer.cells, master)
+    if "s" in order or "m" in order or "i" in order:
+        np.testing.assert_array_equal(made.cells, master, "layers %s" % (order,))
+    assert not order or made.cells.any(), order
+
+
+def test_all_sources_clear_before_any_marks():
+    sources = Source(topic="a", clearing=False), Source(topic="b", marking=False, clearing=True)
+    made = costmap(LayerDescription("seen", ObstacleParameters(), sources))
+    a, b = made.obstacles.buffers
+    a.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.05, 0.05, 0.0]], np.float32)), 0.0)
+    b.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.75, 0.05, 0.0]], np.float32)), 0.0)
+    made.update(HERE)
+    assert made.cells[20, 30] == 254
+    assert made.cells[20, 37] == 0  # b does not mark
+    a.clouds = []
+    made.update(HERE)
+    assert made.cells[20, 30] == 0
+
+
+def test_what_a_source_keeps_and_when_it_is_silent():
+    buffer = ObservationBuffer(Source(observation_persistence=1.0, expected_update_rate=0.5))
+    clouds = [PointCloud(HERE, np.zeros((0, 3), np.float32), 0.4 * k) for k in range(6)]
+    assert not buffer.is_current(0.0)
+    for cloud in clouds:
+        buffer.take(cloud, cloud.stamp)
+    assert buffer.clouds == clouds[:-4:-1]
+    assert buffer.is_current(2.5)
+    assert not buffer.is_current(2.51)
+    assert ObservationBuffer(Source()).is_current(99.0)
+
+
+def test_sensors_that_are_tilted_and_frames_that_move():
+    ranges = np.array([1.0, 2.0, math.inf], np.float32)
+    level = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.3), 0.4)
+    half = math.sin(0.15), math.cos(0.15)
+    flat = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 9.9), 0.4, (0.0, 0.0, *half))
+    np.testing.assert_allclose(project(flat).points, project(level).points, atol=1e-6)
+    hanging = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.0), 0.4, (half[1], half[0], 0.0, 0.0))  # roll pi
+    angles = 0.3 - np.array([0.2, 0.7])
+    expected = np.stack([1.0 + ranges[:2] * np.cos(angles), 2.0 + ranges[:2] * np.sin(angles), [0.4, 0.4]], axis=1)
+    np.testing.assert_allclose(project(hanging).points, expected, atol=1e-6)
+    frame = (5.0, -1.0, 1.1)
+    points = np.array([[1.0, 0.0, 0.5], [math.nan, 0.0, 0.0]], np.float32)
+    cloud = SensorCloud(0.0, points, (0.1, 0.2, 0.3), (0.0, math.sin(0.2), 0.0, math.cos(0.2)), (0.0, 0.0, 1.0))
+    for given in (level, hanging, cloud):
+        before, after = observe(given), observe(moved(given, frame))
+        assert len(after.points) == len(before.points) > 0
+        np.testing.assert_allclose(after.points[:, :2].T, transform_point(frame, *before.points[:, :2].T), atol=1e-5)
+        np.testing.assert_allclose(
+            after.origin, (*transform_point(frame, *before.origin[:2]), before.origin[2]), atol=1e-12
+        )
+    x, _, z = observe(cloud).points[0] - (0.1, 0.2, 0.3)  # pitched by 0.4
+    assert (x, z) == pytest.approx((math.cos(0.4) + 0.5 * math.sin(0.4), 0.5 * math.cos(0.4) - math.sin(0.4)), abs=1e-6)
+
+
+# -- move_base on a map -----------------------------------------------------------------------------------------------
+def on_a_map(planner, **changes):
+    """The Jackal's small tree with a static layer, the global costmap in frame map; DWA: the other local planner."""
+    tree = copy.deepcopy(quick(**changes))
+    world = tree["global_costmap"]
+    world["global_frame"] = "map"
+    world["plugins"] = [{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]]
+    if planner == "DWAPlannerROS":
+        tree["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
+        tree["DWAPlannerROS"] = JACKAL_DWA
+    return MoveBase(tree)
+
+
+@pytest.mark.parametrize("planner", ["TrajectoryPlannerROS", "DWAPlannerROS"])
+def test_a_goal_in_the_map_while_localisation_drifts(planner):
+    """The odometry's frame turns and slides in the map; there is a post in the way that the map does not know."""
+    made, goal = on_a_map(planner), (4.0, 0.0, 0.0)
+    posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [(0.6, 0.3, 0.15)]
+    robot = ToyRobot(HERE, posts)
+    made.set_map(wall_with_a_door())
+    made.set_goal(goal, 0.0)
+    for k in range(1600):
+        frame = (1.0 + 0.01 * robot.time, -2.0 - 0.006 * robot.time, 0.7 + 0.004 * robot.time)
+        back = inverse(frame)
+        scan = moved(robot.scan(), back)
+        cycle = made.step(robot.time, compose(back, robot.pose), robot.twist, scan if k % 2 == 0 else None, frame)
+        robot.drive(cycle.command, 0.05)
+        x, y, _ = robot.pose
+        assert min(np.hypot(x - px, y - py) - r for px, py, r in posts) > 0.15
+        if cycle.result:
+            break
+    assert cycle.result == ("succeeded", "Goal reached.")
+    assert math.hypot(robot.pose[0] - goal[0], robot.pose[1] - goal[1]) < 0.4
+    assert abs(math.remainder(robot.pose[2] - goal[2], 2 * math.pi)) < 0.3
+    assert made.global_costmap.size == (200, 120)
+    assert made.local_costmap.size == (120, 120)
+
+
+def test_a_map_outlasts_a_reset_and_what_waits_for_it():
+    made = on_a_map("TrajectoryPlannerROS")
+    assert made.missing_map == "map"
+    assert made.map_topics == {"map": False}
+    made.set_map(wall_with_a_door())
+    made.reset(5.0)
+    assert made.missing_map == ""
+    assert made.global_costmap.size == (200, 120)
+    robot = ToyRobot(HERE)
+    made.set_goal((5.0, 0.0, 0.0), 0.0)
+    made.step(0.0, robot.pose, robot.twist, robot.scan())
+    plan = made.global_plan
+    at_wall = plan[np.argmin(abs(plan[:, 0] - 2.1))]
+    assert 0.9 < at_wall[1] < 2.1  # through the door
+
+
+def test_unknown_space_bars_plans_only_where_it_is_not_allowed():
+    cells = np.zeros((120, 200), np.int8)
+    cells[:, 100:103] = -1
+    for allowed, found in ((True, True), (False, False)):
+        tree = on_a_map("TrajectoryPlannerROS", NavfnROS={"allow_unknown": allowed}).parameters
+        tree["global_costmap"]["track_unknown_space"] = (
+            True  # else the obstacle layer's free cells replace unknown ones
+        )
+        made = MoveBase(tree)
+        made.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
+        made.step(0.0, HERE, (0.0, 0.0))
+        assert bool(len(made.plan(HERE, (5.0, 0.0, 0.0)))) is found
+
+
+def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
+    tree = quick()
+    tree["local_costmap"]["plugins"] = [
+        {"name": "static", "type": "costmap_2d::StaticLayer"},
+        *tree["local_costmap"]["plugins"],
+    ]
+    made = MoveBase(tree)
+    with pytest.raises(ApplrError, match="frame cellar: local_costmap rolls and can show one in odom"):
+        made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
+    made.reset(1.0)  # what was refused is not kept
+    tree["local_costmap"]["global_frame"] = "/odom"
+    MoveBase(tree).set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "odom"))
+
+
+def test_what_is_seen_while_the_robot_is_lost_is_not_put_into_the_map():
+    made, robot = on_a_map("TrajectoryPlannerROS"), ToyRobot(HERE, [(1.0, 0.0, 0.15)])
+    made.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
+    made.step(0.0, None, (0.0, 0.0), robot.scan())
+    made.step(0.1, HERE, (0.0, 0.0), frame=(5.0, 0.0, 0.0))
+    assert (made.local_costmap.cells == 254).any()
+    assert not (made.global_costmap.cells == 254).any()
+    robot.time = 0.2
+    made.step(0.2, HERE, (0.0, 0.0), robot.scan(), frame=(5.0, 0.0, 0.0))
+    x = np.argwhere(made.global_costmap.cells == 254)[:, 1] * 0.05 - 3.0
+    assert 5.7 < x.min() <= x.max() < 6.3
+
+
+def test_a_source_that_should_speak_and_does_not_stops_the_robot():
+    tree = quick()
+    layer = tree["local_costmap"]["obstacles_layer"]
+    layer["observation_sources"] = "scan bump depth"
+    layer["bump"] = {"data_type": "PointCloud2"}  # says something when it bumps
+    layer["depth"] = {"data_type": "PointCloud2", "topic": "points", "expected_update_rate": 0.32}
+    made, robot = MoveBase(tree), ToyRobot(HERE)
+    assert made.sources == {"front/scan": "LaserScan", "bump": "PointCloud2", "points": "PointCloud2"}
+    made.set_goal((3.0, 0.0, 0.0), 0.0)
+    depth = SensorCloud(0.0, np.array([[1.0, 1.0, 0.3]], np.float32), HERE, (0.0, 0.0, 0.0, 1.0))
+    cycle = made.step(0.0, robot.pose, robot.twist, {"front/scan": robot.scan(), "points": depth})
+    assert not cycle.stale
+    assert made.local_costmap.cells[made.local_costmap.world_to_map(1.0, 1.0)[::-1]] == 254
+    for k in range(1, 12):
+        robot.time = 0.05 * k
+        cycle = made.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
+        assert cycle.stale is (k > 6)
+    assert cycle.silent == ("points", 0.32)
+    assert cycle.command == (0.0, 0.0)
+
+
+def test_two_layers_each_see_their_own_source():
+    """A ring of posts seen by one layer alone: switched off, its marks go and those of the other stay."""
+    tree = quick()
+    local = tree["local_costmap"]
+    local["plugins"] = [
+        {"name": "near", "type": "costmap_2d::ObstacleLayer"},
+        *local["plugins"],
+    ]
+    local["near"] = {"observation_sources": "low", "low": {"data_type": "LaserScan", "topic": "low/scan"}}
+    made, robot, low = MoveBase(tree), ToyRobot(HERE, [(1.5, 0.0, 0.2)]), ToyRobot(HERE, ring(0.0, 0.0, 1.0))
+    made.step(0.0, HERE, (0.0, 0.0), {"front/scan": robot.scan(), "low/scan": low.scan()})
+    assert (made.local_costmap.cells == 254).sum() > 60
+    made.reconfigure("local_costmap/near", {"enabled": False})
+    made.step(0.05, HERE, (0.0, 0.0), {"front/scan": robot.scan()})
+    marked = np.argwhere(made.local_costmap.cells == 254) * 0.05 + made.local_costmap.origin[::-1]
+    assert 3 <= len(marked) < 20
+    assert (np.hypot(marked[:, 1] - 1.5, marked[:, 0]) < 0.3).all()
+
+
+def test_the_map_of_a_world_is_what_the_laser_sees():
+    """Every hit of the laser lies in an occupied cell or beside one, and no cell on the course's path is occupied."""
+    import worlds
+    from sim_bridge.lidar import Lidar
+    from worlds.occupancy import occupancy
+
+    world = worlds.load("physical_course")
+    cells, origin = occupancy(world, 0.05)
+    near = cells.copy()
+    for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+        near |= np.roll(cells, (dy, dx), axis=(0, 1))
+    lidar = Lidar(JACKAL_ROBOT.laser, world.cylinders, world.boxes)
+    angles = JACKAL_ROBOT.laser.first_angle + JACKAL_ROBOT.laser.increment * np.arange(JACKAL_ROBOT.laser.beams)
+    for x, y in world.course.path[:: max(1, len(world.course.path) // 20)]:
+        ranges = lidar.scan(x, y, 0.3)
+        hit = np.isfinite(ranges)
+        mx = ((x + ranges * np.cos(angles + 0.3))[hit] - origin[0]) / 0.05
+        my = ((y + ranges * np.sin(angles + 0.3))[hit] - origin[1]) / 0.05
+        assert (near[my.astype(int), mx.astype(int)] == 100).all()
+        assert cells[int((y - origin[1]) / 0.05), int((x - origin[0]) / 0.05)] == 0
+    assert 0.02 < (cells == 100).mean() < 0.2

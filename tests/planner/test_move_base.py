@@ -1,0 +1,406 @@
+"""MoveBase in a closed loop with an ideal robot: goals reached and given up, recoveries, sensors, frequencies."""
+
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner import state_machine as module
+from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
+from applr_ros1.planner.timer import Timer
+from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, ToyRobot, quick, ring, run, start
+
+SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
+
+
+def sealed(tree=None):
+    """A robot in a ring of posts that it has seen all around, with a goal outside."""
+    robot, made = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05)), MoveBase(tree or quick())
+    for yaw in (2.0, 4.0, 0.0):
+        robot.pose = (0.0, 0.0, yaw)
+        run(made, robot, 0.1)
+    made.set_goal((4.0, 0.0, 0.0), robot.time)
+    return made, robot
+
+
+# -- reaching a goal ------------------------------------------------------------------------------------------
+def test_reaches_a_goal_among_obstacles():
+    made, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
+    cycles = []
+    assert run(made, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
+    assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
+    assert abs(robot.pose[2] - 0.5) <= 0.16
+    assert cycles[0][1].state == "controlling"
+    assert cycles[0][1].new_plan
+    assert cycles[0][1].command is not None
+    assert cycles[-1][1].command == (0.0, 0.0)
+    assert cycles[-1][1].state == "idle"
+    commands = np.array([c.command for _, c in cycles if c.command])
+    assert commands[:, 0].max() <= 0.5 + 1e-9
+    assert np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
+
+
+def test_success_does_not_wait_for_a_gap_between_plans():
+    """C++ with planner_frequency = controller_frequency stands at the goal for 12 to 18 s."""
+    made, robot = start((1.0, 0.0, 0.0))
+    assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
+    assert robot.time < 5.0
+
+
+def test_same_course_twice_is_the_same_drive():
+    drives = []
+    for _ in range(2):
+        made, robot = start((3.5, 0.0, 0.0), ToyRobot(circles=SLALOM))
+        cycles = []
+        run(made, robot, 8.0, cycles=cycles)
+        drives.append([c.command for _, c in cycles])
+    assert drives[0] == drives[1]
+
+
+def test_idle_publishes_nothing_but_keeps_the_maps_fresh():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    cycle = made.step(0.0, robot.pose, robot.twist, robot.scan())
+    assert cycle.command is None
+    assert cycle.state == "idle"
+    assert cycle.updated == (True, True)
+    assert (made.local_costmap.cells == 254).any()
+    assert (made.global_costmap.cells == 254).any()
+
+
+def test_costmaps_rest_when_told_to():
+    made, robot = MoveBase(quick(shutdown_costmaps=True)), ToyRobot()
+    assert made.step(0.0, robot.pose, robot.twist, robot.scan()).updated == (False, False)
+    made.set_goal((2.0, 0.0, 0.0), 0.05)
+    assert made.step(0.05, robot.pose, robot.twist, robot.scan()).updated == (True, True)
+
+
+# -- giving one up -----------------------------------------------------------------------------------------------
+@pytest.mark.fault("17")
+def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
+    made, robot = sealed()
+    cycles = []
+    result = run(made, robot, 60.0, cycles=cycles)
+    assert result == ("aborted", "Failed to find a valid plan. Even after executing recovery behaviors.")
+    begun = [c.recovery for _, c in cycles if c.recovery]
+    assert begun == [
+        (0, 4, "conservative_reset"),
+        (1, 4, "rotate_recovery"),
+        (2, 4, "aggressive_reset"),
+        (3, 4, "rotate_recovery"),
+    ]
+    first = next(t for t, c in cycles if c.recovery)
+    assert first - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
+    turning = [c.command for _, c in cycles if c.state == "clearing" and c.command]
+    assert any(w > 1.0 for _, w in turning)
+    # a rotation ends with a zero command before anything else happens
+    for (_, a), (_, b) in zip(cycles, cycles[1:]):
+        if a.state == "clearing" and b.state != "clearing":
+            assert b.command == (0.0, 0.0)
+    assert made.goal is None
+    assert made.state == "planning"
+
+
+@pytest.mark.fault("17a")
+def test_a_sealed_goal_is_given_up_where_recovery_rounds_are_limited():
+    """Posts all around the goal: the reset recovery opens the maps each time. As in C++ that goes on for ever."""
+    first = {}
+    for rounds in (0, 2):
+        posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
+        made, robot = start((3.5, 0.0, 0.0), ToyRobot(circles=posts), quick(applr={"recovery_rounds": rounds}))
+        cycles = []
+        result = run(made, robot, 60.0, cycles=cycles)
+        first[rounds] = sum(c.recovery[0] == 0 for _, c in cycles if c.recovery)
+        assert result == (("aborted", module.NO_PATH) if rounds else None)
+    assert first[0] > 4
+    assert 2 <= first[2] < 5  # one where it came nearer, and two without progress
+
+
+class Backing:
+    """A local planner that backs out until it is told that the way back is blocked, and then turns."""
+
+    goal_reached, cropped_plan, local_plan = False, module.NO_PLAN, module.NO_PLAN
+    ended = 0
+
+    def set_plan(self, plan):
+        pass
+
+    def end_escape(self):
+        self.ended += 1
+
+    def compute_velocity(self, pose, twist, costmap, frame=None):
+        return True, (-0.5, 0.0)
+
+
+@pytest.mark.fault("17b")
+@pytest.mark.parametrize("planner", ["ours", "cpp-like"])
+@pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
+def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner, free):
+    made = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
+    robot, commands, recoveries = ToyRobot(), [], []
+    run(made, robot, 0.1)
+    made.set_goal((4.0, 0.0, 0.0), robot.time)
+    made.local_planner = Backing()
+    result = None
+    while robot.time < 20.0 and result is None:
+        cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+        result = cycle.result
+        if cycle.recovery:
+            recoveries.append(robot.time)
+        command = cycle.command or (0.0, 0.0)
+        made.report_held(command != (0.0, 0.0) and command != free)
+        commands.append((robot.time, command))
+        robot.time += 0.05
+    if planner == "cpp-like":  # C++ is not told
+        assert {c for t, c in commands if t > 0.2} == {(-0.5, 0.0)}
+        return
+    assert {c for t, c in commands if 0.2 < t < 0.6} == {(-0.5, 0.0)}
+    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], "after half a second something else"
+    assert made.local_planner.ended
+    if free:  # half a second of it, then the planner's own again
+        share = sum(c == free for t, c in commands if t < 2.5)
+        assert 9 <= share <= 12
+    else:
+        assert recoveries[0] < 8.0
+        assert result == ("aborted", module.NO_CONTROL)
+
+
+@pytest.mark.fault("17b")
+@pytest.mark.parametrize("watched", [True, False])
+def test_a_robot_without_a_command_tries_other_motions_where_a_monitor_watches(watched):
+    made, robot = start((4.0, 0.0, 0.0), tree=quick(controller_patience=15.0))
+    made.local_planner = Backing()
+    made.local_planner.compute_velocity = lambda *scene: (False, (0.0, 0.0))
+    driven = set()
+    while robot.time < 4.0:
+        command = made.step(robot.time, robot.pose, robot.twist, robot.scan()).command
+        driven.add(command)
+        if watched:
+            made.report_held(False)
+        robot.time += 0.05
+    assert ((0.0, 0.4) in driven) == watched
+
+
+def test_recoveries_can_be_switched_off():
+    made, robot = sealed(quick(recovery_behavior_enabled=False))
+    cycles = []
+    assert run(made, robot, 5.0, cycles=cycles)[0] == "aborted"
+    assert not any(c.recovery for _, c in cycles)
+
+
+def test_max_planning_retries_counts():
+    made, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
+    cycles = []
+    run(made, robot, 5.0, cycles=cycles)
+    assert sum(c.planned for _, c in cycles) == 4
+
+
+@pytest.mark.fault("17")
+@pytest.mark.parametrize("goal", [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)], ids=["off the map", "in an obstacle"])
+def test_goals_that_cannot_be_reached_are_aborted(goal):
+    made, robot = start(goal, ToyRobot(circles=[(1.5, 0.0, 0.1)]), quick(recovery_behavior_enabled=False))
+    assert run(made, robot, 5.0) == ("aborted", module.NO_PATH)
+
+
+@pytest.mark.parametrize("goal", [(math.nan, 0, 0), (0, math.inf, 0), (0, 0, math.nan)])
+def test_goals_that_are_not_finite_are_aborted_at_once(goal):
+    made, robot = start((3.0, 0.0, 0.0))
+    run(made, robot, 0.5)
+    made.set_goal(goal, robot.time)
+    cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    made.set_goal(goal, robot.time)
+    again = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert (again.result, again.command) == (cycle.result, None), "nothing was under way: no command, as in C++"
+    assert cycle.result == ("aborted", INVALID_GOAL)
+    assert cycle.command == (0.0, 0.0)
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on
+
+
+class Refusing:
+    """A local planner that finds no command, but for a while."""
+
+    goal_reached, cropped_plan, local_plan = False, module.NO_PLAN, module.NO_PLAN
+
+    def __init__(self, refuse=lambda n: True, command=(0.0, 0.0)):
+        self.calls, self.refuse, self.command = 0, refuse, command
+
+    def set_plan(self, plan):
+        self.plan = plan
+
+    def reconfigure(self, values):
+        pass
+
+    def compute_velocity(self, pose, twist, costmap, frame=None):
+        self.calls += 1
+        return (False, (0.0, 0.0)) if self.refuse(self.calls) else (True, self.command)
+
+
+def test_no_valid_control_ends_in_its_own_words():
+    made, robot = start((3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False))
+    made.local_planner = Refusing()
+    cycles = []
+    assert run(made, robot, 20.0, cycles=cycles) == ("aborted", module.NO_CONTROL)
+    assert [c.recovery[2] for _, c in cycles if c.recovery] == ["conservative_reset", "aggressive_reset"]
+    first = next(t for t, c in cycles if c.recovery)
+    assert first - 0.1 == pytest.approx(1.0, abs=0.2)  # controller_patience
+    assert all(c.command == (0.0, 0.0) for _, c in cycles if c.command)
+
+
+def test_a_valid_command_starts_the_recoveries_over():
+    made, robot = start((3.0, 0.0, 0.0))
+    made.local_planner = Refusing(lambda n: not 24 <= n <= 27)
+    cycles = []
+    run(made, robot, 20.0, cycles=cycles)
+    names = [c.recovery[0] for _, c in cycles if c.recovery]
+    assert names[:2] == [0, 1]
+    assert names.count(0) == 2
+
+
+@pytest.mark.fault("17")
+def test_oscillation_recovers_and_aborts_in_its_own_words():
+    made, robot = start((3.0, 0.0, 0.0), tree=quick(oscillation_timeout=1.0, clearing_rotation_allowed=False))
+    made.local_planner = Refusing(lambda n: False)
+    cycles = []
+    assert run(made, robot, 10.0, cycles=cycles) == ("aborted", module.OSCILLATING)
+    begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]
+    assert [name for _, name in begun] == ["conservative_reset", "aggressive_reset"]
+    # plans go on succeeding at 20 Hz meanwhile: in C++ they hold the first recovery up for many seconds
+    assert begun[0][0] - 0.1 == pytest.approx(1.0, abs=0.16)
+
+
+class Wedged(ToyRobot):
+    """A robot that stands whatever it is told."""
+
+    def drive(self, command, duration):
+        super().drive(None, duration)
+
+
+@pytest.mark.fault("17")
+@pytest.mark.parametrize("kind", [ToyRobot, Wedged])
+def test_a_start_in_collision_is_driven_out_of_or_ends_in_recoveries(kind):
+    """Two thick posts reach into the outline of the body; one robot gets away from them, the other is wedged."""
+    robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
+    points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
+    assert np.abs(points[np.isfinite(points)]).min() < 0.165  # half the width of the footprint
+    made, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
+    cycles = []
+    result = run(made, robot, 60.0, cycles=cycles)
+    if kind is ToyRobot:
+        assert result == ("succeeded", "Goal reached.")
+        return
+    assert result == ("aborted", module.OSCILLATING)
+    begun = [c.recovery[2] for _, c in cycles if c.recovery]
+    assert begun == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+    assert made.goal is None
+
+
+# -- cancel, replace ---------------------------------------------------------------------------------------------
+def test_cancel_stops_at_the_next_step():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    made.cancel(robot.time)
+    cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert cycle.result == ("preempted", "")
+    assert cycle.command == (0.0, 0.0)
+    assert cycle.state == "idle"
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
+
+
+def test_cancel_during_a_rotation_is_heard_at_once():
+    made, robot = sealed()
+    while not (made.state == "clearing" and robot.twist[1] > 1.0):
+        robot.drive(made.step(robot.time, robot.pose, robot.twist, robot.scan()).command, 0.05)
+        assert robot.time < 5.0
+    made.cancel(robot.time)
+    assert made.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
+
+
+def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    made.set_goal((0.0, 2.0, 0.0), robot.time)
+    cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    assert cycle.new_plan
+    assert tuple(made.global_plan[-1, :2]) == (0.0, 2.0)
+    assert run(made, robot, 30.0) == ("succeeded", "Goal reached.")
+    assert math.hypot(robot.pose[0], robot.pose[1] - 2.0) < 0.3
+
+
+def test_a_cancelled_goal_does_not_cancel_the_next():
+    made, robot = start((4.0, 0.0, 0.0))
+    made.cancel(robot.time)
+    made.set_goal((1.0, 0.0, 0.0), robot.time)
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+def test_a_hundred_goals_between_two_steps():
+    made, robot = start((4.0, 0.0, 0.0))
+    for i in range(100):
+        made.set_goal((1.0 + 0.01 * i, 0.0, 0.0), robot.time)
+    assert made.goal_number == 101
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert abs(robot.pose[0] - 1.99) < 0.3
+
+
+# -- sensors -----------------------------------------------------------------------------------------------------
+def test_no_scan_for_a_second_stands_still_and_goes_on_when_it_returns():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    assert robot.twist[0] > 0.3
+    cycles = []
+    run(made, robot, 2.0, scans=False, cycles=cycles)
+    stale = [t for t, c in cycles if c.stale]
+    assert stale[0] - cycles[0][0] == pytest.approx(0.95, abs=0.11)
+    assert all(c.command == (0.0, 0.0) for t, c in cycles if t >= stale[0])
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+def test_a_scan_older_than_the_newest_counts_for_nothing():
+    made, robot = start((4.0, 0.0, 0.0))
+    old = robot.scan()
+    run(made, robot, 0.5)
+    robot.time += 2.0
+    assert made.step(robot.time, robot.pose, robot.twist, old).stale
+
+
+def test_no_pose_stands_still():
+    made, robot = start((4.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    cycle = made.step(robot.time, None, robot.twist, robot.scan())
+    assert cycle.command == (0.0, 0.0)
+    assert cycle.updated == (False, False)
+    robot.time += 0.05
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+# -- frequencies -------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (10.0, 20), (4.0, 8), (0.0, 1)])
+def test_planner_frequency(planner, expected):
+    made, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
+    cycles = []
+    run(made, robot, 2.0, cycles=cycles)
+    assert abs(sum(c.planned for _, c in cycles) - expected) <= 1
+
+
+@pytest.mark.parametrize("hertz", [20.0, 10.0, 5.0])
+def test_controller_and_costmap_frequency(hertz):
+    tree = quick(controller_frequency=hertz)
+    tree["local_costmap"]["update_frequency"] = hertz
+    made, robot = start((4.0, 0.0, 0.0), tree=tree)
+    cycles = []
+    run(made, robot, 2.0, cycles=cycles)
+    assert abs(sum(c.controlled for _, c in cycles) - 2 * hertz) <= 1
+    assert abs(sum(c.updated[0] for _, c in cycles) - 2 * hertz) <= 1
+    assert sum(c.updated[1] for _, c in cycles) == 40
+
+
+def test_timer_keeps_phase_bears_jitter_and_starts_anew():
+    timer = Timer()
+    timer.set_frequency(20.0)
+    assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [True, False, True, False, True, True]
+    assert timer.due(10.0)
+    assert not timer.due(10.02)
+    assert timer.due(10.05)
+    assert timer.due(1.0)
+    assert not timer.due(1.02)
+    timer.set_frequency(0.0)
+    assert not timer.due(2.0)

@@ -1,0 +1,172 @@
+"""MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
+
+import math
+
+import pytest
+
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.declarations import ParameterError
+from tests.support.toy_robot import ToyRobot, quick, run, start
+
+PLANNER = "TrajectoryPlannerROS"
+SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
+
+
+def test_reset_equals_a_fresh_object():
+    tree = quick()
+    used, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
+    used.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
+    used.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
+    run(used, robot, 3.0)
+    used.reset(0.0)
+    fresh = MoveBase(tree)
+    assert not used.global_costmap.cells.any()
+    assert len(used.global_plan) == 0
+    drives = []
+    for made in (used, fresh):
+        robot, cycles = ToyRobot(circles=SLALOM), []
+        run(made, robot, 0.1)
+        made.set_goal((3.5, 0.0, 0.0), robot.time)
+        run(made, robot, 5.0, cycles=cycles)
+        drives.append(([c for _, c in cycles], made.global_costmap.cells.copy(), made.local_costmap.cells.copy()))
+    assert drives[0][0] == drives[1][0]
+    assert (drives[0][1] == drives[1][1]).all()
+    assert (drives[0][2] == drives[1][2]).all()
+
+
+def test_reset_may_keep_what_was_reconfigured():
+    made = MoveBase(quick())
+    made.reconfigure(PLANNER, {"max_vel_x": 1.3})
+    made.reset(0.0, restore=False)
+    assert made.configuration(PLANNER)["max_vel_x"] == 1.3
+    made.reset(0.0)
+    assert made.configuration(PLANNER)["max_vel_x"] == 0.5
+
+
+def test_reconfigure_takes_effect_in_the_next_cycle():
+    made, robot = start((6.0, 0.0, 0.0))
+    run(made, robot, 1.0)
+    assert made.reconfigure(PLANNER, {"max_vel_x": 1e9})["max_vel_x"] == 20.0
+    made.reconfigure(PLANNER, {"max_vel_x": 1.2})
+    run(made, robot, 1.0)
+    assert robot.twist[0] == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(
+    ("server", "values"),
+    [
+        (PLANNER, {"max_vel_x": math.nan, "vx_samples": 3}),
+        ("", {"controller_frequency": 0.0}),
+        ("local_costmap", {"width": 2**31 - 1}),
+        ("local_costmap", {"footprint": "junk", "update_frequency": 1.0}),
+    ],
+)
+def test_reconfigure_refuses_whole_requests(server, values):
+    made = MoveBase(quick())
+    before = made.configuration(server)
+    with pytest.raises(ParameterError) as refused:
+        made.reconfigure(server, values)
+    assert made.configuration(server) == before
+    assert "\n" not in str(refused.value)
+
+
+def test_reconfigured_inflation_shows_and_nothing_is_wiped():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
+    run(made, robot, 0.2)
+    lethal, inflated = made.global_costmap.cells == 254, (made.global_costmap.cells > 0).sum()
+    robot.circles = robot.circles[:0]  # gone, but beyond what the next scans clear
+    made.reconfigure("global_costmap/inflater_layer", {"inflation_radius": 0.6})
+    made.reconfigure("global_costmap", {"publish_frequency": 1.0})
+    run(made, robot, 0.1)
+    assert (made.global_costmap.cells > 0).sum() > 1.3 * inflated
+    assert ((made.global_costmap.cells == 254) == lethal).all()
+    made.reconfigure("local_costmap", {"width": 8})
+    assert made.local_costmap.size == (160, 120)
+
+
+def test_maps_may_be_resized_while_driving():
+    made, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=[(1.5, 1.0, 0.2)]))
+    for server, values in (
+        ("local_costmap", {"width": 5, "height": 7}),
+        ("local_costmap", {"resolution": 0.1}),
+        ("global_costmap", {"origin_x": -3.0}),
+        ("global_costmap", {"height": 16}),
+    ):
+        run(made, robot, 0.5)
+        made.reconfigure(server, values)
+    assert made.local_costmap.cells.shape == (70, 50)
+    assert made.global_costmap.cells.shape == (320, 400)
+    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+
+
+def test_footprint_follows_its_server_and_its_topic():
+    made = MoveBase(quick())
+    made.reconfigure("local_costmap", {"footprint_padding": 0.0})
+    assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
+    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
+    assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
+    made.reconfigure("local_costmap", {"footprint_padding": 0.2})  # of the outline that the topic gave, as in C++
+    assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
+    made.reset(0.0, restore=False)  # the clock jumped; the robot is as large as before
+    assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
+    made.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
+    assert made.local_costmap.circumscribed_radius == pytest.approx(0.4 + 0.2 * math.sqrt(2.0))
+    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
+    made.reset(0.0)
+    assert made.local_costmap.footprint[2] == pytest.approx((0.31, 0.265))
+
+
+def test_what_a_planner_reads_once_keeps_its_start_up_value_after_a_reset():
+    made = MoveBase(quick())
+    begun = made.local_planner._acceleration, made.local_planner._slowest_turn
+    made.reconfigure(PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3})
+    made.reset(0.0, restore=False)
+    assert (made.local_planner._acceleration, made.local_planner._slowest_turn) == begun
+    assert made.local_planner.planner._params["max_vel_x"][0] == 1.3
+
+
+def test_make_plan_frees_the_robots_place_and_looks_near_the_goal():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(2.0, 0.0, 0.1)])
+    run(made, robot, 0.2)
+    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0  # in the obstacle
+    near = made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
+    assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
+    assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
+    made.reconfigure("", {"make_plan_add_unreachable_goal": False})
+    assert tuple(made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(near[-2, :2])
+    assert len(made.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
+    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # ends
+
+
+def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
+    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    run(made, robot, 0.2)
+    made.clear_costmaps()
+    assert not made.local_costmap.cells.any()
+    assert not made.global_costmap.cells.any()
+    run(made, robot, 0.1, scans=False)
+    assert (made.local_costmap.cells == 254).any()
+
+
+def test_parameters_that_cannot_be_run_are_named():
+    with pytest.raises(ParameterError, match="controller_frequency"):
+        MoveBase(quick(controller_frequency=0))
+
+
+def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
+    made, robot = start((40.0, 0.0, 0.0))  # off the map: no plan, and so recoveries
+    cycles = []
+    while robot.twist[1] < 0.3:
+        assert robot.time < 10.0
+        run(made, robot, 0.05, cycles=cycles)
+    assert cycles[-1][1].state == "clearing"
+    made.set_goal((41.0, 0.0, 0.0), robot.time)
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan()).command == (0.0, 0.0)
+
+
+def test_a_goal_far_beyond_the_map_has_no_plan():
+    tree = quick()
+    tree["NavfnROS"] = {"default_tolerance": 0.1}
+    made, robot = start((1e16, 0.0, 0.0), tree=tree)
+    run(made, robot, 0.3)
+    assert len(made.global_plan) == 0

@@ -1,0 +1,136 @@
+"""The recoveries by themselves: order, the rotation turn by turn, clearing under the layer's real name."""
+
+import math
+
+import numpy as np
+import pytest
+
+from applr_ros1.planner import recovery
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.footprint import pad
+from applr_ros1.planner.costmap.scan import PointCloud
+from applr_ros1.planner.parameters.check import check, complete, warnings
+from applr_ros1.planner.parameters.declarations import RECOVERY_TYPES
+from tests.support.jackal import JACKAL
+from tests.support.seeds import seeds
+from tests.support.toy_robot import ToyRobot
+
+FOOTPRINT = pad([[-0.21, -0.165], [-0.21, 0.165], [0.21, 0.165], [0.21, -0.165]], 0.1)
+
+
+def costmap():
+    made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=FOOTPRINT)
+    points = np.array([[2.0, 0.0, 0.0], [0.81, 0.81, 0.0]], np.float32)
+    made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), points))
+    return made
+
+
+def lethal(made, x, y):
+    mx, my = made.world_to_map(x, y)
+    return made.cells[my, mx] == 254
+
+
+def rotate():
+    return recovery.RotateRecovery("rotate_recovery", complete(JACKAL)["TrajectoryPlannerROS"])
+
+
+def test_usual_order_and_sizes():
+    built = recovery.build(complete(JACKAL))
+    assert [b.name for b in built] == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+    assert built[1] is built[3]
+    assert (built[0].side, built[2].side) == (3.0, 1.84)
+
+
+def test_without_rotations():
+    built = recovery.build(complete(dict(JACKAL, clearing_rotation_allowed=False)))
+    assert [b.name for b in built] == ["conservative_reset", "aggressive_reset"]
+
+
+def test_listed_recoveries_replace_the_usual():
+    listed = [{"name": "turn", "type": RECOVERY_TYPES[1]}, {"name": "wide", "type": RECOVERY_TYPES[0]}]
+    built = recovery.build(complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0})))
+    assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
+    assert built[1].side == 6.0
+    assert recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []  # not the usual ones, as in C++
+
+
+@pytest.mark.parametrize("types", [(0, 1), (1, 0), (0, 0)])
+def test_a_name_given_twice_leaves_the_usual_recoveries_as_in_cpp(types):
+    """move_base.cpp, loadRecoveryBehaviors: an error is logged and the default behaviours are loaded."""
+    listed = [{"name": "own", "type": RECOVERY_TYPES[kind]} for kind in types]
+    listed.append({"name": "last", "type": RECOVERY_TYPES[1]})
+    tree = dict(JACKAL, recovery_behaviors=listed, own={"reset_distance": 6.0})
+    assert check(tree) == []
+    (line,) = warnings(tree)
+    assert line.startswith("recovery_behaviors has the name 'own' more than once: as in C++ the default behaviours")
+    built = recovery.build(complete(tree))
+    assert [b.name for b in built] == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+
+
+def test_clearing_forgets_outside_the_square_only():
+    local, world = costmap(), costmap()
+    assert lethal(local, 2.0, 0.0)
+    assert lethal(local, 0.81, 0.81)
+    clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
+    assert clear.step(0.0, (0.0, 0.0, 0.0), local, world) is None
+    empty = PointCloud((0.0, 0.0, 0.0), local.obstacles.cloud.points[:0])
+    for made in (local, world):
+        made.update((0.0, 0.0, 0.0), empty)
+        assert not lethal(made, 2.0, 0.0)
+        assert lethal(made, 0.81, 0.81)
+
+
+def test_rotation_is_one_full_turn_anticlockwise():
+    robot, turn, made = ToyRobot((0.0, 0.0, 0.7)), rotate(), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
+    turn.start(0.0, robot.pose)
+    turned, commands = 0.0, []
+    while True:
+        command = turn.step(robot.time, robot.pose, made, made)
+        if command is None:
+            break
+        commands.append(command)
+        robot.drive(command, 0.05)
+        turned += command[1] * 0.05
+        assert turned < 7.0
+    assert turned == pytest.approx(2 * math.pi, abs=0.157 + 1.57 * 0.05)
+    assert all(v == 0.0 and 0.314 <= w <= 1.57 for v, w in commands)
+    assert commands[0][1] == 1.57
+
+
+@seeds(20)
+def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
+    draw, made = np.random.default_rng(seed), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
+    limits = dict(complete(JACKAL)["TrajectoryPlannerROS"], yaw_goal_tolerance=0.05)
+    turn = recovery.RotateRecovery("rotate_recovery", limits)
+    robot, turned, command = ToyRobot((0.0, 0.0, 0.7)), 0.0, (0.0, 0.0)
+    turn.start(0.0, robot.pose)
+    while command is not None:
+        robot.drive(command, 0.2)
+        turned += command[1] * 0.2
+        command = turn.step(robot.time, robot.pose, made, made)
+        command = command and (0.0, command[1] * draw.normal(1.0, 0.03))
+    assert turned == pytest.approx(2 * math.pi, abs=0.4)
+
+
+def test_rotation_is_refused_next_to_an_obstacle():
+    made = costmap()
+    made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32)))
+    turn = rotate()
+    turn.start(0.0, (0.0, 0.0, 0.0))
+    assert turn.step(0.0, (0.0, 0.0, 0.0), made, made) is None
+
+
+def test_rotation_of_a_robot_that_cannot_turn_ends():
+    turn, made = rotate(), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
+    turn.start(0.0, (0.0, 0.0, 0.0))
+    now = 0.0
+    while turn.step(now, (0.0, 0.0, 0.0), made, made) is not None:
+        now += 0.05
+        assert now < 30.0
+    assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
+
+
+def test_angle_difference():
+    pi = math.pi
+    for a, b, want in [(0, 1, 1), (1, 0, -1), (3, -3, 2 * pi - 6), (0, pi, pi), (0, -pi, pi), (10, 10, 0)]:
+        assert recovery.angle_difference(a, b) == pytest.approx(want, abs=1e-12), (a, b)

@@ -1,0 +1,137 @@
+"""The path and goal grids: a plain flood gives the same numbers, however far ours has gone when it is asked."""
+
+from collections import deque
+
+import numpy as np
+
+from applr_ros1.planner import distance_grid
+from applr_ros1.planner.trajectory import map_grid
+from tests.support.seeds import seeds
+
+NX, NY, RESOLUTION = 23, 17, 0.1
+FOOT = np.array([[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.1], [0.2, -0.1]])
+N = NX * NY
+
+
+def plain_flood(cells, within, sources):
+    """The grid as C++ makes it, cell by cell."""
+    grid = np.full(cells.shape, N + 1, np.int32)
+    seen = np.zeros(cells.shape, bool)
+    queue = deque(sources)
+    for x, y in sources:
+        grid[y, x], seen[y, x] = 0, True
+    while queue:
+        x, y = queue.popleft()
+        for cx, cy in ((x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)):
+            if not (0 <= cx < NX and 0 <= cy < NY) or seen[cy, cx]:
+                continue
+            seen[cy, cx] = True
+            if cells[cy, cx] >= 253 and not within[cy, cx]:
+                grid[cy, cx] = N
+            else:
+                grid[cy, cx] = grid[y, x] + 1
+                queue.append((cx, cy))
+    return grid
+
+
+def prepared(cells, plan, pose=(1.2, 0.8, 0.3)):
+    grids = map_grid.allocate(NX, NY)
+    plan = np.array(plan, dtype=np.float64).reshape(-1, 2)
+    goal = map_grid.prepare(grids, cells, 0.0, 0.0, RESOLUTION, FOOT, *pose, plan)
+    return grids, goal
+
+
+def completed(grids):
+    path, goal = np.zeros((NY, NX), np.int32), np.zeros((NY, NX), np.int32)
+    distance_grid.complete(grids.path, grids.path_queue, grids.path_ends, NX, NY, path)
+    distance_grid.complete(grids.goal, grids.goal_queue, grids.goal_ends, NX, NY, goal)
+    return path, goal
+
+
+def random_world(seed):
+    random = np.random.default_rng(seed)
+    cells = random.choice(
+        np.array([0, 100, 252, 253, 254, 255], np.uint8), (NY, NX), p=[0.5, 0.1, 0.05, 0.15, 0.15, 0.05]
+    )
+    plan = random.uniform((-0.3, -0.3), (2.6, 2.0), (random.integers(1, 6), 2))
+    return cells, plan
+
+
+@seeds(40)
+def test_equal_to_a_plain_flood(seed):
+    cells, plan = random_world(seed)
+    grids, goal_cell = prepared(cells, plan)
+    path, goal = completed(grids)
+    sources = [(x, y) for y, x in np.argwhere(path == 0)]
+    assert np.array_equal(path, plain_flood(cells, grids.within, sources))
+    sources = [goal_cell] if goal_cell[0] >= 0 else []
+    assert np.array_equal(goal, plain_flood(cells, np.zeros_like(cells), sources))
+
+
+@seeds(20)
+def test_settled_cells_are_final_and_others_are_beyond_the_limit(seed):
+    cells, plan = random_world(seed)
+    whole = completed(prepared(cells, plan)[0])[0]
+    grids, _ = prepared(cells, plan)
+    random = np.random.default_rng(seed)
+    for _ in range(60):
+        x, y, limit = int(random.integers(NX)), int(random.integers(NY)), int(random.integers(12))
+        k = (y + 1) * (NX + 2) + x + 1
+        value = distance_grid.settle(grids.path, grids.path_queue, grids.path_ends, NX + 2, N + 1, k, limit)
+        if value < N:
+            assert value == whole[y, x]
+        elif value == N:
+            assert whole[y, x] >= N
+        elif grids.path_ends[0] < grids.path_ends[1]:
+            assert whole[y, x] > limit
+        else:
+            assert whole[y, x] == N + 1
+
+
+def test_plan_is_made_as_dense_as_the_map():
+    path, goal = completed(prepared(np.zeros((NY, NX), np.uint8), [(0.05, 0.05), (2.05, 0.05)])[0])
+    assert np.array_equal(np.argwhere(path == 0), [(0, x) for x in range(21)])
+    assert goal[0, 20] == 0
+    assert goal[3, 4] == 16 + 3
+
+
+def test_points_off_the_map_are_skipped_at_first_and_end_the_plan_later():
+    grids, goal = prepared(np.zeros((NY, NX), np.uint8), [(-0.15, 0.55), (0.55, 0.55), (0.55, -0.3), (2.0, 0.5)])
+    path = completed(grids)[0]
+    assert goal == (5, 0)
+    assert path[5, 19] > 0
+
+
+def test_unknown_ends_the_plan_and_lethal_does_not():
+    cells = np.zeros((NY, NX), np.uint8)
+    cells[5, 3], cells[5, 8] = 254, 255
+    grids, goal = prepared(cells, [(0.05, 0.55), (2.0, 0.55)])
+    assert goal == (7, 5)
+    assert completed(grids)[0][5, 3] == 0
+
+
+def test_without_a_plan_nothing_is_reached():
+    grids, goal = prepared(np.zeros((NY, NX), np.uint8), [])
+    assert goal == (-1, -1)
+    assert all(np.all(grid == N + 1) for grid in completed(grids))
+
+
+def test_walls_under_the_robot_let_only_the_path_through():
+    cells = np.zeros((NY, NX), np.uint8)
+    cells[:, 12] = 254
+    grids, _ = prepared(cells, [(0.3, 0.85), (0.9, 0.85)], pose=(1.25, 0.85, 0.0))
+    path, goal = completed(grids)
+    assert grids.within[8, 12] == 1
+    assert path[8, 12] == 3
+    assert path[8, 20] == 11
+    assert goal[8, 12] == N
+    assert goal[8, 20] == N + 1
+
+
+def test_grids_can_be_used_again():
+    first, second = random_world(1), random_world(2)
+    grids, _ = prepared(*first)
+    completed(grids)
+    plan = np.array(second[1])
+    map_grid.prepare(grids, second[0], 0.0, 0.0, RESOLUTION, FOOT, 1.2, 0.8, 0.3, plan)
+    assert all(np.array_equal(a, b) for a, b in zip(completed(grids), completed(prepared(*second)[0])))

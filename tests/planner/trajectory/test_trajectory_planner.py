@@ -1,0 +1,395 @@
+"""The trajectory planner: its short cuts choose what the plain way chooses; parameters, memory, single samples."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.costmap.costmap import Costmap
+from applr_ros1.planner.costmap.footprint import footprint_cost
+from applr_ros1.planner.costmap.footprint_cost import line_offsets, outline_cost
+from applr_ros1.planner.costmap.inflation_layer import InflationParameters
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.trajectory import bounds, scoring
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.planner.trajectory.sampling import STATE
+from tests.support.jackal import JACKAL
+from tests.support.plain_trajectories import Plain
+from tests.support.seeds import seeds
+
+JACKAL_FOOT = np.array([[-0.31, -0.265], [-0.31, 0.265], [0.31, 0.265], [0.31, -0.265]])
+FEET = [
+    JACKAL_FOOT,
+    np.array([[-0.2, -0.2], [0.3, 0.0], [-0.2, 0.2]]),
+    np.zeros((0, 2)),
+    np.array([[0.1, 0.1]]),
+    np.array([[0.0, 0.0], [0.2, 0.1]]),
+    np.array([[-2.5, -0.4], [-2.5, 0.4], [2.5, 0.4], [2.5, -0.4]]),
+]
+PARAMS = complete(JACKAL)["TrajectoryPlannerROS"]
+
+
+def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0)):
+    return SimpleNamespace(cells=np.zeros((ny, nx), np.uint8), origin=origin, resolution=resolution)
+
+
+def planner(plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_scoring=True, **changes):
+    made = TrajectoryPlanner(foot, dict(PARAMS, **changes), period, meter_scoring)
+    made.set_plan(np.array(plan, dtype=np.float64).reshape(-1, 2))
+    return made
+
+
+# -- against the plain way ---------------------------------------------------------------------------------------
+
+
+def random_map(random, foot):
+    nx, ny = (int(v) for v in random.integers(12, 130, 2))
+    resolution = float(random.choice([0.05, 0.1, 0.03]))
+    made = Costmap(
+        (nx + 0.5) * resolution,
+        (ny + 0.5) * resolution,
+        resolution,
+        random.uniform(-3, 3, 2).round(3),
+        footprint=foot,
+        inflation=InflationParameters(float(random.uniform(0, 0.6))),
+    )
+    cells = np.zeros((ny, nx), np.uint8)
+    cells[random.random((ny, nx)) < random.choice([0, 0.002, 0.01, 0.03])] = 254
+    if random.random() < 0.3:
+        cells[random.random((ny, nx)) < 0.003] = 255
+    if random.random() < 0.3:
+        cells[int(random.integers(ny))] = 254
+    made.paint(cells)
+    if random.random() < 0.2:
+        made.cells[:] = np.where(random.random((ny, nx)) < 0.5, made.cells, random.integers(0, 256, (ny, nx)))
+    return made
+
+
+def random_pose(random, costmap):
+    size = np.array(costmap.size) * costmap.resolution
+    pose = np.append(costmap.origin + size * random.uniform(0.1, 0.9, 2), random.uniform(-4, 4))
+    case = random.random()
+    if case < 0.1:
+        pose[:2] = costmap.origin + size * random.uniform(-0.02, 1.02, 2)
+    elif case < 0.3:  # on the corner of a cell
+        pose[:2] = costmap.origin + costmap.resolution * random.integers(0, costmap.size)
+    if random.random() < 0.2:
+        pose[2] = random.choice([0.0, math.pi / 2, math.pi])
+    return pose
+
+
+def give_room(random, costmap, pose, foot):
+    """Take away what the robot would stand on, so that there is something to choose."""
+    radius = max([float(np.hypot(*vertex)) for vertex in foot] + [0.1]) + random.uniform(0.05, 0.3)
+    rows, columns = np.mgrid[: costmap.size[1], : costmap.size[0]] + 0.5
+    away = np.hypot(
+        costmap.origin[0] + columns * costmap.resolution - pose[0],
+        costmap.origin[1] + rows * costmap.resolution - pose[1],
+    )
+    costmap.cells[(away < radius) & (costmap.cells > 100)] = int(random.choice([0, 0, 50, 253]))
+    if random.random() < 0.5:
+        walls = costmap.cells > 252
+        costmap.cells[walls] = np.where(random.random(walls.sum()) < 0.7, 200, 254)
+
+
+def random_parameters(random):
+    def one(*values):
+        return float(random.choice(values))
+
+    fastest = float(random.uniform(0.3, 3.14))
+    return dict(
+        PARAMS,
+        vx_samples=int(random.integers(1, 6)),
+        vtheta_samples=int(random.integers(1, 12)),
+        max_vel_x=one(0.5, 1, 2),
+        min_vel_x=one(0, 0.1, 0.3),
+        max_vel_theta=fastest,
+        min_vel_theta=-fastest,
+        occdist_scale=one(0, 0.05, 0.1, 1),
+        path_distance_bias=one(0, 0.1, 0.75, 1.5),
+        goal_distance_bias=one(0, 0.1, 1, 2),
+        acc_lim_x=one(10, 1, 0.1, 0),
+        acc_lim_y=one(2.5, 0.1),
+        acc_lim_theta=one(20, 3, 0.5),
+        sim_time=one(0.5, 1, 2, 4),
+        sim_granularity=one(0.02, 0.1),
+        angular_sim_granularity=one(0.02, 0.1, 0.7),
+        heading_lookahead=one(0.325, 0, 1),
+        dwa=bool(random.random() < 0.8),
+        simple_attractor=bool(random.random() < 0.1),
+        heading_scoring=bool(random.random() < 0.1),
+    )
+
+
+def random_state(random, pose):
+    flags = random.integers(0, 2, 5) * (random.random() < 0.3)
+    near = np.append(pose[:2] + random.normal(0, 0.05, 2), np.append(pose[:2], pose[2]) + random.normal(0, 0.05, 3))
+    return [int(v) for v in flags] + near.tolist()
+
+
+def random_plan(random, pose):
+    steps = random.normal(0.15, 0.4, (int(random.integers(0, 7)), 2))
+    start = pose[:2] + (random.random() < 0.8) * random.normal(0, 0.2, 2)
+    return np.cumsum(np.vstack([start, steps]), axis=0)
+
+
+@seeds(400)
+def test_chooses_as_the_plain_way(seed):
+    """Winner, cost, points and memory, on random maps, poses, velocities, footprints and parameters."""
+    random = np.random.default_rng(seed)
+    foot = FEET[random.integers(len(FEET))] if random.random() < 0.4 else JACKAL_FOOT
+    costmap = random_map(random, foot)
+    pose = random_pose(random, costmap)
+    if random.random() < 0.8:
+        give_room(random, costmap, pose, foot)
+    made = TrajectoryPlanner(foot, random_parameters(random), 0.05, bool(random.random() < 0.7))
+    plan = random_plan(random, pose)
+    velocity = (random.choice([0, 0.3, 0.5, 1.8, -0.4]), random.choice([0, 0, 0.1]), random.uniform(-2, 2))
+    made.set_plan(plan)
+    before = made.state = random_state(random, pose)
+    result = made.find_best_path(costmap, pose, velocity)
+    after = made.state
+
+    path, goal, _ = made.grids()
+    window = made.window
+    if made.effective["vtheta_samples"] == 1:  # C++ divides by zero here
+        width = window["max_vel_theta"] - window["min_vel_theta"]
+        window["dvtheta"] = -math.inf if width < 0 else math.inf
+    plain = Plain(costmap, foot, made.effective, plan.tolist(), path, goal)
+    (cost, v, w, points), state = plain.choose(made.start.tolist(), window, dict(zip(STATE.names, before)))
+    assert (result.cost, result.v, result.w, result.count) == (cost, v, w, len(points))
+    assert np.array_equal(result.points, np.array(points).reshape(-1, 3))
+    assert after == list(state.values())
+
+
+@seeds(60)
+def test_outline_cost_equals_the_footprints(seed):
+    random = np.random.default_rng(seed)
+    foot = FEET[seed % len(FEET)]
+    costmap = random_map(random, foot)
+    nx, ny = costmap.size
+    lines = line_offsets(foot, costmap.resolution, nx)
+    ox, oy = costmap.origin.tolist()
+    for _ in range(20):
+        x, y, yaw = random_pose(random, costmap)
+        cx, cy = costmap.world_to_map(x, y)
+        if cx < 0:
+            continue
+        ours = outline_cost(
+            costmap.cells,
+            costmap.cells.reshape(-1),
+            ox,
+            oy,
+            costmap.resolution,
+            foot,
+            lines,
+            x,
+            y,
+            math.cos(yaw),
+            math.sin(yaw),
+            cx,
+            cy,
+            0.0,
+        )
+        theirs = footprint_cost(costmap.cells, ox, oy, costmap.resolution, foot, x, y, yaw)
+        assert ours == theirs if theirs >= 0 else ours < 0
+
+
+def test_closed_forms_end_where_the_steps_end():
+    random = np.random.default_rng(0)
+    params = planner(acc_lim_x=2.0, acc_lim_theta=5.0)._params
+    for _ in range(300):
+        start = np.append(random.uniform(-3, 3, 3), random.uniform(-1, 1, 3))
+        vx, w = random.uniform(-0.5, 2), random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)])
+        steps = scoring.step_count(params[0], vx, 0.0, w)
+        dt = 2.0 / steps
+        exact = bounds.exact_end(params[0], start, vx, w, steps)
+        moves, x, y, c, s = bounds.ramp(params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1)
+        ours = bounds.along_arc(x, y, c, s, vx * dt, w * dt, steps - 1 - moves)
+        assert np.allclose(ours, exact, rtol=0, atol=1e-11)
+
+
+# -- behaviour ---------------------------------------------------------------------------------------------------
+
+
+def test_drives_to_a_goal_straight_ahead():
+    result = planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    assert (result.v, result.w) == (0.5, 0.0)
+    assert result.drive == (0.5, 0.0)
+    assert result.points.shape == (50, 3)
+    assert tuple(result.points[0]) == (0, 0, 0)
+
+
+def test_slows_down_before_the_last_point():
+    result = planner([(0, 0), (0.5, 0)]).find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    assert result.v <= 0.25
+
+
+def test_turns_towards_a_goal_behind():
+    made = planner([(0, 0), (-3, 0)])
+    result = made.find_best_path(open_map(), (0, 0, 0.2), (0, 0, 0))
+    assert result.v == 0
+    assert result.w > 0
+    assert made.state[:4] == [0, 0, 1, 0]
+    assert (made.state[5:7]) == [0.0, 0.0]
+
+
+def test_a_barred_turn_is_not_taken():
+    """stuck_left bars negative turns and stuck_right positive ones, as in C++."""
+    made = planner([(0, 0), (-3, 0)])
+    for flags, sign in (([0, 1], -1), ([1, 0], 1)):
+        made.state = flags + [0] * 8
+        result = made.find_best_path(open_map(), (0, 0, 0.2), (0, 0, 0))
+        assert not result.w * sign < 0 or result.v > 0
+
+
+def test_enclosed_robot_backs_up_and_says_so():
+    costmap = open_map()
+    costmap.cells[100, 100] = 254
+    made = planner()
+    result = made.find_best_path(costmap, (-0.28, 0, 0), (0, 0, 0))
+    assert (result.cost, result.v, result.drive, result.count) == (1.0, -0.5, (-0.5, 0.0), 0)
+    assert result.points.shape == (0, 3)
+    assert made.state[4] == 1
+
+
+def test_no_way_to_the_goal_is_no_command():
+    costmap = open_map()
+    costmap.cells[:, 120] = 254
+    result = planner().find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    assert result.cost == -2.0
+    assert result.drive == (0.0, 0.0)
+
+
+def test_empty_plan_is_no_command():
+    assert planner([]).find_best_path(open_map(), (0, 0, 0), (0, 0, 0)).cost < 0
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"vx_samples": 1},
+        {"vtheta_samples": 1},
+        {"vx_samples": 1, "vtheta_samples": 1},
+        {"vx_samples": 0, "vtheta_samples": -3},
+    ],
+)
+def test_one_sample_is_one_value(changes):
+    """C++ divides by zero; ours does not and chooses the same."""
+    made = planner(**changes)
+    result = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
+    window = made.window
+    assert result.cost >= 0
+    assert all(math.isfinite(v) for v in window.values())
+    assert window["dvx"] == 0 if "vx_samples" in changes else window["dvtheta"] == 0
+
+
+def test_memory_is_read_set_and_reset():
+    made = planner()
+    state = [1, 0, 0, 1, 1, 0.5, -0.5, 0.25, 2.0, -1.0]
+    made.state = state
+    assert made.state == state
+    made.set_plan(np.zeros((1, 2)))
+    made.reconfigure(PARAMS)
+    assert made.state == state
+    made.reset()
+    assert made.state == [0] * 10
+
+
+def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
+    costmap = open_map(resolution=0.1)
+    made = planner()
+    made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    for _ in range(2):
+        assert made.effective["path_distance_bias"] == 0.75 * 0.1
+        assert made.effective["goal_distance_bias"] == 0.1
+        assert made.effective["occdist_scale"] == 0.1
+        made.reconfigure(PARAMS)
+    unscaled = planner(meter_scoring=False)
+    unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    assert unscaled.effective["path_distance_bias"] == 0.75
+
+
+def test_reconfigure_takes_some_values_and_keeps_the_rest():
+    made = planner()
+    made.reconfigure({"max_vel_x": 1.5, "unknown_to_it": 3})
+    assert made.effective["max_vel_x"] == 1.5
+    assert made.effective["sim_time"] == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("max_vel_x", math.nan),
+        ("sim_time", 0.0),
+        ("occdist_scale", -0.1),
+    ],
+)
+def test_refused_parameters_change_nothing(name, value):
+    made = planner()
+    before = made.effective
+    with pytest.raises(ApplrError, match=name) as caught:
+        made.reconfigure({name: value, "max_vel_theta": 0.3})
+    assert "\n" not in str(caught.value)
+    assert made.effective == before
+
+
+def test_missing_parameter_is_named():
+    with pytest.raises(ApplrError, match="acc_lim_x"):
+        TrajectoryPlanner(JACKAL_FOOT, {})
+
+
+def test_a_map_of_another_size_is_taken_up():
+    made = planner()
+    first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    made.find_best_path(open_map(80, 120, 0.1), (0, 0, 0), (0.3, 0, 0))
+    made.state = [0] * 10
+    again = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    assert (again.cost, again.v, again.w) == (first.cost, first.v, first.w)
+
+
+def test_earlier_results_keep_their_points():
+    made = planner()
+    first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    wanted = planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0)).points
+    made.reconfigure(dict(PARAMS, sim_time=1.0))
+    made.find_best_path(open_map(), (1, 1, 1), (0.1, 0, 0))
+    assert np.array_equal(first.points, wanted)
+
+
+def test_score_of_one_sample():
+    made, costmap = planner(), open_map()
+    with pytest.raises(ApplrError):
+        made.score(costmap, (0, 0, 0), (0, 0, 0), (0.5, 0, 0))
+    best = made.find_best_path(costmap, (0, 0, 0), (0.3, 0, 0))
+    cost, count, x, y, yaw = made.score(costmap, (0, 0, 0), made.start[3:], (0.5, 0, 0))
+    assert (cost, count, x) == (best.cost, best.count, best.points[-1, 0])
+    costmap.cells[:, 115] = 254
+    assert made.score(costmap, (0, 0, 0), (0.3, 0, 0), (0.5, 0, 0))[0] == scoring.COLLISION
+
+
+def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
+    costmap = open_map(40, 30, 0.1, (-1.0, -1.0))
+    costmap.cells[:, 30] = 254
+    costmap.cells[5, 5] = 77
+    made = planner([(0, 0), (1, 0)])
+    assert made.cost_cloud(costmap).shape == (0, 7)
+    made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    cloud = made.cost_cloud(costmap)
+    path, goal, within = made.grids()
+    assert cloud.dtype == np.float32
+    assert len(cloud) == 30 * 30 - int(within.sum())
+    row = cloud[(np.abs(cloud[:, 0] + 0.45) < 1e-4) & (np.abs(cloud[:, 1] + 0.45) < 1e-4)][0]
+    assert np.allclose(row[3:], [path[5, 5], goal[5, 5], 77, 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 7.7])
+
+
+@pytest.mark.parametrize(
+    ("target", "expected"), [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)]
+)
+def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(target, expected):
+    """On the point itself the direction is 0, as C++'s atan2(0, 0) says."""
+    cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
+    found = scoring._heading_difference(cells, 0.0, 0.0, 0.05, plan, 0, 0, 0.025, 0.025, 0.7)
+    assert found == pytest.approx(expected)

@@ -1,0 +1,406 @@
+"""Parameter space, observation and actor file: values, refusals, agreement with scipy and torch."""
+
+import json
+import pickle
+import struct
+
+import numpy as np
+import pytest
+import safetensors.numpy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import worlds
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.tensors import PICKLES, unpack
+from applr_ros1.policy import actor as actor_module
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import Actor, save
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.network import with_mirror_images
+from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
+from tests.support.weights import make_weights
+from training.evaluation import trials
+from worlds import builtin
+
+PLANNER, INFLATION = "TrajectoryPlannerROS", ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
+SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
+
+
+def test_theta_0_is_clearpaths_and_round_trips():
+    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30]
+    np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
+    with pytest.raises(ValueError, match="read-only"):
+        THETA_0[0] = 1.0
+    assert SPACE.as_dict(THETA_0)["vx_samples"] == 6
+    assert isinstance(SPACE.as_dict(THETA_0)["vx_samples"], int)
+
+
+def test_actions_reach_the_ranges_and_never_leave_them():
+    np.testing.assert_allclose(SPACE.to_theta(-np.ones(8)), SPACE.low)
+    np.testing.assert_allclose(SPACE.to_theta(np.ones(8)), SPACE.high)
+    np.testing.assert_allclose(SPACE.to_theta(np.full(8, 1e9)), SPACE.high)
+    np.testing.assert_allclose(SPACE.to_theta(np.full(8, -1e9)), SPACE.low)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8))
+def test_any_action_gives_legal_parameters_or_is_refused(values):
+    if not np.all(np.isfinite(values)):
+        with pytest.raises(ApplrError, match="not finite"):
+            SPACE.to_theta(values)
+        return
+    theta = SPACE.to_theta(values)
+    assert np.all(theta >= SPACE.low)
+    assert np.all(theta <= SPACE.high)
+    assert theta[2] == round(theta[2])
+    assert theta[3] == round(theta[3])
+
+
+def test_counts_are_rounded_not_truncated():
+    theta = THETA_0.copy()
+    theta[2] = 6.9
+    assert SPACE.clip(theta)[2] == 7
+
+
+def test_space_errors_are_one_line():
+    for call in (
+        lambda: SPACE.to_theta(np.zeros(7)),
+        lambda: SPACE.from_dict({"speed": 1.0}),
+        lambda: SPACE.from_dict({"max_vel_x": 3.0}),
+        lambda: SPACE.from_dict({"max_vel_x": "fast"}),
+        lambda: SPACE.from_dict({"max_vel_x": float("nan")}),
+    ):
+        with pytest.raises(ApplrError) as e:
+            call()
+        assert "\n" not in str(e.value)
+    assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
+
+
+def test_every_parameter_has_a_server():
+    servers = {t.server for targets in SPACE.targets.values() for t in targets}
+    assert servers == {PLANNER, *INFLATION}
+    assert [t.sign for t in SPACE.targets["max_vel_theta"]] == [1.0, -1.0]
+    assert SPACE.targets["pdist_scale"][0].names == ("path_distance_bias", "pdist_scale")
+
+
+def test_ranges_lie_within_the_servers_bounds():
+    from applr_ros1.planner.parameters.declarations import SERVERS
+
+    for name, low, high in zip(SPACE.names, SPACE.low, SPACE.high):
+        for target in SPACE.targets[name]:
+            (p,) = [p for p in SERVERS[target.server] if p.name == target.names[0]]
+            assert p.min <= min(low * target.sign, high * target.sign)
+            assert max(low * target.sign, high * target.sign) <= p.max
+
+
+@pytest.mark.parametrize("n", [5, 6, 18, 19, 20, 37, 200])
+def test_smoothing_equals_scipy(n):
+    from scipy.signal import savgol_filter
+
+    points = np.cumsum(np.random.default_rng(n).normal(size=(n, 2)), axis=0)
+    window = min(19, n if n % 2 else n - 1)
+    np.testing.assert_allclose(smooth(points), savgol_filter(points, window, 3, axis=0), atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_short_plans_stay_as_they_are(n):
+    points = np.arange(2.0 * n).reshape(n, 2)
+    np.testing.assert_array_equal(smooth(points), points)
+
+
+def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
+    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])  # straight along +y
+    gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
+    assert gx == pytest.approx(1.025)
+    assert gy == pytest.approx(0.0, abs=1e-9)
+    assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)  # none: the last point
+
+
+def test_local_goal_refuses_empty_and_nan_plans():
+    for plan in (np.empty((0, 3)), [], np.full((5, 2), np.nan)):
+        with pytest.raises(ObservationError):
+            local_goal(plan, (0.0, 0.0, 0.0))
+
+
+def test_observation_layout_and_scale():
+    ranges = np.full(720, 1.5, dtype=np.float32)
+    ranges[0], ranges[1], ranges[2], ranges[3] = np.inf, 30.0, -np.inf, 0.1
+    obs = observe(ranges, np.pi / 2, THETA_0)
+    assert obs.shape == (729,)
+    assert obs.dtype == np.float32
+    np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
+    assert obs[720] == pytest.approx(0.5)
+    np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0), atol=1e-6)
+
+
+def test_a_persons_values_beyond_the_ranges_stay_in_the_box():
+    theta = THETA_0.copy()
+    theta[0] = 5.0
+    assert observe(np.ones(720), 0.0, theta)[721] == 1.0
+
+
+def test_nan_beams_take_their_neighbours():
+    ranges = np.linspace(0.2, 1.8, 720)
+    holes = ranges.copy()
+    holes[[0, 100, 101, 719]] = np.nan
+    np.testing.assert_allclose(observe(holes, 0.0, THETA_0)[:720], ranges - 1, atol=3e-3)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0, 1), st.floats(-10, 10))
+def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
+    rng = np.random.default_rng(seed)
+    ranges = rng.uniform(-5, 40, 720)
+    odd = rng.random(720) < share
+    odd[360] = False
+    ranges[odd] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], odd.sum())
+    obs = observe(ranges, phi, rng.normal(size=8) * 100)
+    assert np.all(np.isfinite(obs))
+    assert np.all(np.abs(obs) <= 1.0)
+
+
+@pytest.mark.parametrize(
+    ("ranges", "phi"),
+    [(np.full(720, np.nan), 0.0), (np.ones(719), 0.0), (np.ones(0), 0.0), (np.ones(1080), 0.0), (np.ones(720), np.nan)],
+)
+def test_unusable_scans_are_refused_in_one_line(ranges, phi):
+    with pytest.raises(ObservationError) as e:
+        observe(ranges, phi, THETA_0)
+    assert "\n" not in str(e.value)
+
+
+def test_actor_round_trip_and_equality_with_torch(tmp_path):
+    torch = pytest.importorskip("torch")
+    weights = make_weights(hidden=(512, 512, 512))
+    save(tmp_path / "a.safetensors", weights, {"training": {"steps": 3}})
+    actor = Actor.load(tmp_path / "a.safetensors")
+    assert actor.metadata["training"] == {"steps": 3}
+    obs = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
+    x = torch.from_numpy(obs)
+    for i in range(4):
+        x = x @ torch.from_numpy(weights[f"{i}.weight"]).T + torch.from_numpy(weights[f"{i}.bias"])
+        x = torch.relu(x) if i < 3 else torch.tanh(x)
+    np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
+    np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
+    np.testing.assert_array_equal(actor.theta(obs[0]), SPACE.to_theta(actor.action(obs[0])))
+
+
+def test_a_nan_output_is_refused(tmp_path):
+    actor = Actor(make_weights())
+    with pytest.raises(ApplrError, match="not finite"):
+        actor.theta(np.full(729, np.nan, dtype=np.float32))
+
+
+class Bomb:
+    def __reduce__(self):
+        return (exec, ("import builtins; builtins.applr_bomb = True",))
+
+
+def _raw(weights, **metadata):
+    import safetensors.numpy
+
+    return safetensors.numpy.save(weights, metadata=metadata)
+
+
+def _damaged_files():
+    good = make_weights()
+    space, layout = SPACE.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE)))
+    header = dict(
+        robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout, sha256=actor_module.checksum(good)
+    )
+    whole = _raw(good, **header)
+    changed = bytearray(whole)
+    changed[-5] ^= 1
+    other = json.loads(space)
+    other["high"][0] = 1.0
+    nan = dict(good, **{"0.bias": np.full(32, np.nan, dtype=np.float32)})
+    wide = make_weights(inputs=721)
+    return {
+        "truncated": (whole[: len(whole) // 2], "truncated"),
+        "empty": (b"", "truncated"),
+        "pickle": (pickle.dumps(Bomb()), "pickle"),
+        "zip": (b"PK\x03\x04" + b"\0" * 100, "pickle"),
+        "old pickle": (pickle.dumps(Bomb(), protocol=0), "safetensors"),
+        "huge header": (struct.pack("<Q", 2**62) + b"{}", "safetensors"),
+        "no json": (struct.pack("<Q", 4) + b"\xff\xfe\x00\x01", "damaged"),
+        "deep json": (struct.pack("<Q", 200000) + b"[" * 200000, "damaged"),
+        "checksum": (bytes(changed), "checksum"),
+        "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
+        "no space": (_raw(good, **{key: header[key] for key in header if key != "space"}), "metadata"),
+        "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "size is 729"),
+        "half a layout": (_raw(good, **dict(header, layout="{}")), "beams, angle_min_rad"),
+        "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
+        "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
+        "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
+        "names": (
+            _raw(
+                {"x": np.zeros(3, np.float32)},
+                **dict(header, sha256=actor_module.checksum({"x": np.zeros(3, np.float32)})),
+            ),
+            "tensors are",
+        ),
+    }
+
+
+@pytest.mark.parametrize("case", sorted(_damaged_files()))
+def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
+    import builtins
+
+    data, expected = _damaged_files()[case]
+    path = tmp_path / "actor.safetensors"
+    path.write_bytes(data)
+    with pytest.raises(ApplrError, match=expected) as e:
+        Actor.load(path)
+    assert "\n" not in str(e.value)
+    assert str(path) in str(e.value)
+    assert not hasattr(builtins, "applr_bomb")
+
+
+def test_a_header_whose_length_looks_like_a_pickle_is_read(tmp_path):
+    data = safetensors.numpy.save({"a": np.zeros(2, np.float32)}, {"note": "x" * 20})
+    length = 0x0480
+    header = data[8 : 8 + int.from_bytes(data[:8], "little")].ljust(length)
+    padded = length.to_bytes(8, "little") + header + data[-8:]
+    assert padded[:2] in PICKLES
+    arrays, said = unpack(padded, "it")
+    assert list(arrays) == ["a"]
+    assert said["note"] == "x" * 20
+
+
+def test_missing_actor_files(tmp_path):
+    for path in (tmp_path / "none.safetensors", tmp_path):
+        with pytest.raises(ApplrError) as e:
+            Actor.load(path)
+        assert "\n" not in str(e.value)
+
+
+def test_saving_is_whole_or_not_at_all(tmp_path):
+    with pytest.raises(ApplrError, match="layer"):
+        save(tmp_path / "a.safetensors", make_weights(outputs=7))
+    with pytest.raises(ApplrError, match="cannot be written"):
+        save(tmp_path / "nowhere" / "a.safetensors", make_weights())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_space_is_another_space(tmp_path):
+    save(tmp_path / "a.safetensors", make_weights())
+    high = SPACE.high.copy()
+    high[0] = 1.0
+    with pytest.raises(ApplrError, match="another parameter space"):
+        Actor.load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+
+
+def test_one_request_for_each_server():
+    theta = SPACE.from_dict({"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4})
+    requests = SPACE.requests(theta)
+    assert list(requests) == [PLANNER, *INFLATION]
+    assert requests[PLANNER]["min_vel_theta"] == -requests[PLANNER]["max_vel_theta"] == -2.0
+    assert requests[PLANNER]["path_distance_bias"] == 0.5
+    assert isinstance(requests[PLANNER]["vx_samples"], int)
+    assert requests[INFLATION[0]] == requests[INFLATION[1]] == {"inflation_radius": 0.4}
+    assert [requests[server][name] for server, name in SPACE.places()] == theta.tolist()
+    with pytest.raises(ApplrError, match="not finite"):
+        SPACE.requests(np.full(8, np.nan))
+
+
+def test_methods(tmp_path):
+    obs = observe(np.ones(720), 0.0, THETA_0)
+    here = Context(obs, np.ones(720, np.float32), 0.0, THETA_0, 0.0)
+    assert methods.make("dwa").static
+    assert methods.make("dwa").theta(None).tolist() == THETA_0.tolist()
+    save(tmp_path / "a", make_weights(), {"period_s": 1.0})
+    applr = methods.make("applr:%s" % (tmp_path / "a"))
+    np.testing.assert_array_equal(applr.theta(here), Actor(make_weights()).theta(obs))
+    assert applr.period == 1.0
+    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
+    fixed = methods.make("fixed:%s" % (tmp_path / "set.json"))
+    assert fixed.theta(here)[:3].tolist() == [1.5, 1.57, 12]
+
+
+def test_a_period_that_cannot_be_is_refused(tmp_path):
+    for period in (0.0, -1.0, "2", True, 1e9):
+        save(tmp_path / "a", make_weights(), {"period_s": period})
+        with pytest.raises(ApplrError, match="period_s"):
+            Actor.load(tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[1]",
+        "{",
+        '{"speed": 1}',
+        '{"max_vel_x": 9}',
+        '{"max_vel_x": NaN}',
+        '{"max_vel_x": [1]}',
+        "[" * 50000,
+        '{"max_vel_x": true}',
+    ],
+)
+def test_bad_parameter_files_are_one_line(text, tmp_path):
+    path = tmp_path / "set.json"
+    path.write_text(text)
+    with pytest.raises(ApplrError) as e:
+        methods.make("fixed:%s" % path)
+    assert "\n" not in str(e.value)
+    assert str(path) in str(e.value)
+
+
+def test_unknown_methods_and_missing_files():
+    for call in (lambda: methods.make("fast"), lambda: methods.make("fixed")):
+        with pytest.raises(ApplrError):
+            call()
+    with pytest.raises(ApplrError):
+        methods.make("applr:/nowhere/actor.safetensors")
+
+
+def test_mirror_images_are_stored_once(tmp_path):
+    pairs = [make_weights(seed) for seed in (1, 2)]
+    pairs = {name: np.stack([pair[name] for pair in pairs]) for name in pairs[0]}
+    weights = with_mirror_images(pairs, 720)
+    obs = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
+    seen = np.concatenate([obs[719::-1], -obs[720:721], obs[721:]])
+    assert Actor(weights).action(obs) == pytest.approx(Actor(weights).action(seen), abs=1e-6)  # left and right
+    save(tmp_path / "a", weights)
+    weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
+    save(tmp_path / "b", weights)
+    assert (tmp_path / "a").stat().st_size < 0.6 * (tmp_path / "b").stat().st_size
+    assert np.array_equal(Actor.load(tmp_path / "a").action(obs), Actor(with_mirror_images(pairs, 720)).action(obs))
+    assert np.array_equal(Actor.load(tmp_path / "b").action(obs), Actor(weights).action(obs))
+
+
+def test_shipped_policy_says_what_made_it_and_drives():
+    """models/applr.safetensors is what method:=applr takes; three test worlds, every one faster than with theta_0."""
+    path = methods.shipped()
+    told = Actor.load(path).metadata
+    decides = methods.make("applr"), methods.make("applr_2s")
+    assert [method.period for method in decides] == [1.0, 2.0]
+    files = [path, methods.shipped("applr_2s.safetensors")]
+    assert [method.path for method in decides] == files
+    assert len({Actor.load(file).metadata["training"]["refined"]["start"] for file in files}) == 1  # of refine_policy
+    assert told["training"]["transitions"] > 10_000
+    trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
+    assert len(trained_in) > 200
+    assert not {"generated:%d" % n for n in builtin.TEST} & set(trained_in)
+    assert 0.0 < told["result"]["time_s"] < 100.0
+    runner = trials.TrialRunner("kinematic")
+    times = {}
+    for task in trials.plan([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
+        result = runner.run(task).result
+        assert result.success, result
+        times[task.world, task.method] = result.time_s
+    assert all(times[w, "applr"] < 0.8 * times[w, "dwa"] for w in SHIPPED_DRIVES), times
+
+
+def test_the_robot_is_described_alike_on_both_sides():
+    """The simulated Jackal's scan and outline are those of observation and collision monitor."""
+    from applr_ros1 import robots
+    from applr_ros1.monitor.settings import MonitorSettings
+
+    robot = robots.load("jackal")
+    assert Layout(robot.laser.beams, robot.laser.first_angle, robot.laser.last_angle) == LAYOUT
+    assert MonitorSettings.of(robot).body == ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))

@@ -1,0 +1,226 @@
+"""A robot that is none of the shipped ones, described in a file of its own: searched, trained, driven, recorded."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import yaml
+
+import sim_bridge
+import worlds
+from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from training import check_robot, evaluate, static_search, train
+from training.bags import reader as bags
+from training.bags.reader import TopicNames
+from training.bags.writer import BagWriter, RecordingEpisode
+from training.evaluation.store import read_rows
+from training.evaluation.trials import COLUMNS
+
+CRATE = """\
+base:
+  {drive: two_wheel, max_speed: 0.8, max_yaw_rate: 2.5, max_acceleration: 2.0, max_yaw_acceleration: 8.0,
+   wheel_radius: 0.06, wheel_width: 0.02, track: 0.28, axle_height: 0.06, casters: [[-0.14, 0.0]]}
+body: {size: [0.36, 0.30, 0.20], centre: [-0.02, 0.0], bottom: 0.03, mass: 8.0}
+laser:
+  {frame: laser, pose: [0.1, 0.0, 0.0], height: 0.2, beams: 241, first_angle: -2.0, last_angle: 2.0,
+   range_min: 0.05, range_max: 8.0, rate: 10.0, noise: 0.005}
+frames: {base: base_link}
+monitor: {deceleration: 1.5, yaw_deceleration: 6.0}
+simulation: {grip_limit: 2.0}
+world_scale: 0.85
+move_base:
+  files:
+    - {file: costmap.yaml, namespace: local_costmap}
+    - {file: costmap.yaml, namespace: global_costmap}
+  parameters:
+    base_local_planner: dwa_local_planner/DWAPlannerROS
+    controller_frequency: 10.0
+    planner_frequency: 2.0
+    DWAPlannerROS:
+      {max_vel_x: 0.5, max_vel_trans: 0.5, max_vel_theta: 1.8, min_vel_theta: 0.3, max_vel_y: 0.0, min_vel_y: 0.0,
+       vx_samples: 6, vy_samples: 1, vth_samples: 20, acc_lim_x: 2.0, acc_lim_y: 0.0, acc_lim_theta: 5.0, sim_time: 1.2,
+       path_distance_bias: 32.0, goal_distance_bias: 24.0}  # these two are tuned
+    local_costmap: {rolling_window: true, width: 5, height: 5}
+    global_costmap: {rolling_window: false, width: 34, height: 34, origin_x: -17.0, origin_y: -17.0}
+parameter_space:
+  speed:
+    range: [0.3, 0.8]
+    sets: [{server: DWAPlannerROS, name: max_vel_x}, {server: DWAPlannerROS, name: max_vel_trans}]
+  sim_time: {range: [0.8, 2.5], sets: [{server: DWAPlannerROS}]}
+  vth_samples: {range: [8, 40], integer: true, sets: [{server: DWAPlannerROS}]}
+  path_distance_bias: {range: [8.0, 64.0], sets: [{server: DWAPlannerROS}]}
+  goal_distance_bias: {range: [8.0, 64.0], sets: [{server: DWAPlannerROS}]}
+  inflation:
+    range: [0.1, 0.6]
+    sets:
+      - {server: local_costmap/inflater_layer, name: inflation_radius}
+      - {server: global_costmap/inflater_layer, name: inflation_radius}
+  patience: {range: [2.0, 20.0], sets: [{server: "", name: planner_patience}]}
+"""
+COSTMAP = """\
+global_frame: odom
+robot_base_frame: base_link
+footprint: [[-0.20, -0.15], [-0.20, 0.15], [0.16, 0.15], [0.16, -0.15]]
+footprint_padding: 0.05
+update_frequency: 10.0
+resolution: 0.05
+plugins:
+  - {name: obstacles_layer, type: "costmap_2d::ObstacleLayer"}
+  - {name: inflater_layer, type: "costmap_2d::InflationLayer"}
+obstacles_layer:
+  observation_sources: scan
+  scan: {data_type: LaserScan, topic: scan, sensor_frame: laser, marking: true, clearing: true}
+inflater_layer: {inflation_radius: 0.3, cost_scaling_factor: 8.0}   # metres
+"""
+SMALL = ["--simulator", "kinematic", "--worlds", "generated:3"]
+
+
+@pytest.fixture
+def crate(tmp_path):
+    """The folder of the robot."""
+    folder = tmp_path / "crate"
+    folder.mkdir()
+    (folder / "robot.yaml").write_text(CRATE)
+    (folder / "costmap.yaml").write_text(COSTMAP)
+    assert len((CRATE + COSTMAP).splitlines()) <= 60 + 15
+    return folder
+
+
+def rows(out):
+    return {row["method"]: row for row in read_rows(out / "trials.csv", COLUMNS)}
+
+
+def test_space_and_layout_follow_the_description(crate):
+    robot = robots.load(str(crate))
+    space, layout = space_of(robot), layout_of(robot)
+    assert space.as_dict(space.theta0) == {
+        "speed": 0.5,
+        "sim_time": 1.2,
+        "vth_samples": 20,
+        "path_distance_bias": 32.0,
+        "goal_distance_bias": 24.0,
+        "inflation": 0.3,
+        "patience": 5.0,
+    }
+    assert (layout.beams, layout.angle_min, layout.range_cap) == (241, -2.0, pytest.approx(1.7))
+    planner, theta = MoveBase(robot.parameters()), space.high
+    has = {server: planner.reconfigure(server, values) for server, values in space.requests(theta).items()}
+    assert [has[server][name] for server, name in space.places()] == theta.tolist()
+    assert has["DWAPlannerROS"]["max_vel_trans"] == 0.8
+    assert has[""]["planner_patience"] == 20.0
+
+
+def test_check_says_what_it_makes_of_a_description(crate, capsys):
+    assert check_robot.main([str(crate)]) == 0
+    said = capsys.readouterr().out
+    assert "crate: two_wheel, 0.8 m/s, 2.5 rad/s" in said
+    assert "DWAPlannerROS, 10 commands per second, without a map only" in said
+    assert re.search(r"speed +0.5 +0.3 to 0.8\n", said)
+    assert "remark" not in said
+    (crate / "costmap.yaml").write_text(COSTMAP.replace("padding: 0.05", "padding: 0.0"))
+    text = CRATE.replace("world_scale: 0.85", "world_scale: 1.5").replace("size: [0.36, 0.30", "size: [0.36, 0.40")
+    (crate / "robot.yaml").write_text(text.replace("sim_time: 1.2,", "sim_time: 1.2, max_rot_vel: 1.0,"))
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(crate)]) == 0
+    remarks = [line for line in capsys.readouterr().out.splitlines() if line.startswith("remark")]
+    assert [word in line for word, line in zip(("max_rot_vel", "world_scale is 1.5", "0.05 m beyond"), remarks)] == [
+        True,
+        True,
+        True,
+    ]
+    assert len(remarks) == 3
+    (crate / "robot.yaml").write_text(CRATE.replace("range: [0.3, 0.8]", "range: [0.3, 0.9]"))
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(crate)]) == 1
+    assert "base.max_speed of this base is 0.8" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "trap"),
+    [("husky", "before a narrow gap"), ("turtlebot3_waffle_pi", "a robot that backs"), ("turtlebot3_burger", None)],
+)
+def test_check_names_the_traps_of_shipped_parameters(name, trap):
+    lines = check_robot.traps(complete(robots.load(name).parameters()))
+    assert [trap in line for line in lines] == ([True] if trap else [])
+
+
+def test_searched_trained_and_driven(crate, tmp_path, capsys):
+    found, run, out = crate / "static.json", tmp_path / "run", tmp_path / "out"
+    search = ["--generations", "1", "--population", "4", "--worlds-per-set", "1", "--workers", "0"]
+    search += ["--final-worlds", "generated:3", "--final-simulator", "kinematic", "--final-trials", "1"]
+    assert static_search.main(["--robot", str(crate), *SMALL, *search, "--out", str(found)]) == 0
+    tuned = json.loads(found.read_text())["parameters"]
+    training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8", "--device", "cpu"]
+    training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
+    assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
+    policy = run / "best.safetensors"
+    methods = "dwa,static,policy=%s" % policy
+    drive = [*SMALL, "--methods", methods, "--trials", "1", "--workers", "0", "--monitor", "--out", str(out)]
+    assert evaluate.main(["--robot", str(crate), *drive]) == 0
+    driven = rows(out)
+    assert driven["dwa"]["success"] == "True"
+    assert float(driven["dwa"]["path_length_m"]) == pytest.approx(0.85 * 5.925, rel=0.35)
+    assert driven["static"]["time_s"] != driven["dwa"]["time_s"]
+    robot = robots.load(str(crate))
+    actor = Actor.load(policy, space_of(robot))
+    assert (actor.layout, actor.metadata["robot"]) == (layout_of(robot), "crate")
+    with pytest.raises(ApplrError, match='for the robot "crate": here jackal runs'):
+        Actor.load(policy)
+    capsys.readouterr()
+    assert evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld:published", "--out", str(out)]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert np.isfinite(list(tuned.values())).all()
+    # the found set as the robot's own parameter files
+    own = crate / "static" / "crate"
+    files = {name: yaml.safe_load((own / name).read_text()) for name in ("robot.yaml", "costmap.yaml")}
+    planner = files["robot.yaml"]["move_base"]["parameters"]["DWAPlannerROS"]
+    assert (planner["max_vel_x"], planner["max_vel_trans"]) == (tuned["speed"], tuned["speed"])
+    assert (planner["sim_time"], planner["vx_samples"]) == (tuned["sim_time"], 6)
+    assert files["costmap.yaml"]["inflater_layer"] == {
+        "inflation_radius": tuned["inflation"],
+        "cost_scaling_factor": 8.0,
+    }
+    assert "# metres" in (own / "costmap.yaml").read_text()
+
+
+def test_recorded_and_read_back(crate, tmp_path):
+    robot = robots.load(str(crate))
+    space, topics = space_of(robot), TopicNames.of(robot)
+    with BagWriter(tmp_path / "a.bag", topics, robot) as writer:
+        simulator, planner = sim_bridge.make("kinematic", robot=robot), MoveBase(robot.parameters())
+        episode = RecordingEpisode(simulator, planner, writer, limit=2)
+        outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
+        while not outcome.over:
+            outcome = episode.decide(space.high)
+    read_back = bags.read(tmp_path / "a.bag", topics, robot).parameters
+    assert set(read_back) == set(space.servers)
+    assert read_back[""][-1][1]["planner_patience"] == 20.0
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "line"),
+    [
+        (
+            "{server: DWAPlannerROS, name: max_vel_x}",
+            "{server: DWAPlannerROS, name: max_speed}",
+            "no parameter max_speed",
+        ),
+        ("integer: true, ", "", "give integer: true"),
+        ("range: [0.1, 0.6]", "range: [0.1, 1000.0]", "takes 0 to 50"),
+        ("local_costmap/inflater_layer", "local_costmap/inflation_layer", "no server local_costmap/inflation_layer"),
+        ("[2.0, 20.0]", "[6.0, 20.0]", "starts with 5"),
+    ],
+)
+def test_what_is_wrong_with_a_space_is_one_line(crate, before, after, line):
+    assert before in CRATE
+    (crate / "robot.yaml").write_text(CRATE.replace(before, after))
+    with pytest.raises((ApplrError, robots.RobotError), match=line) as refusal:
+        space_of(robots.load(str(crate)))
+    assert "\n" not in str(refusal.value)

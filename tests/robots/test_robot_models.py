@@ -1,0 +1,51 @@
+"""The sets and policies in the robots' folders: each is found by the robot's name, and no other robot takes it."""
+
+import os
+
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from training import tuned_files
+from worlds import builtin
+
+TRAINED = [name for name in robots.NAMES if os.path.exists(methods.shipped(robot=robots.load(name)))]
+OTHERS = [name for name in TRAINED if name != "jackal"]
+
+
+def test_which_robots_have_models():
+    assert set(TRAINED) == {"jackal", "husky", "turtlebot3_waffle_pi"}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_the_policy_is_the_robots_own(name):
+    robot = robots.load(name)
+    path = methods.shipped(robot=robot)
+    actor = Actor.load(path, space_of(robot))
+    assert actor.layout == layout_of(robot)
+    assert actor.metadata["robot"] == name
+    assert methods.make("applr", robot).period == actor.period
+    options = actor.metadata["training"]["options"]
+    assert options["robot"] == name
+    assert options["worlds"] == "generated:learn,fresh:0-9999"
+    assert not set(builtin.TEST) & set(builtin.VALIDATION)
+    with open(path.replace(".safetensors", ".md"), encoding="utf-8") as card:
+        assert "training.train --recipe" in card.read()
+    for other in TRAINED:
+        if other != name:
+            with pytest.raises(ApplrError, match='for the robot "%s": here %s runs' % (name, other)) as e:
+                methods.make(path, robots.load(other))
+            assert "\n" not in str(e.value)
+
+
+@pytest.mark.parametrize("name", ["husky", "turtlebot3_waffle_pi"])
+def test_a_set_is_written_into_copies_of_the_robots_files(name, tmp_path):
+    robot = robots.load(name)
+    theta = methods.make("static", robot).values
+    assert tuned_files.write(robot, theta, tmp_path) == []
+    tuned = robots.load(str(tmp_path / name))
+    assert space_of(tuned).theta0.tolist() == theta.tolist()

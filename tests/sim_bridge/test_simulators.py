@@ -1,0 +1,377 @@
+"""What both simulators promise: speeds as commanded, time-out, contact, odometry, repetition under a seed."""
+
+import subprocess
+import sys
+from math import hypot, isfinite, pi
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import sim_bridge
+from applr_ros1 import robots
+from applr_ros1.robots import geometry
+from sim_bridge import SimulatorError
+from training import fit_kinematic, tracking_table
+
+NAMES = ["kinematic", "pybullet"]
+JACKAL = robots.load("jackal")
+
+
+def world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
+    return SimpleNamespace(
+        name="test",
+        cylinders=np.array(cylinders, dtype=float).reshape(-1, 3),
+        boxes=np.array(boxes, dtype=float).reshape(-1, 5),
+        movers=tuple(movers),
+        course=SimpleNamespace(start=start),
+    )
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def simulator(request):
+    made = sim_bridge.make(request.param)
+    yield made
+    made.close()
+
+
+def drive(simulator, v, w, seconds, step=0.05):
+    for _ in range(int(round(seconds / step))):
+        simulator.command(v, w)
+        simulator.advance(step)
+    return simulator.state
+
+
+def turned(a, b):
+    return (b - a + pi) % (2 * pi) - pi
+
+
+# -- speeds ----------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("name", "robot"), [("pybullet", "jackal")] + [("kinematic", robot) for robot in robots.NAMES])
+def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
+    even = sim_bridge.make(name, robot=robot, slip=0.0)
+    for v, w in tracking_table.cases(even.robot):
+        m = tracking_table.measure(even, v, w, seconds=3.0)
+        assert m.error < 0.05, m
+
+
+def test_on_uneven_ground_too_on_average(simulator):
+    for v, w in ((0.5, 0.0), (0.0, 1.57), (0.5, 0.6), (1.0, -1.0)):
+        m = tracking_table.measure(simulator, v, w, seconds=6.0, seeds=range(4))
+        assert m.error < 0.05, m
+
+
+def test_a_turn_in_place_drifts_by_centimetres(simulator):
+    for w in (0.6, 1.57, -1.57):
+        assert 0.02 < tracking_table.measure(simulator, 0.0, w, seconds=8.0).drift < 0.2
+
+
+def test_curves_beyond_grip_slide_outwards(simulator):
+    m = tracking_table.measure(simulator, 2.0, 3.14)
+    assert m.driven_v * m.driven_w < 5.5
+    assert m.driven_v < 1.9
+
+
+def test_limits_of_speed(simulator):
+    simulator.reset(world(), 0)
+    assert drive(simulator, 9.0, 0.0, 1.5).twist[0] == pytest.approx(JACKAL.base.max_speed, rel=0.03)
+
+
+# -- commands --------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("v", "w"), [(2.0, 0.0), (0.5, 1.0), (0.0, 3.0), (-0.5, 0.0)])
+def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
+    simulator.reset(world(), 1)
+    drive(simulator, v, w, 1.0)
+    assert hypot(*simulator.advance(0.20).twist) > 0.1  # still going on the last command
+    simulator.advance(0.55)  # 2 m/s take .41 s to brake at the tyres' limit
+    assert hypot(*simulator.state.twist) < 0.01
+    pose = simulator.state.pose
+    simulator.advance(1.0)
+    assert np.allclose(simulator.state.pose, pose, atol=1e-3)
+
+
+@pytest.mark.parametrize(("v", "w"), [(float("nan"), 0.0), (0.0, float("inf"))])
+def test_commands_that_are_no_numbers_are_refused(simulator, v, w):
+    simulator.reset(world(), 0)
+    with pytest.raises(SimulatorError, match="finite"):
+        simulator.command(v, w)
+
+
+def test_latency_delays_the_response():
+    quick, slow = sim_bridge.make("kinematic"), sim_bridge.make("kinematic", latency=0.1)
+    for simulator in (quick, slow):
+        simulator.reset(world(), 0)
+    a = [drive(quick, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
+    b = [drive(slow, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
+    assert b[:2] == [0.0, 0.0]
+    assert np.allclose(a[:10], b[2:], atol=0.01)
+
+
+# -- contact ---------------------------------------------------------------------------------------
+def test_a_wall_stops_the_robot_and_is_reported(simulator):
+    simulator.reset(world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
+    assert not drive(simulator, 0.5, 0.0, 0.8).contact
+    state = drive(simulator, 0.5, 0.0, 3.0)
+    assert state.contact
+    assert not state.flipped
+    assert state.pose[0] == pytest.approx(0.9 - geometry.bounding_box(JACKAL)[1], abs=0.02)
+    assert abs(state.twist[0]) < 0.05
+    assert not drive(simulator, -0.5, 0.0, 1.0).contact  # and lets it go again
+    assert state.odom_pose[0] > 1.2  # the wheels went on turning
+
+
+def test_it_slides_along_what_it_hits_at_a_low_angle(simulator):
+    simulator.reset(world(boxes=[(2.0, -0.15, 0.12, 4.0, 0.2)]), 2)
+    touched = [drive(simulator, 0.5, 0.0, 0.05).contact for _ in range(120)]
+    assert sum(touched) > 60
+    assert simulator.state.pose[0] > 2.8
+    assert simulator.state.pose[2] == pytest.approx(0.12, abs=0.01)
+
+
+def test_it_turns_flat_onto_what_it_hits_at_a_high_angle(simulator):
+    simulator.reset(world(boxes=[(1.5, 0.0, 0.5, 4.0, 0.2)]), 2)
+    state = drive(simulator, 0.5, 0.0, 6.0)
+    assert state.pose[2] == pytest.approx(0.5 - pi / 2, abs=0.01)
+    assert abs(state.twist[0]) < 0.02
+
+
+def test_a_moving_cylinder_pushes_the_robot(simulator):
+    class Mover:
+        radius = 0.5
+
+        @staticmethod
+        def position(t):
+            return 3.0 - 0.5 * t, 0.0
+
+    scene = world(movers=[Mover])
+    simulator.reset(scene, 0)
+    assert simulator.scan()[360] == pytest.approx(3.0 - 0.5 - 0.12, abs=0.02)
+    touched = [drive(simulator, 0.0, 0.0, 0.05).contact for _ in range(120)]
+    assert any(touched)
+    assert not any(touched[:80])
+    pose = simulator.state.pose
+    assert pose[0] < -0.3 or abs(pose[1]) > 0.3  # shoved along, or aside
+    assert hypot(pose[0], pose[1]) > 0.68
+
+
+def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
+    rng = np.random.default_rng(5)
+    ring = [(0.9 * np.cos(a), 0.9 * np.sin(a), 0.075) for a in np.linspace(0, 2 * pi, 40)]
+    simulator.reset(world(ring), 0)
+    for _ in range(30):
+        state = drive(simulator, rng.uniform(-0.5, 2.0), rng.uniform(-3, 3), 0.5)
+        assert hypot(*state.pose[:2]) < 0.85
+        assert all(map(isfinite, state.pose))
+
+
+# -- frames and odometry ---------------------------------------------------------------------------
+def test_odom_begins_at_the_start_with_the_worlds_axes(simulator):
+    state = simulator.reset(world(start=(3.0, -2.0, 2.5)), 0)
+    assert state.pose == (3.0, -2.0, 2.5)
+    assert state.odom_pose == (0.0, 0.0, 2.5)
+    state = drive(simulator, 1.0, 0.3, 3.0)
+    assert np.allclose(simulator.to_odom(state.pose), state.odom_pose, atol=0.15)
+    assert np.allclose(simulator.to_world(simulator.to_odom((1.0, 2.0, 3.0))), (1.0, 2.0, 3.0))
+
+
+def test_odometry_errs_by_per_cents(simulator):
+    errors = []
+    for seed in range(5):
+        simulator.reset(world(), seed)
+        state = drive(simulator, 1.0, 0.1, 10.0)
+        errors.append(hypot(state.odom_pose[0] - state.pose[0], state.odom_pose[1] - state.pose[1]))
+        assert abs(turned(state.odom_pose[2], state.pose[2])) < 0.02
+    assert 0.01 < max(errors) < 0.5  # of 10 m
+
+
+def test_odometry_can_be_set(simulator):
+    simulator.reset(world(start=(0.0, 0.0, 1.0)), 0)
+    simulator.set_odometry((5.0, 6.0, 0.0))
+    assert simulator.state.odom_pose == (5.0, 6.0, 0.0)
+    state = drive(simulator, 0.5, 0.0, 2.0)
+    assert np.allclose(state.odom_pose[:2], (5.95, 6.0), atol=0.1)
+
+
+def test_imu(simulator):
+    simulator.reset(world(), 0)
+    simulator.command(1.0, 0.0)
+    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # what friction .5 can do
+    state = drive(simulator, 0.0, 1.0, 1.0)
+    assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
+    assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # uneven ground
+
+
+# -- laser -----------------------------------------------------------------------------------------
+def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
+    simulator.reset(world([(2.0, 0.0, 0.5)]), 0)
+    scans = np.array([simulator.scan() for _ in range(200)])
+    assert scans.dtype == np.float32
+    assert scans.shape == (200, 720)
+    assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - JACKAL.laser.pose[0], abs=1e-3)
+    assert scans[:, 360].std() == pytest.approx(JACKAL.laser.noise, rel=0.2)
+    assert (scans[:, 0] == np.inf).all()
+
+
+# -- repetition ------------------------------------------------------------------------------------
+def trace(simulator, seed, scene):
+    rng = np.random.default_rng(9)
+    simulator.reset(scene, seed)
+    rows = []
+    for _ in range(60):
+        state = drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2, 2), 0.1)
+        rows.append(
+            state.pose
+            + state.twist
+            + state.odom_pose
+            + state.odom_twist
+            + state.imu
+            + (state.contact,)
+            + tuple(simulator.scan()[::90])
+        )
+    return np.array(rows)
+
+
+def test_repeats_to_the_last_bit(simulator):
+    rng = np.random.default_rng(1)
+    scene = world(np.column_stack([rng.uniform(0.5, 3, 30), rng.uniform(-2, 2, 30), np.full(30, 0.075)]))
+    first = trace(simulator, 7, scene)
+    trace(simulator, 8, world(start=(1.0, 1.0, 1.0)))  # something else in between
+    assert np.array_equal(first, trace(simulator, 7, scene))
+    other = type(simulator)()
+    assert np.array_equal(first, trace(other, 7, scene))
+    other.close()
+    assert not np.array_equal(first, trace(simulator, 8, scene))
+
+
+def test_how_time_is_cut_does_not_matter(simulator):
+    poses = []
+    for step in (0.05, 0.1, 0.025):
+        simulator.reset(world(), 0)
+        poses.append(drive(simulator, 0.7, 0.5, 2.0, step).pose)
+    assert np.allclose(poses[0], poses[1])
+    assert np.allclose(poses[0], poses[2])
+    assert simulator.state.time == pytest.approx(2.0)
+
+
+# -- randomisation and mistakes --------------------------------------------------------------------
+def test_randomised_starts_stay_within_their_bounds():
+    simulator = sim_bridge.make("kinematic", start_xy=0.2, start_yaw=0.3, latency=(0.0, 0.1), friction=(0.5, 1.5))
+    poses, drawn = [], []
+    for seed in range(50):
+        poses.append(simulator.reset(world(start=(1.0, 2.0, 0.5)), seed).pose)
+        drawn.append((simulator.drawn.latency, simulator.drawn.friction))
+    spread = np.abs(np.array(poses) - (1.0, 2.0, 0.5)).max(axis=0)
+    assert (spread <= (0.2, 0.2, 0.3)).all()
+    assert (spread > (0.15, 0.15, 0.2)).all()
+    drawn = np.array(drawn)
+    assert drawn[:, 0].min() >= 0.0
+    assert drawn[:, 0].max() <= 0.1
+    assert np.ptp(drawn[:, 1]) > 0.5
+    assert simulator.to_odom(poses[-1])[:2] == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("gazebo", {}, "gazebo.*pybullet or kinematic"),
+        ("kinematic", {"slipp": 1.0}, "slipp"),
+        ("kinematic", {"slip": -1.0}, "slip"),
+        ("pybullet", {"latency": (0.2, 0.1)}, "latency"),
+        ("kinematic", {"friction": float("nan")}, "friction"),
+        ("kinematic", {"gui": True}, "gui"),
+    ],
+)
+def test_wrong_arguments_are_one_line(name, options, words):
+    with pytest.raises(SimulatorError, match=words) as error:
+        sim_bridge.make(name, **options)
+    assert "\n" not in str(error.value)
+
+
+def test_wrong_starts_and_durations(simulator):
+    with pytest.raises(SimulatorError, match="start"):
+        simulator.reset(world(), 0, (0.0, float("nan"), 0.0))
+    simulator.reset(world(), 0)
+    for duration in (0.0, -1.0, float("nan")):
+        with pytest.raises(SimulatorError, match="duration"):
+            simulator.advance(duration)
+
+
+# -- the kinematic one against pybullet ------------------------------------------------------------
+def test_kinematic_drives_like_pybullet():
+    pair = sim_bridge.make("pybullet"), sim_bridge.make("kinematic")
+    for v, w in ((1.0, 0.0), (0.0, 1.57), (0.5, 1.0), (-0.5, 0.0)):
+        rows = []
+        for simulator in pair:
+            simulator.reset(world(), 3)
+            rows.append(
+                [drive(simulator, v, w, 0.05).twist for _ in range(20)]
+                + [drive(simulator, 0.0, 0.0, 0.05).twist for _ in range(6)]
+            )
+        assert np.abs(np.array(rows[0]) - rows[1]).max() < 0.05
+    pair[0].close()
+
+
+def test_kinematic_contacts_end_like_pybullets():
+    pybullet = sim_bridge.make("pybullet")
+    scenes = [fit_kinematic.Scene(seed, JACKAL) for seed in range(1000, 1030)]
+    recorded = [scene.drive(pybullet) for scene in scenes]
+    rows = fit_kinematic.compare(JACKAL, scenes, recorded)
+    pybullet.close()
+    hit = rows[:, 4] > 0
+    assert hit.sum() > 8
+    assert np.median(rows[hit, 0]) < 0.06
+    assert np.median(rows[hit, 1]) < 0.1
+    assert np.mean(rows[:, 4] == rows[:, 5]) > 0.9
+
+
+@pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])
+def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
+    robot = robots.load(name)
+    v, w = 0.5 * robot.base.max_speed, 0.3 * robot.base.max_yaw_rate
+    wall = 1.5 * geometry.bounding_box(robot)[1] + v  # where the robot is after less than 3 s
+    ends = []
+    for simulator in (sim_bridge.make("kinematic", robot=robot), sim_bridge.make("pybullet", robot=name)):
+        simulator.reset(world(), 3)
+        curve = drive(simulator, v, w, 2.0).pose
+        simulator.reset(world(boxes=[(wall + 0.1, 0.0, 0.0, 0.2, 4.0)]), 3)
+        assert not drive(simulator, v, 0.0, 0.5).contact
+        state = drive(simulator, v, 0.0, 4.0)
+        assert state.contact
+        assert not state.flipped
+        assert state.pose[0] == pytest.approx(wall - geometry.bounding_box(robot)[1], abs=0.02)
+        ends.append(curve)
+        assert simulator.scan().shape == (robot.laser.beams,)
+        simulator.close()
+    assert np.allclose(ends[0], ends[1], atol=0.01)
+
+
+def test_kinematic_needs_no_pybullet():
+    code = (
+        "import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
+        "\ntry: sim_bridge.make('pybullet')\nexcept ValueError as e: print(e)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert "cannot be imported" in done.stdout
+    assert done.stderr == ""
+
+
+def test_importing_pybullet_says_nothing():
+    done = subprocess.run(
+        [sys.executable, "-c", "import sim_bridge; sim_bridge.make('pybullet').close()"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_what_nobody_sees_has_no_mesh():
+    """Bullet makes a mesh for each cylinder of a body without a visual shape: ten times as long as the whole reset."""
+    simulator = sim_bridge.make("pybullet")
+    simulator.reset(world([(0.5 * i, 2.0, 0.075) for i in range(40)]), 0)
+    assert len(simulator._obstacles) == 3
+    for body in simulator._obstacles:
+        shapes = simulator._p.getVisualShapeData(body, physicsClientId=simulator._client)
+        assert [shape[2] for shape in shapes] == [simulator._p.GEOM_BOX]
+    simulator.close()

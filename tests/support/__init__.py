@@ -1,0 +1,6 @@
+"""What several tests use: stand-ins for nodes and robots, slow reference implementations, made-up worlds and maps."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT / "tests" / "data"

@@ -1,0 +1,85 @@
+"""A stand-in for the BARN Challenge's runner: the same calls in the same order, for tests/nodes/test_barn.py.
+
+The test copies it as run.py into a made-up checkout, beside gazebo_client.py.
+"""
+
+import argparse
+import math
+import os
+import subprocess
+import time
+
+import actionlib
+import numpy as np
+import rospkg
+import rospy
+from gazebo_client import GazeboSimulation, goal
+from move_base_msgs.msg import MoveBaseAction
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--world_idx", type=int, default=0)
+    parser.add_argument("--gui", action="store_true")
+    parser.add_argument("--out", default="out.txt")
+    arguments = parser.parse_args()
+    number = arguments.world_idx
+    if number < 300:
+        name, start, target = "BARN/world_%d.world" % number, (-2.25, 3, 1.57), (0, 10)
+    else:
+        name, start, target = "DynaBARN/world_%d.world" % (number - 300), (11, 0, 3.14), (-20, 0)
+    base = rospkg.RosPack().get_path("jackal_helper")
+    os.environ["GAZEBO_PLUGIN_PATH"] = os.path.join(base, "plugins")
+    gazebo = subprocess.Popen(
+        [
+            "roslaunch",
+            os.path.join(base, "launch", "gazebo_launch.launch"),
+            "world_name:=" + os.path.join(base, "worlds", name),
+            "gui:=" + ("true" if arguments.gui else "false"),
+        ]
+    )
+    time.sleep(5)
+    rospy.init_node("gym", anonymous=True)
+    rospy.set_param("/use_sim_time", True)
+    simulation = GazeboSimulation(start)
+    end = (start[0] + target[0], start[1] + target[1])
+    place, collided = simulation.place(), True
+    while math.dist(start[:2], place) > 0.1 or collided:
+        simulation.reset()
+        place = simulation.place()
+        collided = simulation.collided()
+        time.sleep(1)
+    stack = subprocess.Popen(["roslaunch", os.path.join(base, "..", "jackal_helper/launch/move_base_DWA.launch")])
+    client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
+    client.wait_for_server()
+    client.send_goal(goal(*target))
+    now = rospy.get_time()
+    while math.dist(start[:2], place) < 0.1:
+        now, place = rospy.get_time(), simulation.place()
+        time.sleep(0.01)
+    began, collided = now, False
+    while math.dist(end, place) > 1 and not collided and now - began < 100:
+        now, place = rospy.get_time(), simulation.place()
+        print("Time: %.2f (s), x: %.2f (m), y: %.2f (m)" % (now - began, *place), end="\r")
+        collided = simulation.collided()
+        while rospy.get_time() - now < 0.1:
+            time.sleep(0.01)
+    success = not collided and now - began < 100
+    if number < 300:
+        cells = np.load(os.path.join(base, "worlds/BARN/path_files", "path_%d.npy" % number))
+        points = [(0.15 * x - 0.075 - 4.5, 0.15 * y + 0.075 + 5.0) for x, y in cells]
+        points = [start[:2], *points, end]
+        length = sum(math.dist(a, b) for a, b in zip(points, points[1:]))
+    else:
+        length = 20.0
+    best = length / 2
+    metric = success * best / np.clip(now - began, 2 * best, 8 * best)
+    with open(arguments.out, "a") as file:
+        file.write("%d %d %d %d %.4f %.4f\n" % (number, success, collided, now - began >= 100, now - began, metric))
+    for process in (gazebo, stack):
+        process.terminate()
+        process.wait()
+
+
+if __name__ == "__main__":
+    main()

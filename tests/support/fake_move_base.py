@@ -1,0 +1,107 @@
+"""A stand-in for move_base: its three parameter servers, and switches that make them misbehave. For tests only.
+
+    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--name NODE] [--robot NAME]
+The ROS parameters /fake/refuse and /fake/hold name servers (a list) that raise an error, or keep their old values.
+"""
+
+import argparse
+import sys
+from types import SimpleNamespace
+
+import rospy
+from dynamic_reconfigure.server import Server
+
+from applr_ros1.planner.parameters.declarations import SERVERS, servers
+from applr_ros1.robots import load
+
+KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_scale"}
+
+
+def config_type(parameters):
+    """What a .cfg file would generate: dynamic_reconfigure's description of one group of parameters."""
+    rows = [
+        {
+            "name": name,
+            "type": p.type,
+            "default": p.default,
+            "level": 0,
+            "description": p.doc,
+            "min": p.min,
+            "max": p.max,
+            "edit_method": "",
+        }
+        for name, p in parameters
+    ]
+    group = {
+        "name": "Default",
+        "type": "",
+        "id": 0,
+        "parent": 0,
+        "state": True,
+        "groups": [],
+        "parameters": rows,
+        "upper": "DEFAULT",
+        "lower": "groups",
+        "cstate": "true",
+        "parentname": "Default",
+        "class": "DEFAULT",
+        "parentclass": "",
+        "field": "default",
+    }
+    return SimpleNamespace(
+        config_description=group,
+        min={r["name"]: r["min"] for r in rows},
+        max={r["name"]: r["max"] for r in rows},
+        defaults={r["name"]: r["default"] for r in rows},
+        level={r["name"]: 0 for r in rows},
+        type={r["name"]: r["type"] for r in rows},
+    )
+
+
+def serve(name, parameters):
+    """Starts the server `name`. It counts its calls in /fake/calls/NAME."""
+    state = {"config": None, "calls": 0}
+
+    def callback(config, level):
+        if state["config"] is not None:
+            state["calls"] += 1
+            rospy.set_param("/fake/calls/" + name.strip("/").replace("/", "_"), state["calls"])
+            if name in rospy.get_param("/fake/refuse", []):
+                raise RuntimeError("refused on request")
+            if name in rospy.get_param("/fake/hold", []):
+                return state["config"].copy()
+        state["config"] = config.copy()
+        return config
+
+    return Server(config_type(parameters), callback, name)
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--spelling", default="noetic")
+    parser.add_argument("--layer", default="inflater_layer")
+    parser.add_argument("--without", default="")
+    parser.add_argument("--name", default="move_base")
+    parser.add_argument("--robot", default="", help="has the servers of this robot's move_base instead")
+    args = parser.parse_args(rospy.myargv()[1:])
+    rospy.init_node(args.name)
+    if args.robot:
+        for name, server in servers(load(args.robot).parameters()).items():
+            serve("/move_base" + ("/" + name if name else ""), [(p.name, p) for p in server.parameters])
+        print("up", flush=True)
+        rospy.spin()
+        return
+    renamed = KINETIC if args.spelling == "kinetic" else {}
+    planner = [(renamed.get(p.name, p.name), p) for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without]
+    layer = [(p.name, p) for p in SERVERS["local_costmap/inflater_layer"]]
+    other = [(p.name, p) for p in SERVERS["local_costmap/obstacles_layer"]]
+    serve("/move_base/TrajectoryPlannerROS", planner)
+    for costmap in ("local_costmap", "global_costmap"):
+        serve(f"/move_base/{costmap}/{args.layer}", layer)
+        serve(f"/move_base/{costmap}/a_layer", other)
+    print("up", flush=True)
+    rospy.spin()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,274 @@
+"""Slow, direct costmap layers after docs/planner.md, sections 2 to 4: what the fast ones are compared with.
+
+test_costmap.py, test_inflation.py, test_obstacle_layer.py and test_navfn.py hold the fast versions against these.
+"""
+
+import heapq
+import math
+
+import numpy as np
+
+from applr_ros1.planner.costmap import footprint as footprints
+from applr_ros1.planner.costmap.grid import walk_line
+
+F32_MAX = float(np.finfo(np.float32).max)
+
+
+def line_cells(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
+    """The cells from (x0, y0) to (x1, y1) as an (n, 2) int64 array, both ends included."""
+    n = max(abs(x1 - x0), abs(y1 - y0)) + 1
+    xs = np.empty(n, np.int64)
+    ys = np.empty(n, np.int64)
+    walk_line(int(x0), int(y0), int(x1), int(y1), xs, ys, 0)
+    return np.stack((xs, ys), axis=1)
+
+
+def hypot(x, y):
+    return float(np.hypot(float(x), float(y)))
+
+
+def inflate(master, x0, y0, xn, yn, radius, resolution, weight, inscribed, inflate_unknown):
+    """Section 2, "Propagation over a window"."""
+    reach = max(0, math.ceil(radius / resolution))
+    if reach == 0:
+        return
+    ny, nx = master.shape
+
+    def cost(d):
+        if d == 0:
+            return 254
+        if d * resolution <= inscribed:
+            return 253
+        return int(252 * math.exp(-1.0 * weight * (d * resolution - inscribed)))
+
+    queue, counter, seen = [], 0, set()
+    for y in range(max(0, y0 - reach), min(ny, yn + reach)):
+        for x in range(max(0, x0 - reach), min(nx, xn + reach)):
+            if master[y, x] == 254:
+                queue.append((0.0, counter, x, y, x, y))
+                counter += 1
+    while queue:
+        d, _, x, y, sx, sy = heapq.heappop(queue)
+        if (x, y) in seen:
+            continue
+        seen.add((x, y))
+        new, old = cost(hypot(x - sx, y - sy)), int(master[y, x])
+        if old == 255:
+            if new >= 253 or (inflate_unknown and new > 0):
+                master[y, x] = new
+        else:
+            master[y, x] = max(old, new)
+        for px, py in ((x - 1, y), (x, y - 1), (x + 1, y), (x, y + 1)):
+            if 0 <= px < nx and 0 <= py < ny and (px, py) not in seen:
+                further = hypot(px - sx, py - sy)
+                if further <= reach:
+                    assert further >= d
+                    heapq.heappush(queue, (further, counter, px, py, sx, sy))
+                    counter += 1
+
+
+class PlainCostmap:
+    """Section 3: obstacle layer, inflation layer and master, in the order of the steps there."""
+
+    def __init__(self, nx, ny, resolution, origin, rolling, footprint, default, obstacles, source, inflation):
+        self.res, self.n, self.rolling = resolution, (nx, ny), rolling
+        self.default = default
+        self.master, self.layer = (np.full((ny, nx), default, np.uint8) for _ in range(2))
+        self.origin, self.layer_origin = list(origin), list(origin)
+        self.footprint = footprint
+        self.inscribed = footprints.radii(footprint)[0]
+        self.obstacles, self.source, self.inflation = obstacles, source, inflation
+        self.due = True
+        self.last = (-F32_MAX, -F32_MAX, F32_MAX, F32_MAX)
+        self.cloud = None
+        self.extra = None
+
+    def set_inflation(self, new):
+        old, self.inflation = self.inflation, new
+        self.due = self.due or old != new
+
+    def cell(self, wx, wy, origin):
+        if wx < origin[0] or wy < origin[1]:
+            return None
+        mx, my = int((wx - origin[0]) / self.res), int((wy - origin[1]) / self.res)
+        return (mx, my) if mx < self.n[0] and my < self.n[1] else None
+
+    def roll(self, grid, origin, pose):
+        shift = [int((pose[i] - (self.n[i] - 1 + 0.5) * self.res / 2 - origin[i]) / self.res) for i in (0, 1)]
+        if shift == [0, 0]:
+            return grid
+        for i in (0, 1):
+            origin[i] = origin[i] + shift[i] * self.res
+        out = np.full_like(grid, self.default)
+        for y in range(self.n[1]):
+            for x in range(self.n[0]):
+                if 0 <= x + shift[0] < self.n[0] and 0 <= y + shift[1] < self.n[1]:
+                    out[y, x] = grid[y + shift[1], x + shift[0]]
+        return out
+
+    def update(self, pose, cloud=None):
+        self.cloud = cloud if cloud is not None else self.cloud
+        if self.rolling:
+            self.master = self.roll(self.master, self.origin, pose)
+        bounds = [1e30, 1e30, -1e30, -1e30]
+        if self.obstacles.enabled:
+            self.obstacle_bounds(pose, bounds)
+        if self.inflation.enabled:
+            self.inflation_bounds(bounds)
+        window = []
+        for i in range(4):
+            axis, w = i % 2, bounds[i]
+            if w < self.origin[axis]:
+                c = 0
+            elif w >= self.res * self.n[axis] + self.origin[axis]:
+                c = self.n[axis] - 1
+            else:
+                c = int((w - self.origin[axis]) / self.res)
+            window.append(max(0, c) if i < 2 else min(self.n[axis], c + 1))
+        x0, y0, xn, yn = window
+        if xn < x0 or yn < y0:
+            return
+        self.master[y0:yn, x0:xn] = self.default
+        if self.obstacles.enabled:
+            self.obstacle_costs(pose, x0, y0, xn, yn)
+        if self.inflation.enabled:
+            p = self.inflation
+            inflate(
+                self.master,
+                x0,
+                y0,
+                xn,
+                yn,
+                p.inflation_radius,
+                self.res,
+                p.cost_scaling_factor,
+                self.inscribed,
+                p.inflate_unknown,
+            )
+
+    def obstacle_bounds(self, pose, bounds):
+        p, source, grid = self.obstacles, self.source, self.layer
+
+        def widen(x, y):
+            bounds[:] = min(bounds[0], x), min(bounds[1], y), max(bounds[2], x), max(bounds[3], y)
+
+        if self.rolling:
+            grid = self.layer = self.roll(self.layer, self.layer_origin, pose)
+        origin = self.layer_origin
+        if self.extra is not None:
+            widen(*self.extra[:2])
+            widen(*self.extra[2:])
+            self.extra = None
+        points, sensor = [], None
+        if self.cloud is not None:
+            sensor = self.cloud.origin
+            points = [
+                q
+                for q in self.cloud.points.astype(np.float64).tolist()
+                if source.min_obstacle_height <= q[2] <= source.max_obstacle_height
+            ]
+        if self.cloud is not None and source.clearing and self.cell(sensor[0], sensor[1], origin) is not None:
+            self.clear_rays(points, sensor, widen)
+        for x, y, z in points if source.marking else ():
+            if z > p.max_obstacle_height:
+                continue
+            far = (
+                (x - sensor[0]) * (x - sensor[0])
+                + (y - sensor[1]) * (y - sensor[1])
+                + (z - sensor[2]) * (z - sensor[2])
+            )
+            cell = self.cell(x, y, origin)
+            if far >= source.obstacle_range * source.obstacle_range or cell is None:
+                continue
+            grid[cell[1], cell[0]] = 254
+            widen(x, y)
+        if p.footprint_clearing_enabled:
+            for x, y in footprints.transform(self.footprint, *pose).tolist():
+                widen(x, y)
+
+    def clear_rays(self, points, sensor, widen):
+        ox, oy = self.layer_origin
+        sx, sy = sensor[:2]
+        ex, ey = ox + self.n[0] * self.res, oy + self.n[1] * self.res
+        start = self.cell(sx, sy, (ox, oy))
+        widen(sx, sy)
+        reach = math.ceil(self.source.raytrace_range / self.res)
+        for wx, wy, _ in points:
+            a, b = wx - sx, wy - sy
+            if wx < ox:
+                wx, wy = ox, sy + b * ((ox - sx) / a)
+            if wy < oy:
+                wx, wy = sx + a * ((oy - sy) / b), oy
+            if wx > ex:
+                wx, wy = ex - 0.001, sy + b * ((ex - sx) / a)
+            if wy > ey:
+                wx, wy = sx + a * ((ey - sy) / b), ey - 0.001
+            end = self.cell(wx, wy, (ox, oy))
+            if end is None:
+                continue
+            line = line_cells(*start, *end)
+            distance = hypot(end[0] - start[0], end[1] - start[1])
+            scale = 1.0 if distance == 0 else min(1.0, reach / distance)
+            for x, y in line[: min(int(scale * (len(line) - 1)), len(line) - 1) + 1]:
+                self.layer[y, x] = 0
+            dx, dy = wx - sx, wy - sy
+            full = hypot(dx, dy)
+            f = 1.0 if full == 0 else min(1.0, self.source.raytrace_range / full)
+            widen(sx + dx * f, sy + dy * f)
+
+    def obstacle_costs(self, pose, x0, y0, xn, yn):
+        p = self.obstacles
+        if p.footprint_clearing_enabled and len(self.footprint) >= 3:
+            corners = [
+                self.cell(x, y, self.layer_origin) for x, y in footprints.transform(self.footprint, *pose).tolist()
+            ]
+            if None not in corners:
+                outline = [
+                    tuple(c)
+                    for i in range(len(corners))
+                    for c in line_cells(*corners[i], *corners[(i + 1) % len(corners)]).tolist()
+                ]
+                for column in {x for x, _ in outline}:
+                    rows = [y for x, y in outline if x == column]
+                    self.layer[min(rows) : max(rows) + 1, column] = 0
+        for y in range(y0, yn):
+            for x in range(x0, xn):
+                value, old = self.layer[y, x], self.master[y, x]
+                if value == 255:
+                    continue
+                if p.combination_method == 0 or (p.combination_method == 1 and (old == 255 or old < value)):
+                    self.master[y, x] = value
+
+    def inflation_bounds(self, bounds):
+        incoming, r = tuple(bounds), self.inflation.inflation_radius
+        if self.due:
+            self.due = False
+            bounds[:] = -F32_MAX, -F32_MAX, F32_MAX, F32_MAX
+        else:
+            bounds[:] = (
+                min(self.last[0], incoming[0]) - r,
+                min(self.last[1], incoming[1]) - r,
+                max(self.last[2], incoming[2]) + r,
+                max(self.last[3], incoming[3]) + r,
+            )
+        self.last = incoming
+
+    def clear_outside(self, pose, side):
+        ends = [
+            [
+                int((pose[i] - side / 2 - self.layer_origin[i]) / self.res),
+                int((pose[i] - side / 2 + side - self.layer_origin[i]) / self.res),
+            ]
+            for i in (0, 1)
+        ]
+        for y in range(self.n[1]):
+            for x in range(self.n[0]):
+                if not (ends[0][0] < x < ends[0][1] and ends[1][0] < y < ends[1][1]):
+                    self.layer[y, x] = 255
+        ox, oy = self.layer_origin
+        self.extra = (ox, oy, ox + (self.n[0] - 1 + 0.5) * self.res, oy + (self.n[1] - 1 + 0.5) * self.res)
+
+    def clear(self):
+        self.master[:] = self.default
+        self.layer[:] = self.default
+        self.due = False

@@ -1,0 +1,201 @@
+"""ROS for tests: a master of one's own on a free port, and processes beside it, each ended by its own pid.
+
+Used by every test that needs rospy. rospy knows one master URI per process, so all tests of one process share that of
+`session()`; tests/conftest.py calls `close_session()` between test files.
+"""
+
+import atexit
+import functools
+import os
+import pkgutil
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from tests.support import ROOT
+
+INTERRUPTED_WITH_US = ("setpriv", "--pdeathsig", "INT")  # also when this process is killed
+VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR")
+GENERATED = ROOT / ".applr" / "catkin_ws" / "devel" / "lib" / "python3" / "dist-packages"
+
+
+class Child:
+    """A started process. `log` (a Path) holds what it printed."""
+
+    def __init__(self, args, env, log):
+        self.log = Path(log)
+        with open(self.log, "wb") as f:
+            command = [*INTERRUPTED_WITH_US, *map(str, args)]
+            self.process = subprocess.Popen(
+                command, env=env, cwd=ROOT, stdout=f, stderr=subprocess.STDOUT, start_new_session=True
+            )
+        self.pid = self.process.pid
+
+    @property
+    def text(self):
+        return self.log.read_text(errors="replace")
+
+    def alive(self):
+        return self.process.poll() is None
+
+    def freeze(self):
+        os.kill(self.pid, signal.SIGSTOP)
+
+    def thaw(self):
+        if self.alive():
+            os.kill(self.pid, signal.SIGCONT)
+
+    def kill(self):
+        """SIGKILL, as a crash."""
+        if self.alive():
+            os.kill(self.pid, signal.SIGKILL)
+        self.process.wait(5.0)
+
+    def end(self, patience=5.0):
+        """SIGINT as Ctrl-C does, SIGKILL after `patience` seconds. Returns the exit status."""
+        if self.alive():
+            self.thaw()
+            os.kill(self.pid, signal.SIGINT)
+            try:
+                self.process.wait(patience)
+            except subprocess.TimeoutExpired:
+                self.kill()
+        return self.process.returncode
+
+
+class RosMaster:
+    """A ROS master on the given or a free port, and its children.
+
+    env: what a process needs to join it. Use as a context manager or call close().
+    """
+
+    def __init__(self, port=None):
+        self.folder = Path(tempfile.mkdtemp(prefix="applr_ros_"))
+        self.port = port or free_port()
+        self.uri = f"http://127.0.0.1:{self.port}"
+        self.env = dict(
+            os.environ,
+            ROS_MASTER_URI=self.uri,
+            ROS_IP="127.0.0.1",
+            PYTHONUNBUFFERED="1",
+            ROS_LOG_DIR=str(self.folder),
+            PYTHONPATH=os.pathsep.join([str(ROOT), str(GENERATED), os.environ.get("PYTHONPATH", "")]).rstrip(
+                os.pathsep
+            ),
+        )
+        self.env.pop("ROS_HOSTNAME", None)
+        self._children = []
+        self._master = Child(["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log")
+        wait_for(lambda: _answers(self.port) or not self._master.alive(), 15.0, "ROS master")
+        assert self._master.alive(), self._master.text
+
+    def spawn(self, *args, **env):
+        """Starts a program beside the master; env: additional environment variables. Returns its Child."""
+        name = f"{len(self._children)}_{Path(str(args[-1 if len(args) == 1 else 1])).name}.log"
+        child = Child(args, dict(self.env, **env), self.folder / name)
+        self._children.append(child)
+        return child
+
+    def python(self, *args, **env):
+        """Starts a Python script (or "-m", module) with this interpreter. Returns its Child."""
+        return self.spawn(sys.executable, *args, **env)
+
+    def close(self):
+        for child in reversed(self._children):
+            child.end()
+        self._master.end()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self.close()
+
+
+_session, _port = None, None
+_joined = []  # topics and services of this process
+
+
+def session():
+    """The master of the tests that run now, with this process as a node of it (rospy is initialised)."""
+    global _session, _port
+    if _session is None:
+        import rospy
+
+        _session = RosMaster(_port)
+        _port = _session.port
+        for key in VARIABLES:
+            os.environ[key] = _session.env[key]
+        os.environ.pop("ROS_HOSTNAME", None)
+        if not rospy.core.is_initialized():
+            rospy.init_node("pytest", anonymous=True, disable_signals=True)
+            _remember(rospy.topics.Topic, "unregister")
+            _remember(rospy.Service, "shutdown")
+            atexit.register(rospy.signal_shutdown, "tests are over")
+            atexit.register(close_session)
+    return _session
+
+
+def _remember(kind, end):
+    """Keeps what ends each object of a class from now on."""
+    make = kind.__init__
+
+    @functools.wraps(make)
+    def init(self, *args, **kwargs):
+        make(self, *args, **kwargs)
+        _joined.append(getattr(self, end))
+
+    kind.__init__ = init
+
+
+def close_session():
+    """Ends the master, its nodes and what this process has on it; the next tests get a master without parameters."""
+    global _session
+    if _session is not None:
+        while _joined:
+            _joined.pop()()
+        _session.close()
+        _session = None
+        for key in VARIABLES:
+            del os.environ[key]
+
+
+def use_generated():
+    """Makes applr_ros1.cfg (generated by catkin) importable in this process."""
+    import applr_ros1
+
+    if GENERATED.is_dir() and str(GENERATED) not in sys.path:
+        sys.path.append(str(GENERATED))
+    applr_ros1.__path__ = pkgutil.extend_path(applr_ros1.__path__, "applr_ros1")
+
+
+use_generated()
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def wait_for(condition, seconds=5.0, what="condition"):
+    """Polls until condition() is true and returns its value; AssertionError after `seconds` of wall time."""
+    end = time.monotonic() + seconds
+    while True:
+        value = condition()
+        if value:
+            return value
+        assert time.monotonic() < end, f"{what}: not within {seconds:g} s"
+        time.sleep(0.01)
+
+
+def _answers(port):
+    with socket.socket() as s:
+        s.settimeout(0.5)
+        return s.connect_ex(("127.0.0.1", port)) == 0

@@ -1,0 +1,94 @@
+"""A robot and a laser made up for tests of MoveBase: it does exactly what it is told, among round obstacles."""
+
+import copy
+import math
+
+import numpy as np
+
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.planner.move_base import MoveBase
+from tests.support.jackal import JACKAL
+
+BEAMS, ANGLE_MIN, ANGLE_MAX = 720, -2.35619, 2.35619
+INCREMENT = (ANGLE_MAX - ANGLE_MIN) / (BEAMS - 1)
+RANGE_MIN, RANGE_MAX = 0.1, 30.0
+LASER_X = 0.12
+
+
+class ToyRobot:
+    """`circles`: (n, 3) of x, y, radius [m]. pose (x, y, yaw), twist (v, w)."""
+
+    def __init__(self, pose=(0.0, 0.0, 0.0), circles=()):
+        self.pose, self.twist, self.time = pose, (0.0, 0.0), 0.0
+        self.circles = np.array(circles, dtype=np.float64).reshape(-1, 3)
+
+    def sensor_pose(self):
+        x, y, yaw = self.pose
+        return x + LASER_X * math.cos(yaw), y + LASER_X * math.sin(yaw), yaw
+
+    def ranges(self):
+        """(720,) float32, inf where nothing is hit."""
+        sx, sy, yaw = self.sensor_pose()
+        angles = yaw + ANGLE_MIN + INCREMENT * np.arange(BEAMS)
+        c, s = np.cos(angles), np.sin(angles)
+        best = np.full(BEAMS, np.inf)
+        for x, y, radius in self.circles:
+            along = (x - sx) * c + (y - sy) * s
+            across2 = (x - sx) ** 2 + (y - sy) ** 2 - along**2
+            hit = (along > 0) & (across2 <= radius**2)
+            distance = along - np.sqrt(np.maximum(0.0, radius**2 - across2))
+            best = np.where(hit & (distance >= RANGE_MIN), np.minimum(best, distance), best)
+        return best.astype(np.float32)
+
+    def scan(self):
+        return LaserScan(self.time, ANGLE_MIN, INCREMENT, RANGE_MIN, RANGE_MAX, self.ranges(), self.sensor_pose())
+
+    def drive(self, command, duration):
+        """Drive for `duration` [s]; without a command the robot stands."""
+        v, w = command or (0.0, 0.0)
+        x, y, yaw = self.pose
+        for _ in range(10):
+            x += v * math.cos(yaw) * duration / 10
+            y += v * math.sin(yaw) * duration / 10
+            yaw += w * duration / 10
+        self.pose, self.twist = (x, y, math.remainder(yaw, 2 * math.pi)), (v, w)
+        self.time += duration
+
+
+def ring(x, y, radius, posts=40, size=0.1):
+    """Posts (n, 3) all around a point."""
+    return [
+        (x + radius * math.cos(a), y + radius * math.sin(a), size)
+        for a in np.linspace(0, 2 * math.pi, posts, endpoint=False)
+    ]
+
+
+def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):
+    """Step both for `seconds`; returns the result, or None. `cycles`: a list that takes (time, Cycle)."""
+    for _ in range(int(round(seconds / period))):
+        cycle = move_base.step(robot.time, robot.pose, robot.twist, robot.scan() if scans else None)
+        if cycles is not None:
+            cycles.append((robot.time, cycle))
+        robot.drive(cycle.command, period)
+        if cycle.result and until_result:
+            return cycle.result
+    return None
+
+
+# -- MoveBase with small maps ------------------------------------------------------------------------------------
+def quick(**changes):
+    """The Jackal's tree with small maps and short patience."""
+    tree = copy.deepcopy(JACKAL)
+    for name, size in (("global_costmap", 20), ("local_costmap", 6)):
+        tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
+    tree.update(planner_patience=1.0, controller_patience=1.0)
+    tree.update(changes)
+    return tree
+
+
+def start(goal, robot=None, tree=None, before=0.1):
+    """(move_base, robot) that have looked for a moment and then got the goal."""
+    robot, made = robot or ToyRobot(), MoveBase(tree or quick())
+    run(made, robot, before)
+    made.set_goal(goal, robot.time)
+    return made, robot

@@ -1,0 +1,119 @@
+"""Rules of the whole repository: linters, types and import contracts (pyproject.toml), declared dependencies, and
+references from one file to another."""
+
+import ast
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as xml
+from pathlib import Path
+
+import pytest
+
+from tests.support import ROOT
+
+LINTERS = {
+    "ruff check": ("ruff", "check", "--output-format", "concise", "--no-cache"),
+    "ruff format": ("ruff", "format", "--check", "--no-cache"),
+    "mypy": ("mypy",),
+    "import contracts": ("lint-imports", "--no-cache"),
+}
+ROS = {"rospy", "rosgraph", "roslib", "rosbag", "actionlib", "dynamic_reconfigure", "tf2_ros"}  # and *_msgs, *_srvs
+NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
+
+
+def files(pattern):
+    return [path for path in sorted(ROOT.rglob(pattern)) if path.relative_to(ROOT).parts[0] not in NOT_OURS]
+
+
+@pytest.mark.parametrize("name", LINTERS)
+def test_linters(name):
+    program, *options = LINTERS[name]
+    program = Path(sys.executable).with_name(program)
+    if not program.exists():
+        pytest.skip("%s is not installed for this Python" % program.name)
+    found = subprocess.run([program, *options], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stdout + found.stderr
+
+
+def test_package_xml_declares_the_ros_packages_that_are_imported():
+    package = xml.parse(ROOT / "package.xml").getroot()
+    declared = {node.text for node in package if node.tag.endswith("depend")}
+    used = set()
+    for path in [path for folder in ("applr_ros1", "sim_bridge", "worlds") for path in (ROOT / folder).rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                used |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                used.add(node.module.partition(".")[0])
+    elsewhere = {"rospkg", "genpy", "gazebo_msgs"}  # of python3-rospkg, of std_msgs, in compat/
+    ros = {name for name in used - elsewhere if name in ROS or name.endswith(("_msgs", "_srvs"))}
+    assert ros <= declared, "package.xml lacks %s" % sorted(ros - declared)
+
+
+def test_every_launch_argument_is_documented():
+    for path in files("*.launch"):
+        for argument in xml.parse(path).getroot().findall("arg"):
+            assert argument.get("value") is not None or argument.get("doc"), "%s: %s" % (path, argument.get("name"))
+
+
+def test_requirements_are_exact():
+    exact = re.compile(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+( ; python_version [<>]=? \"3\.\d+\")?")
+    for path in (ROOT / "requirements").glob("*.txt"):
+        for line in path.read_text().splitlines():
+            assert not line.strip() or line.startswith("#") or exact.fullmatch(line), "%s: %s" % (path.name, line)
+
+
+def test_sentences_of_reconfigurable_parameters_hold_no_quotes():
+    """dynamic_reconfigure refuses them when catkin builds the package."""
+    from applr_ros1.planner.parameters.declarations import SERVERS
+
+    for parameters in SERVERS.values():
+        for parameter in parameters:
+            for text in [parameter.doc] + [text for _, _, text in parameter.enum]:
+                assert not {"'", '"'} & set(text), "%s: %s" % (parameter.name, text)
+
+
+def test_the_page_of_parameters_is_up_to_date():
+    from applr_ros1.planner.parameters.table import tables
+
+    page = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
+    assert tables() in page, "run: python -m applr_ros1.planner.parameters.table"
+
+
+def headings(page):
+    """Headings of a Markdown file, and the anchors that they have."""
+    found = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return found, {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in found}
+
+
+def test_cited_pages_and_sections_exist():
+    section = r"\d+(?:\.\d+)*"
+    citation = re.compile(r"\b(docs/[\w./]+\.md)(?:#([\w-]+)|,? sections? (%s)(?: to (%s))?)?" % (section, section))
+    cited = 0
+    for path in [path for kind in ("*.py", "*.cfg", "*.md", "*.launch", "*.yaml", "applr") for path in files(kind)]:
+        text = re.sub(r"\s*\n\s*(?:# )?", " ", path.read_text(encoding="utf-8")) if path.is_file() else ""
+        for page, anchor, *sections in citation.findall(text):
+            assert (ROOT / page).is_file(), "%s cites %s" % (path, page)
+            titles, anchors = headings(ROOT / page)
+            assert not anchor or anchor in anchors, "%s cites %s#%s" % (path, page, anchor)
+            for number in filter(None, sections):
+                there = any(title.startswith((number + " ", number + ". ")) for title in titles)
+                assert there, "%s cites %s, section %s" % (path, page, number)
+            cited += 1
+    assert cited > 20
+
+
+def test_links_between_pages_lead_somewhere():
+    for path in files("*.md"):
+        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")):
+            page = path.parent / target if target else path
+            assert page.exists(), "%s links to %s" % (path, target)
+            assert not anchor or anchor in headings(page)[1], "%s links to %s#%s" % (path, target, anchor)
+
+
+def test_every_fault_of_the_page_has_a_test():
+    page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    marked = " ".join(re.findall(r"^@pytest\.mark\.fault\((.+)\)$", tests, re.MULTILINE))
+    assert set(re.findall(r"^\| (\d+\w?) \|", page, re.MULTILINE)) == set(re.findall(r'"(\w+)"', marked))

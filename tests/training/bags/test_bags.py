@@ -1,0 +1,397 @@
+"""Bags to transitions: rebuilt as the node saw them, from ROS 1 and ROS 2 bags, and whatever is damaged left out."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.files import StorageError
+from applr_ros1.policy.observation import goal_angle, local_goal, observe
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from training import bags_to_dataset
+from training.bags.episodes import BagReport, trajectories
+from training.bags.goals import goals
+from training.bags.reader import BagError, find, read
+from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
+from training.env.reward import Reward
+from training.replay.store import Store
+from training.replay.trajectory import Layout
+
+
+class Drive:
+    """A synthetic drive of 50 Hz along x: what was written, and what a node would have seen."""
+
+    def __init__(
+        self, writer, begin=10.0, seconds=9.0, node=True, status=SUCCEEDED, seed=0, without=(), goal="g", every=100
+    ):
+        self.writer, self.node, self.goal, self.without, self.every = writer, node, goal, without, every
+        self.rng = np.random.default_rng(seed)
+        self.observations, self.thetas, self.number = [], [], 0
+        self.theta = THETA_0
+        self.announce(begin)
+        self.plan = np.column_stack([np.linspace(0, 10, 200), np.sin(np.linspace(0, 3, 200)), np.zeros(200)])
+        steps = int(round(seconds * 50))
+        if "goal" not in without:
+            writer.goal(begin, (10.0, 0.1, 0.0))
+        for k in range(steps + 1):
+            t = begin + 0.02 * k
+            self.step(t, k)
+        end = begin + 0.02 * steps
+        self.see(end)
+        if status is not None and "result" not in without:
+            writer.result(end, goal, status)
+            writer.status(end, goal, running=False)
+
+    def step(self, t, k):
+        w = self.writer
+        if k % 10 == 0 and "status" not in self.without:
+            w.status(t, self.goal)
+        if k % 5 == 0 and "plan" not in self.without:
+            w.plan(t, self.plan)
+        self.pose = (0.01 * k, 0.1, 0.2 * np.sin(0.01 * k))
+        if "odometry" not in self.without:
+            w.odometry(t, self.pose, (0.5, 0.0))
+        self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
+        if "scan" not in self.without:
+            w.scan(t, self.ranges)
+        if k % self.every == 0:
+            self.decide(t)
+
+    def see(self, t):
+        self.observations.append(observe(self.ranges, goal_angle(local_goal(self.plan, self.pose)), self.theta))
+
+    def decide(self, t):
+        self.see(t)
+        self.number += 1
+        if self.node:
+            seen, before = dict.fromkeys(("scan", "odometry", "plan"), t), SPACE.as_dict(self.theta)
+            self.writer.decision(t, self.number, self.goal, self.observations[-1], seen, before, {})
+        self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, 8))
+        self.thetas.append(self.theta)
+        self.announce(t + 0.01)
+
+    def announce(self, t):
+        if "parameters" in self.without:
+            return
+        for server, values in SPACE.requests(self.theta).items():
+            self.writer.parameters(t, server, values)
+
+
+def record(path, **options):
+    with BagWriter(path) as writer:
+        return Drive(writer, **options)
+
+
+def rebuild(path, **options):
+    report = BagReport()
+    return list(trajectories(read(path), report=report, **options)), report
+
+
+def assert_equal(trajectory, drive, count=None):
+    """The trajectory is what the node saw and did."""
+    count = len(drive.thetas) if count is None else count
+    assert len(trajectory) == count
+    layout = Layout()
+    expected = np.array(drive.observations[: count + 1])
+    np.testing.assert_array_equal(trajectory.scan, layout.quantise(expected))
+    np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
+    actions = [SPACE.to_action(theta) for theta in drive.thetas[:count]]
+    np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
+
+
+@pytest.mark.parametrize("node", [True, False])
+def test_transitions_are_what_the_node_saw(tmp_path, node):
+    drive = record(tmp_path / "a.bag", node=node)
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    assert_equal(trajectory, drive)
+    assert trajectory.terminated
+    assert trajectory.info["success"]
+    assert report.skipped == {}
+    assert report.verified == (5 if node else 0)
+    # R_f = -1 until the goal; R_p the metres towards it; R_c = -.05 / nearest range
+    nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * Layout().step - 1.0)
+    expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / nearest
+    np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
+
+
+@pytest.mark.parametrize("seconds", [0.8, 5.0])
+def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
+    """Rewards count time in it, as in training; a course of two decisions takes it from the bag's other course."""
+    with BagWriter(tmp_path / "a.bag") as writer:
+        drives = [
+            Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
+            for begin, count in ((10.0, 4), (60.0, 2))
+        ]
+    rebuilt, report = rebuild(tmp_path / "a.bag", reward=Reward(c_p=0.0, c_c=0.0))
+    assert report.skipped == {}
+    for drive, trajectory, count in zip(drives, rebuilt, (4, 2)):
+        assert_equal(trajectory, drive, count)
+        np.testing.assert_allclose(trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("status", "seconds", "count", "terminated"),
+    [(ABORTED, 9.0, 5, True), (PREEMPTED, 9.0, 4, False), (PREEMPTED, 9.98, 5, False), (None, 9.0, 4, False)],
+)
+def test_how_a_course_ends(tmp_path, status, seconds, count, terminated):
+    drive = record(tmp_path / "a.bag", status=status, seconds=seconds)
+    (trajectory,), _ = rebuild(tmp_path / "a.bag")
+    assert trajectory.terminated == terminated
+    assert not trajectory.info["success"]
+    assert_equal(trajectory, drive, count)
+
+
+def test_a_finish_line_before_the_goal(tmp_path):
+    drive = record(tmp_path / "a.bag", status=PREEMPTED, seconds=9.0)
+    (trajectory,), _ = rebuild(tmp_path / "a.bag", finish=3.5)  # 0.5 m/s: after 7 s
+    assert trajectory.terminated
+    assert trajectory.info["success"]
+    assert len(trajectory) == 4
+    np.testing.assert_allclose(trajectory.action, [SPACE.to_action(t) for t in drive.thetas[:4]], atol=1e-6)
+
+
+def test_several_courses_of_one_bag(tmp_path):
+    with BagWriter(tmp_path / "a.bag") as writer:
+        drives = [Drive(writer, begin=10.0 + 30 * i, goal="g%d" % i, seed=i) for i in range(3)]
+    found, report = rebuild(tmp_path / "a.bag")
+    assert report.episodes == 3
+    assert [t.info["goal"] for t in found] == ["g0", "g1", "g2"]
+    for trajectory, drive in zip(found, drives):
+        assert_equal(trajectory, drive)
+
+
+def test_a_goal_without_a_result_ends_where_the_next_is_sent(tmp_path):
+    """Of a bag that holds neither the action's status nor the first goal's result."""
+    with BagWriter(tmp_path / "a.bag") as writer:
+        Drive(writer, begin=10.0, seconds=9.0, goal="g0", without=("status", "result"))
+        Drive(writer, begin=20.0, seconds=9.0, goal="g1", seed=1)
+    recording = read(tmp_path / "a.bag")
+    recording.status = []
+    recording.sent = [(nanoseconds(10.0), "g0"), (nanoseconds(20.0), "g1")]
+    found = goals(recording, lambda reason: None)
+    assert [(g.id, g.start, g.end, g.status) for g in found] == [
+        ("g0", nanoseconds(10.0), nanoseconds(20.0), None),
+        ("g1", nanoseconds(20.0), nanoseconds(29.0), SUCCEEDED),
+    ]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_rosbags_convert_round_trip(tmp_path, storage):
+    drive = record(tmp_path / "a.bag")
+    convert = [sys.executable, "-c", "from rosbags.convert.cli import main; main()"]
+    for source, destination, extra in (("a.bag", "ros2", ["--dst-storage", storage]), ("ros2", "back.bag", [])):
+        subprocess.run(convert + ["--src", tmp_path / source, "--dst", tmp_path / destination] + extra, check=True)
+    expected = rebuild(tmp_path / "a.bag")[0][0]
+    assert_equal(expected, drive)
+    for name in ("ros2", "back.bag"):
+        (trajectory,), report = rebuild(tmp_path / name)
+        assert report.verified == 5
+        for array in ("scan", "rest", "action", "reward"):
+            np.testing.assert_array_equal(getattr(trajectory, array), getattr(expected, array))
+    folders = []
+    for name in ("a.bag", "ros2"):
+        folders.append(tmp_path / ("from_" + name))
+        assert bags_to_dataset.main([str(tmp_path / name), "--out", str(folders[-1])]) == 0
+    first, second = ([t for _, t in Store(folder).trajectories()] for folder in folders)
+    np.testing.assert_array_equal(first[0].scan, second[0].scan)
+    np.testing.assert_array_equal(first[0].reward, second[0].reward)
+
+
+def damaged(tmp_path):
+    """{file name: its reason for being left out, as counted}"""
+    record(tmp_path / "whole.bag")
+    whole = (tmp_path / "whole.bag").read_bytes()
+    (tmp_path / "truncated.bag").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "cut_end.bag").write_bytes(whole[:-200])
+    (tmp_path / "empty.bag").write_bytes(b"")
+    (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
+    (tmp_path / "run.bag.active").write_bytes(whole[:5000])
+    noise = bytearray(whole)
+    noise[20000:20400] = bytes(400)
+    (tmp_path / "noise.bag").write_bytes(bytes(noise))
+    reasons = {
+        "truncated.bag": "damaged",
+        "cut_end.bag": "damaged",
+        "empty.bag": "empty file",
+        "text.bag": "damaged",
+        "run.bag.active": "damaged",
+        "noise.bag": "damaged",
+    }
+    for missing, reason in (
+        ("scan", "no scans"),
+        ("odometry", "no odometry"),
+        ("status", "no goal was pursued"),
+        ("plan", "no global plan"),
+        ("goal", "the goal's position"),
+        ("parameters", "no parameter_updates"),
+    ):
+        name = "no_%s.bag" % missing
+        record(tmp_path / name, without=(missing,), node=False)
+        reasons[name] = reason
+    with BagWriter(tmp_path / "nothing.bag"):
+        pass
+    reasons["nothing.bag"] = "no messages"
+    return reasons
+
+
+@pytest.mark.fault("18")
+def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
+    reasons = damaged(tmp_path)
+    assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+    store = Store(tmp_path / "out")
+    source = store.about("source")
+    said = {bag["name"]: bag for bag in source["bags"]}
+    assert (source["robot"], source["decision_period"]) == ("jackal", 2.0)
+    assert set(said) == set(reasons) | {"whole.bag"}
+    assert said["whole.bag"]["transitions"] == 5
+    assert said["whole.bag"]["skipped"] == {}
+    for name, reason in reasons.items():
+        if name == "noise.bag" and said[name]["transitions"]:
+            continue  # the damage may lie where nothing needed is
+        assert said[name]["transitions"] == 0, name
+        assert said[name]["skipped"], name
+        assert any(reason in text for text in said[name]["skipped"]), (name, said[name]["skipped"])
+    assert sum(store.about("skipped").values()) >= len(reasons) - 1
+    assert sum(len(t) for _, t in store.trajectories()) == sum(bag["transitions"] for bag in source["bags"])
+    assert "Traceback" not in "".join(capsys.readouterr())
+
+
+def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
+    with BagWriter(tmp_path / "a.bag") as writer:
+        first = Drive(writer, begin=10.0, goal="before", seed=1)
+        Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
+        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # the clock fell back to 43 s
+    found, report = rebuild(tmp_path / "a.bag")
+    assert [t.info["goal"] for t in found] == ["before"]
+    assert_equal(found[0], first)
+    assert report.skipped
+
+
+def test_gaps_jumps_and_changes_cut_an_episode(tmp_path):
+    class Gap(Drive):
+        def step(self, t, k):
+            self.without = ("scan",) if 230 < k < 290 else ()  # 1.2 s within the third decision
+            super().step(t, k)
+
+    class Moved(Drive):
+        def step(self, t, k):
+            super().step(t, k)
+            if k == 250:
+                self.writer.odometry(t + 0.001, (5.0, 5.0, 0.0), (0.0, 0.0))
+
+    class Person(Drive):
+        def step(self, t, k):
+            super().step(t, k)
+            if k == 275:  # turns a knob in the middle of the third decision
+                self.theta = SPACE.from_dict({"max_vel_x": 1.23})
+                self.announce(t)
+
+    for name, kind, expected, reason in (
+        ("gap", Gap, [2, 2], "scans are missing"),
+        ("moved", Moved, [], "the odometry jumped"),
+        ("person", Person, [2, 2], "parameters were changed"),
+    ):
+        with BagWriter(tmp_path / (name + ".bag")) as writer:
+            kind(writer)
+        found, report = rebuild(tmp_path / (name + ".bag"))
+        assert [len(t) for t in found] == expected, (name, report)
+        assert any(reason in text for text in report.skipped), (name, report)
+        if expected:
+            assert not found[0].terminated
+            assert found[1].terminated
+
+
+def test_a_node_that_saw_something_else_is_noticed(tmp_path):
+    class Other(Drive):
+        def see(self, t):
+            super().see(t)
+            self.observations[-1] = self.observations[-1] + np.float32(0.01 * (self.number == 2))
+
+    with BagWriter(tmp_path / "a.bag") as writer:
+        Other(writer)
+    found, report = rebuild(tmp_path / "a.bag")
+    assert report.skipped == {"a rebuilt observation differs from the node's": 1}
+    assert [len(t) for t in found] == [1, 2]
+
+
+def test_unusable_scans_are_counted_in_words(tmp_path):
+    class Coarse(Drive):
+        def step(self, t, k):
+            self.without = ("scan",)
+            super().step(t, k)
+            self.writer.scan(t, self.ranges[::2])
+
+    class Blind(Drive):
+        def step(self, t, k):
+            self.without = ("scan",)
+            super().step(t, k)
+            self.writer.scan(t, np.full(720, np.nan))
+
+    for name, kind, reason in (
+        ("coarse", Coarse, "scan of 360 beams covers"),
+        ("blind", Blind, "beams of the scan are NaN"),
+    ):
+        with BagWriter(tmp_path / (name + ".bag")) as writer:
+            kind(writer, node=False, seconds=4.5)
+        found, report = rebuild(tmp_path / (name + ".bag"))
+        assert not found, report
+        assert any(reason in text for text in report.skipped), report
+
+
+def test_recorded_simulation_equals_the_environment(tmp_path):
+    sim_bridge, worlds = pytest.importorskip("sim_bridge"), pytest.importorskip("worlds")
+    from applr_ros1.planner.move_base import MoveBase
+    from training.bags.writer import RecordingEpisode
+
+    rng, observations, actions = np.random.default_rng(0), [], []
+    with BagWriter(tmp_path / "a.bag") as writer:
+        episode = RecordingEpisode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, limit=3)
+        for course in range(2):
+            outcome = episode.reset(worlds.load("generated:%d" % course), course)
+            while not outcome.over:
+                observations.append(episode.observation(outcome))
+                outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, 8)))
+                actions.append(SPACE.to_action(outcome.theta))
+            observations.append(episode.observation(outcome))
+    found, report = rebuild(tmp_path / "a.bag")
+    assert report.verified == len(actions) == report.transitions
+    assert not report.skipped
+    np.testing.assert_array_equal(np.concatenate([t.scan for t in found]), Layout().quantise(np.array(observations)))
+    np.testing.assert_allclose(np.concatenate([t.rest for t in found]), np.array(observations)[:, 720:], atol=1e-6)
+    np.testing.assert_allclose(np.concatenate([t.action for t in found]), actions, atol=1e-6)
+
+
+def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
+    record(tmp_path / "a.bag")
+    (tmp_path / "none").mkdir()
+    bag, out = str(tmp_path / "a.bag"), str(tmp_path / "out")
+    for arguments in (
+        [str(tmp_path / "missing.bag"), "--out", out],
+        [str(tmp_path / "none"), "--out", out],
+        [bag, "--out", out, "--reward", "speed=1"],
+        [bag, "--out", out, "--reward", "c_p=fast"],
+        [bag, "--out", out, "--reward", "c_p=nan"],
+        [bag, "--out", bag],
+        [bag, "--out", out, "--scan", "/other"],
+    ):
+        assert bags_to_dataset.main(arguments) == 1
+        error = capsys.readouterr().err
+        assert error.startswith("bags_to_dataset: "), error
+        assert error.count("\n") == 1, error
+    assert bags_to_dataset.main([bag, "--out", out, "__name:=x"]) == 0
+    assert bags_to_dataset.main([bag, "--out", out]) == 1  # holds a dataset already
+    assert "already" in capsys.readouterr().err
+
+
+@pytest.mark.fault("21")
+def test_writing_where_nothing_can_be_written(tmp_path):
+    record(tmp_path / "a.bag")
+    for path in (tmp_path / "a.bag", tmp_path / "nowhere" / "b.bag"):
+        with pytest.raises(StorageError):
+            BagWriter(path)
+    with pytest.raises(BagError):
+        read(tmp_path / "nowhere.bag")
+    assert find([tmp_path]) == [Path(tmp_path / "a.bag")]

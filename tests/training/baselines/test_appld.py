@@ -1,0 +1,240 @@
+"""APPLD: a scripted demonstration becomes a bag, the bag contexts, each context parameters that command what was
+demonstrated, and all of it a file that drives, in-process and as a launch method.
+"""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+import sim_bridge
+import worlds
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy import appld as runtime
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import load
+from training import appld
+from training.bags.reader import BagError, TopicNames
+from training.baselines.appld import classifier as appld_classifier
+from training.baselines.appld import demonstration
+from training.baselines.appld import fit as appld_fit
+from training.baselines.appld import scripted_driver as demonstrator
+from training.baselines.appld import segmentation as contexts
+from training.demonstrate import demonstrate
+from training.demonstrate import main as demonstrate_main
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    """A scripted demonstration of a generated world, about 9 s."""
+    path = tmp_path_factory.mktemp("appld") / "demonstration.bag"
+    found = demonstrate(worlds.load("generated:3"), sim_bridge.make("kinematic"), path, seed=1)
+    assert found["contacts"] == 0
+    assert 5.9 < found["metres"] < 8.0
+    return path
+
+
+def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
+    robot, path = load("turtlebot3_waffle_pi"), tmp_path / "waffle.bag"
+    words = [str(path), "--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
+    assert demonstrate_main(words) == 0
+    d = demonstration.read(path, TopicNames.of(robot), robot)
+    assert d.source["robot"] == robot.name
+    assert 0.2 < d.command[:, 0].max() <= robot.base.max_speed
+    assert d.ranges.shape[1] == robot.laser.beams
+    course = worlds.scaled(worlds.load("generated:3"), robot.world_scale).course
+    assert d.goal[:2] == pytest.approx(np.subtract(course.goal[:2], course.start[:2]))
+    with AnyReader([path]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+    scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
+    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)  # not one in each cycle
+
+
+def test_bag_is_read_as_it_was_driven(bag):
+    d = demonstration.read(bag)
+    assert d.source["demonstrator"].startswith("scripted")
+    assert d.source["world"] == "generated:3"
+    assert len(d.time) == len(d.command) == len(d.ranges)
+    assert d.ranges.shape[1] == 720
+    assert np.allclose(np.diff(d.time), 0.05)
+    assert d.driving.all()
+    # the base follows the commands of one cycle in the next ones
+    assert np.abs(d.twist[5:, 0] - d.command[3:-2, 0]).mean() < 0.05
+    world = worlds.load("generated:3")
+    assert d.goal[:2] == pytest.approx(
+        (world.course.goal[0] - world.course.start[0], world.course.goal[1] - world.course.start[1])
+    )
+
+
+@pytest.mark.parametrize("spec", ["generated:20", "generated:120", "generated:290", "physical_course"])
+def test_demonstrators_route_keeps_off_obstacles(spec):
+    world = worlds.load(spec)
+    points = demonstrator.route(world)
+    gaps = [gap for _, gap in demonstrator._offsets(world, points)]
+    assert np.min(gaps) > 0.3
+    assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
+    assert np.allclose(points[0], world.course.start[:2])
+
+
+def test_changepoints_are_found_where_they_are():
+    """Fast in the open, slow between walls, fast again: three segments, two contexts."""
+    n = 400
+    slow = (np.arange(n) >= 150) & (np.arange(n) < 260)
+    rng = np.random.default_rng(0)
+    ranges = np.where(slow[:, None], 0.5, 3.0) * np.ones((n, 720)) + rng.normal(0, 0.01, (n, 720))
+    command = np.column_stack([np.where(slow, 0.3, 1.0), rng.normal(0, 0.02, n)])
+    d = demonstration.Demonstration(
+        "made",
+        np.arange(n) * 0.05,
+        (-2.35619, 2 * 2.35619 / 719, 0.1, 30.0),
+        ranges.astype(np.float32),
+        ranges.astype(np.float32),
+        np.zeros((n, 3)),
+        command,
+        command,
+        (0.0, 0.0, 0.0),
+        {},
+    )
+    found = contexts.find([d])
+    assert [
+        (abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in zip(found.segments, (0, 150, 260), (150, 260, 400))
+    ] == [(True, True)] * 3
+    assert [s.context for s in contexts.find([d], most=2).segments] == [0, 1, 0]
+    assert len(contexts.find([d], most=0).names) == 3
+
+
+def test_search_finds_the_speed_of_a_demonstration(bag):
+    """What the planner itself commanded under other parameters is matched again, to the last bit at those."""
+    d = demonstration.read(bag)
+    span = [contexts.Segment(0, 30, 60, 0)]
+    (stretch,) = appld_fit.stretches(d, span, 60)
+    theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
+    replayed = copy.deepcopy(stretch.planner)
+    appld_fit.apply(replayed, theta)
+    d.command[30:60] = [appld_fit.step(replayed, d, i) for i in range(30, 60)]
+    assert appld_fit.loss([stretch], theta)[0] == 0.0
+    found = appld_fit.fit([stretch], 30, seed=0)
+    assert found.loss < 0.5 * found.loss_theta0
+    assert found.evaluations <= 41
+    assert found.theta[0] > 0.7
+
+
+def test_classifier_tells_scans_apart_in_the_mirror_too():
+    rng = np.random.default_rng(0)
+    labels = np.repeat([0, 1], 200)
+    ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
+    ranges[:, 500:] = 0.4  # a wall on one side, always the same
+    scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
+    weights, result = appld_classifier.train(scans, labels, 2, steps=60)
+    assert result["accuracy"] > 0.98
+    assert result["held_out"] > 0.98
+    net = runtime.Appld({"a": SPACE.theta0, "b": SPACE.high}, weights)
+    assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
+
+
+def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
+    out = tmp_path / "mine.safetensors"
+    assert (
+        appld.main(
+            [
+                str(bag),
+                "--out",
+                str(out),
+                "--evaluations",
+                "10",
+                "--longest",
+                "20",
+                "--contexts",
+                "2",
+                "--penalty",
+                "0.5",
+                "--steps",
+                "60",
+            ]
+        )
+        == 0
+    )
+    log = json.loads((tmp_path / "mine_log.json").read_text())
+    assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
+    assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
+    card = (tmp_path / "mine.md").read_text()
+    assert "scripted" in card
+    assert "| occdist_scale |" in card
+    assert str(tmp_path) not in card
+    method = methods.make("appld:%s" % out)
+    method = methods.make("appld:%s" % out)
+    d = demonstration.read(bag)
+    obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
+    theta = method.policy.theta(obs)
+    assert np.array_equal(theta, method.policy.theta(obs))
+    assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])
+    assert method.describe()["file"] == "mine.safetensors"
+
+
+def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(runtime, "MAX_CONTEXTS", 1)
+    monkeypatch.setattr(appld_fit, "fit", lambda *_: pytest.fail("searched"))
+    words = [str(bag), "--out", str(tmp_path / "x.safetensors"), "--penalty", "0.5"]
+    assert appld.main([*words, "--contexts", "0"]) == 1
+    error = capsys.readouterr().err
+    assert "a file holds at most 1; give --contexts 1 to 1 or a larger --penalty" in error
+    assert error.count("\n") == 1
+
+
+def test_published_sets_as_a_mode():
+    method = methods.make("appld:published").policy
+    seen = set()
+    for ahead, beside in ((2.0, 2.0), (1.2, 1.0), (1.2, 0.4), (0.7, 1.0)):
+        obs = np.full(729, beside - 1.0, np.float32)
+        obs[300:420] = ahead - 1.0
+        seen.add(method.names[method.context(obs)])
+        assert np.array_equal(method.theta(obs), SPACE.clip(method.theta(obs)))
+    assert seen == set(runtime.PUBLISHED)
+
+
+def test_shipped_file_drives():
+    """The file in models/ is one of these, and its card says that a script demonstrated."""
+    path = methods.shipped("appld.safetensors")
+    found = runtime.Appld.load(path)
+    assert 2 <= len(found.names) <= 8
+    assert "scripted" in json.loads(found.metadata["training"])["demonstrations"][0]["demonstrator"]
+    assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
+
+
+@pytest.mark.ros
+def test_as_a_mode_of_the_node():
+    pytest.importorskip("rospy")
+    from tests.support.ros_harness import session, wait_for
+
+    node = session().python("-m", "applr_ros1.scripts.applr", "_method:=appld:published")
+    try:
+        wait_for(lambda: "ready, method appld:published" in node.text or not node.alive(), 10.0, "applr node")
+        assert node.alive(), node.text
+    finally:
+        node.end()
+
+
+def test_mistakes_are_one_line(tmp_path, capsys):
+    empty = tmp_path / "empty.bag"
+    empty.write_bytes(b"")
+    broken = tmp_path / "broken.bag"
+    broken.write_bytes(b"#ROSBAG V2.0\n" + bytes(200))
+    for arguments, word in (
+        (["nowhere.bag"], "nowhere.bag"),
+        ([str(empty)], "empty"),
+        ([str(broken)], "damaged"),
+        ([str(broken), "--contexts", "-1"], "--contexts"),
+        ([str(tmp_path / "none")], "none"),
+    ):
+        assert appld.main(arguments + ["--out", str(tmp_path / "x.safetensors")]) == 1
+        said = capsys.readouterr().err
+        assert word in said
+        assert said.count("\n") == 1
+    assert not list(tmp_path.glob("x*"))
+    with pytest.raises(BagError):
+        demonstration.read(broken)
+    with pytest.raises(ApplrError):
+        methods.make("appld:%s" % broken)

@@ -1,0 +1,360 @@
+"""The trial loop, the reward and the environment: the paper's MDP, both checkers, repeatable."""
+
+import math
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+import sim_bridge
+from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import SPACE
+from training.env.episode import Episode, nearest
+from training.env.outcome import Outcome
+from training.env.reward import MOST_STANDING, Reward, failed
+from worlds import Course, World
+
+
+class Cycle:
+    def __init__(self, command=None, result=None):
+        self.command, self.result = command, result
+
+
+class FakeMoveBase:
+    """Drives straight ahead at v, and after `end` cycles says `result`."""
+
+    def __init__(self, v=1.0, end=None, result=None):
+        self.v, self.end, self.result = v, end, result
+        self.goals, self.requests, self.steps, self.scans = [], [], [], []
+        self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
+
+    def reset(self, now, seed=None):
+        self.steps.clear()
+
+    def set_goal(self, goal, now):
+        self.goals.append((goal, now))
+
+    def make_plan(self, start, goal, tolerance=0.0):
+        return self.global_plan
+
+    def reconfigure(self, server, values):
+        self.requests.append((server, values))
+        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # a planner with its own mind
+
+    def step(self, now, pose, twist, scan):
+        self.steps.append((now, pose, twist))
+        self.scans.append(scan)
+        over = self.end is not None and len(self.steps) > self.end
+        return Cycle(
+            (0.0 if over else self.v, 0.0) if self.goals else None,
+            self.result if over and len(self.steps) == self.end + 1 else None,
+        )
+
+
+def straight(length=4.0, obstacle=None, goal=None):
+    cylinders = np.array([obstacle]) if obstacle else np.zeros((0, 3))
+    course = Course(
+        (1.0, 2.0, math.pi / 2),
+        goal or (1.0, 2.0 + length + 4.0, math.pi / 2),
+        2.0 + length,
+        0.4,
+        np.array([(1.0, 2.0), (1.0, 2.0 + length)]),
+    )
+    return World("straight", cylinders, np.zeros((0, 5)), course)
+
+
+def trial(world=None, limit=50, end_on_collision=False, **planner):
+    episode = Episode(
+        sim_bridge.make("kinematic", slip=0.0),
+        FakeMoveBase(**planner),
+        limit=limit,
+        end_on_collision=end_on_collision,
+        record=True,
+    )
+    episode.reset(world or straight(), 0)
+    return episode
+
+
+def drive(episode, theta=SPACE.theta0, most=60):
+    outcomes = []
+    while not episode.outcome.over and len(outcomes) < most:
+        outcomes.append(episode.decide(theta))
+    return outcomes
+
+
+def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
+    episode = trial(straight(4.0))
+    outcomes = drive(episode)
+    last = outcomes[-1]
+    assert last.success
+    assert not failed(last)
+    assert not last.timeout
+    assert last.time_s == pytest.approx(4.1, abs=0.15)
+    assert (last.time_s / 0.05) % 1 == pytest.approx(0, abs=1e-6)
+    assert last.decisions == len(outcomes) == 3
+    assert [o.seconds for o in outcomes[:2]] == pytest.approx([2.0, 2.0])
+    assert last.seconds == pytest.approx(last.time_s - 4.0)
+    assert last.path_length_m == pytest.approx(4.0, abs=0.1)
+    assert sum(o.progress for o in outcomes) == pytest.approx(4.0, abs=0.1)
+    assert sum(o.progress_y for o in outcomes) == pytest.approx(4.0, abs=0.1)
+    assert len(episode.trace.pose) == round(last.time_s / 0.05)
+    assert len(episode.trace.theta) == 3
+    with pytest.raises(RuntimeError, match="reset"):
+        episode.decide(SPACE.theta0)
+
+
+def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
+    episode = trial()
+    drive(episode)
+    base = episode.move_base
+    assert len(base.goals) == 1
+    assert base.goals[0][0] == pytest.approx((0.0, 8.0, math.pi / 2))
+    server, values = base.requests[0]
+    assert {s for s, _ in base.requests} == {
+        "TrajectoryPlannerROS",
+        "local_costmap/inflater_layer",
+        "global_costmap/inflater_layer",
+    }
+    planner = dict(base.requests)["TrajectoryPlannerROS"]
+    assert planner["max_vel_theta"] == 1.57
+    assert planner["min_vel_theta"] == -1.57
+    assert planner["vx_samples"] == 6
+    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7  # what the planner really has
+    assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
+    now, pose, twist = base.steps[1]
+    assert pose == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
+    laser = base.scans[1].sensor_pose
+    assert laser == pytest.approx((0.0, 0.12, math.pi / 2), abs=0.01)
+    assert episode.observation().shape == (729,)
+    assert episode.observation()[720] == pytest.approx(episode.outcome.phi / math.pi)
+
+
+def test_the_local_goal_is_seen_from_the_robot():
+    episode = trial()
+    assert episode.outcome.phi == pytest.approx(-math.pi / 4, abs=0.02)  # plan: north-east, robot: north
+    episode.move_base.global_plan = np.zeros((0, 3))
+    assert episode.decide(SPACE.theta0).phi == pytest.approx(0.0, abs=0.05)  # no plan: straight to the goal
+
+
+@pytest.mark.parametrize("status", ["aborted", "succeeded"])
+def test_a_planner_that_gives_up_fails_at_once_with_the_whole_limit(status):
+    """It would stand there until the limit. "Succeeded" off the goal is the same."""
+    last = drive(trial(end=50, result=(status, "why")))[-1]
+    assert last.aborted
+    assert last.timeout
+    assert last.over
+    assert not last.success
+    assert failed(last)
+    assert last.time_s == 100.0
+    assert last.decisions == 2
+    assert "why" in last.reason
+
+
+def test_time_limit_is_not_a_failure_for_good():
+    outcomes = drive(trial(v=0.0, limit=5))
+    assert len(outcomes) == 5
+    assert outcomes[-1].timeout
+    assert not failed(outcomes[-1])
+    assert not outcomes[-1].aborted
+    assert outcomes[-1].time_s == 10.0
+
+
+def test_contacts_are_counted_and_end_a_trial_where_the_protocol_says_so():
+    wall = straight(4.0, obstacle=(1.0, 4.0, 0.2))
+    outcomes = drive(trial(wall, limit=4))
+    assert outcomes[-1].collided
+    assert outcomes[-1].timeout
+    assert not outcomes[-1].success
+    assert outcomes[-1].min_clearance_m < 0.2
+    ended = drive(trial(wall, end_on_collision=True))[-1]
+    assert ended.collided
+    assert ended.reason == "contact"
+    assert failed(ended)
+    assert ended.time_s < 4
+
+
+def test_nearest_is_bounded_and_finite_for_any_scan():
+    assert nearest(np.array([np.nan, 0.5, np.inf, 3.0], np.float32)) == pytest.approx(0.5)
+    assert nearest(np.array([-np.inf, 0.5], np.float32)) == 0.1
+    assert nearest(np.full(3, np.nan, np.float32)) == math.inf
+
+
+# -- reward: the paper's section III-C ---------------------------------------------------------------------------------
+STEP = Outcome(
+    np.zeros(720),
+    0.0,
+    np.zeros(8),
+    progress=0.9,
+    progress_y=0.8,
+    last_scan_min=0.4,
+    decision_min=0.2,
+    contact=True,
+    seconds=2.0,
+    decisions=3,
+)
+
+
+def test_reward_terms():
+    total, terms = Reward(c_f=1.0, c_p=2.0, c_c=0.1)(STEP, 0.5)
+    assert terms == pytest.approx(
+        {"time": -1.0, "progress": 1.8, "clearance": -0.25, "collision": 0.0, "switching": 0.0}
+    )
+    assert total == pytest.approx(0.55)
+    everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0, c_switch=0.2)
+    _, terms = everything(replace(STEP, seconds=0.5, success=True), 0.5)
+    assert terms == pytest.approx(
+        {"time": -0.25, "progress": 0.8, "clearance": -0.25, "collision": -3.0, "switching": -0.1}
+    )
+    assert Reward()(replace(STEP, success=True), 0)[1]["time"] == 0.0  # R_f is 0 at the goal
+    with pytest.raises(ValueError, match="should be a finite number"):
+        Reward(c_p=float("nan"))
+
+
+def test_distance_is_bounded_both_ways():
+    clear = Reward(c_c=1.0)
+    assert clear(replace(STEP, last_scan_min=math.inf), 0)[1]["clearance"] == -0.5
+    for lowest in (0.1, 0.0):  # a laser whose range_min is 0 may say so
+        assert clear(replace(STEP, last_scan_min=lowest), 0)[1]["clearance"] == pytest.approx(-10.0)
+
+
+def test_a_failure_pays_for_the_time_it_stands_still():
+    fallen = replace(STEP, flipped=True, decisions=45)
+    assert Reward()(fallen, 0, 50)[1]["time"] == -6.0
+    assert Reward()(replace(fallen, decisions=3), 0, 50)[1]["time"] == -1.0 - MOST_STANDING
+    assert Reward()(replace(STEP, timeout=True), 0)[1]["time"] == -1.0
+
+
+# -- the environment -------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def env():
+    import training.env.env
+
+    made = gymnasium.make(training.env.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
+    yield made
+    made.close()
+
+
+def test_gymnasiums_checker(env):
+    from gymnasium.utils.env_checker import check_env
+
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_the_picture_shows_the_robot_in_its_size():
+    black = []
+    for robot in ("jackal", "husky"):
+        made = gymnasium.make(
+            "training.env.env:applr_ros1/Navigation-v0", worlds="generated:7", robot=robot, render_mode="rgb_array"
+        )
+        made.reset(seed=1)
+        black.append((made.render() < 40).all(axis=2).sum())
+        made.close()
+    assert black[1] > 2 * black[0]
+
+
+def test_made_by_the_packages_name_it_renders_and_passes_the_check():
+    from gymnasium.utils.env_checker import check_env
+
+    name = "training.env.env:applr_ros1/Navigation-v0"
+    made = gymnasium.make(name, worlds="generated:7", render_mode="rgb_array", limit=2)
+    check_env(made.unwrapped)
+    made.reset(seed=1)
+    before = made.render()
+    assert before.dtype == np.uint8
+    assert before.shape == (536, 297, 3)
+    made.step(made.unwrapped.space.to_action(made.unwrapped.space.theta0).astype(np.float32))
+    after = made.render()
+    assert 100 < (before != after).any(axis=2).sum() < 0.1 * before[:, :, 0].size  # robot, way and scan moved
+    with pytest.raises(ApplrError, match="render_mode is 'human'"):
+        type(made.unwrapped)(worlds="generated:7", render_mode="human")
+    made.close()
+
+
+@pytest.mark.filterwarnings("error")
+def test_stable_baselines3s_checker(env):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_same_seed_same_episode(env):
+    def run(seed):
+        rng = np.random.default_rng(0)
+        observation, info = env.reset(seed=seed)
+        rows = [observation]
+        while True:
+            observation, reward, terminated, truncated, info = env.step(rng.uniform(-1, 1, 8).astype(np.float32))
+            rows.append(np.append(observation, reward))
+            if terminated or truncated:
+                return np.concatenate(rows), info, terminated, truncated
+
+    a, info, terminated, truncated = run(5)
+    b, again, _, _ = run(5)
+    assert np.array_equal(a, b)
+    assert info["world"] == again["world"]
+    assert (terminated, truncated) == (False, True)
+    assert info["timeout"]
+    assert info["decisions"] == 3
+    assert not np.array_equal(a, run(6)[0])
+    assert {env.reset(seed=s)[1]["world"] for s in range(12)} == {"generated:0", "generated:1"}
+
+
+def test_theta_in_the_observation_is_the_planners_own(env):
+    env.reset(seed=0)
+    action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
+    observation, _, _, _, info = env.step(action)
+    theta = SPACE.to_theta(action)
+    assert np.allclose(info["theta"], theta)
+    np.testing.assert_allclose(observation[721:], SPACE.to_action(theta), atol=1e-6)
+    configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
+    assert configuration["max_vel_x"] == pytest.approx(theta[0])
+    assert configuration["vx_samples"] == theta[2]
+    assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
+    assert set(info["reward"]) == {"time", "progress", "clearance", "collision", "switching"}
+
+
+def test_options_choose_world_and_start(env):
+    _, info = env.reset(seed=0, options={"world": "generated:1", "start": (0.0, 4.0, 1.0)})
+    assert info["world"] == "generated:1"
+    state = env.unwrapped.episode.simulator.state
+    assert math.hypot(state.pose[0], state.pose[1] - 4.0) < 0.1
+    for wrong in (7, "generated:9"):
+        with pytest.raises(ValueError, match="world"):
+            env.reset(options={"world": wrong})
+
+
+def test_drives_a_course_with_the_real_planner():
+    """Default parameters through one of the easy worlds."""
+    from training.env.env import load_worlds
+
+    episode = Episode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()))
+    episode.reset(load_worlds("generated:2")[0], 1)
+    outcomes = drive(episode)
+    assert outcomes[-1].success
+    assert 11.0 < outcomes[-1].time_s < 100.0
+    assert sum(o.progress_y for o in outcomes) == pytest.approx(5.925, abs=0.3)
+    for o in outcomes:
+        assert np.isfinite(episode.observation(o)).all()
+
+
+def test_decision_period_changes_the_steps_not_what_a_second_costs():
+    from training.env.env import ApplrEnv
+
+    for period, limit in ((2.0, 50), (0.5, 200)):
+        env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
+        env.reset(seed=1)
+        action = env.space.to_action(env.space.theta0)
+        cost, info, over, before = 0.0, {"time_s": 0.0}, False, 0.0
+        while not over:
+            before = info["time_s"]
+            _, _, terminated, truncated, info = env.step(action)
+            cost, over = cost + info["reward"]["time"], terminated or truncated
+            assert over or info["time_s"] - before == pytest.approx(period)
+        env.close()
+        assert env.episode.limit == limit
+        assert cost == pytest.approx(-info["time_s"] / 2.0)
+        assert info["decisions"] - 1 < info["time_s"] / period <= info["decisions"] + 1e-6
+    with pytest.raises(ValueError, match="multiple of 0.05"):
+        ApplrEnv(worlds="generated:0", period=0.07)

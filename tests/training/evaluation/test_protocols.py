@@ -1,0 +1,113 @@
+"""Whole evaluations beyond the paper's protocol, in both simulators: DynaBARN's moving cylinders, and the BARN
+Challenge's rules. The worlds are made here.
+"""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import worlds
+from tests.support.worlds_sdf import moving, put, sdf
+from training import evaluate
+from training.evaluation.store import read_trace
+from worlds import movers_table, sdf_writer
+
+SIMULATORS = ("kinematic", "pybullet")
+WALL = (
+    "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+    "<size>24 .5 1</size></box></geometry></collision></link></model>"
+)
+
+
+def drive(folder, *arguments):
+    """Rows of trials.csv and measures.csv of an evaluation, as [{column: text}, ...]."""
+    assert evaluate.main(["--out", str(folder), "--trials", "1", "--workers", "1", *arguments]) == 0
+    return [[row for row in csv.DictReader(open(folder / name))] for name in ("trials.csv", "measures.csv")]
+
+
+def dynabarn(folder, crossing):
+    """A DynaBARN-like file: walls, and cylinders of .5 m whose key frames stand in the table beside it. crossing: key
+    frames (t, x, y) of the first; the second stays far from the course.
+    """
+    tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
+    body = "".join(WALL.format(y) for y in (-10.5, 10.5))
+    body += "".join(map(moving, tracks))
+    movers_table.write(
+        str(folder / movers_table.NAME),
+        {name: movers_table.Animation(float(frames[-1][0]), True, frames) for name, frames in tracks.items()},
+    )
+    return put(folder, sdf(body), "world_3.world")
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_dynabarn_is_driven(tmp_path, simulator):
+    """20 m past a cylinder that crosses the course 7 m ahead of the start, back and forth."""
+    path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
+    rows, measures = drive(
+        tmp_path / "out", "--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--no-report"
+    )
+    assert [r["world"] for r in rows] == ["world_3"]
+    assert rows[0]["success"] == "True", measures
+    assert 18.0 < float(rows[0]["path_length_m"]) < 26.0
+    assert float(rows[0]["time_s"]) > 18.0
+    trace = read_trace(tmp_path / "out", "world_3", "fast_dwa", 0)
+    assert np.allclose(trace["pose"][0], [11.0, 0.0, np.pi], atol=0.1)
+    mover = worlds.load(path).movers[0]
+    gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(trace["time"], trace["pose"])]
+    assert 0.1 < min(gap) < 3.0
+    evaluate.main(["--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--trials", "1", "--out",
+                   str(tmp_path / "out")])  # fmt: skip
+    with open(tmp_path / "out" / "report" / "rates.csv") as file:
+        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's world of that number
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path, simulator):
+    """Under the paper's rules the trial goes on, and the row says that it touched."""
+    path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
+    (row,), _ = drive(tmp_path / "out", "--worlds", path, "--methods", "dwa", "--simulator", simulator, "--no-report")
+    assert row["collided"] == "True"
+    assert int(row["decisions"]) > 3
+
+
+@pytest.mark.parametrize("simulator", SIMULATORS)
+def test_barn_challenge(tmp_path, simulator):
+    """Its start, goal and limit; a collision ends the run; both versions of the metric in the report."""
+    base = worlds.load("generated:2")
+    bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))  # from behind, faster
+    world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
+    sdf_writer.write(world, str(tmp_path / "hit.world"))
+    arguments = [
+        "--worlds",
+        "generated:2,%s" % (tmp_path / "hit.world"),
+        "--methods",
+        "dwa",
+        "--simulator",
+        simulator,
+        "--protocol",
+        "barn-challenge",
+    ]
+    rows, measures = drive(tmp_path / "out", *arguments)
+    free, hit = rows
+    assert free["success"] == "True"
+    assert free["collided"] == "False"
+    assert 18.0 < float(free["time_s"]) < 100.0
+    trace = read_trace(tmp_path / "out", "generated:2", "dwa", 0)
+    assert np.allclose(trace["pose"][0], [-2.25, 3.0, np.pi / 2], atol=0.1)
+    assert abs(np.hypot(*(trace["pose"][-1][:2] - (-2.25, 13.0))) - 1.0) < 0.1
+    assert hit["collided"] == "True"
+    assert hit["success"] == "False"
+    assert hit["timeout"] == "False"
+    assert measures[1]["reason"] == "contact"
+    assert float(hit["time_s"]) < 10.0
+    with open(tmp_path / "out" / "report" / "rates.csv") as file:
+        table = {row["worlds"]: row for row in csv.DictReader(file)}
+    route, time = float(measures[0]["route_m"]), float(free["time_s"])
+    for column, lower in (("metric, 2 OT", 2.0), ("metric, 4 OT", 4.0)):
+        expected = route / 2 / np.clip(time, lower * route / 2, 8 * route / 2)
+        assert float(table["Training"][column]) == pytest.approx(expected, abs=6e-4)
+        assert float(table["Other"][column]) == 0.0
+    settings = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert "barn-challenge" in json.dumps(settings)

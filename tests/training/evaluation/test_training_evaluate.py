@@ -1,0 +1,404 @@
+"""evaluate.py: the plan, seeds, trials.csv row for row after a kill, torn files, workers that die, and every mistake
+one line. A toy runner stands in for the robot; the real one is driven at the end.
+"""
+
+import csv
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE
+from tests.support import ROOT
+from tests.support.trial_tables import kept
+from training import evaluate
+from training.actors.tasks import Trial, TrialResult
+from training.env.episode import TIME_LIMIT
+from training.evaluation import store as trial_store
+from training.evaluation import trials
+
+HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path_length_m"
+
+
+def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
+    return [
+        sys.executable,
+        "-m",
+        "training.evaluate",
+        "--worlds",
+        worlds,
+        "--methods",
+        chosen,
+        "--trials",
+        "4",
+        "--out",
+        str(out),
+        "--runner",
+        "tests.support.toy_runner:ToyRunner",
+        "--no-report",
+    ] + [str(m) for m in more]
+
+
+def environment(**more):
+    return dict(os.environ, PYTHONPATH=str(ROOT), **{k: str(v) for k, v in more.items()})
+
+
+def run(*arguments, **env):
+    return subprocess.run(*arguments, cwd=ROOT, env=environment(**env), capture_output=True, text=True, timeout=120)
+
+
+def refused(done, *words):
+    lines = [line for line in done.stderr.splitlines() if line.startswith("evaluate.py: ")]
+    assert done.returncode == 1, done.stderr
+    assert len(lines) == 1, done.stderr
+    assert "Traceback" not in done.stderr, done.stderr
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+# -- plan ------------------------------------------------------------------------------------------------------------
+def test_same_seeds_for_every_method_and_whatever_else_is_driven():
+    both = trials.plan([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
+    alone = trials.plan([("b", "b")], [("y", "y")], 3, seed=5)
+    seeds = {(t.world, t.trial, t.method): t.seed for t in both}
+    assert all(seeds[w, n, "x"] == seeds[w, n, "y"] for w in "ab" for n in range(3))
+    assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
+    assert len({t.seed for t in both}) == 6
+    assert seeds["a", 0, "x"] != trials.seed_of(6, "a", 0)
+    assert both == trials.plan([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # more only append
+
+
+# -- the folder ------------------------------------------------------------------------------------------------------
+def test_csv_has_exactly_the_pinned_columns(tmp_path):
+    assert run(command(tmp_path)).returncode == 0
+    lines = (tmp_path / "trials.csv").read_text().splitlines()
+    assert lines[0] == HEADER
+    assert len(lines) == 1 + 3 * 2 * 4
+    rows = list(csv.DictReader(lines))
+    assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == [
+        ("0", "generated:0", "dwa"),
+        ("0", "generated:0", "random"),
+        ("0", "generated:7", "dwa"),
+    ]
+    assert {r["success"] for r in rows} <= {"True", "False"}
+    settings = json.loads((tmp_path / "evaluation.json").read_text())
+    assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5
+    assert settings["wall_s"] > 0
+    (session,) = settings["provenance"]
+    assert session["trials"] == 24
+    assert session["seed"] == 0
+    assert session["versions"]["numpy"] == np.__version__
+    assert re.match(r"\d{4}-\d\d-\d\dT", session["date"])
+    assert re.match(r"[0-9a-f]{40}|unknown", session["commit"])
+    assert "--methods dwa,random" in session["command"]
+    assert session["cpu"]
+
+
+@pytest.mark.fault("19")
+def test_killed_and_started_again_gives_the_same_rows(tmp_path):
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert run(command(whole)).returncode == 0
+    for signal_ in (signal.SIGKILL, signal.SIGINT, signal.SIGKILL):
+        process = subprocess.Popen(
+            command(killed), cwd=ROOT, env=environment(TOY_SECONDS=0.4), stderr=subprocess.DEVNULL
+        )
+        deadline = time.monotonic() + 60
+        before = _rows(killed)
+        while _rows(killed) < before + 3 and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.send_signal(signal_)
+        assert process.wait(20) == (130 if signal_ == signal.SIGINT else -signal.SIGKILL)
+    assert 0 < _rows(killed) < 24
+    assert run(command(killed)).returncode == 0
+    for name in ("trials.csv", "measures.csv"):
+        assert (killed / name).read_bytes() == (whole / name).read_bytes()
+
+
+def _rows(folder):
+    """Trials that are kept."""
+    path = folder / "trials.sqlite"
+    return len(kept(path)) if path.exists() else 0
+
+
+def test_workers_end_with_the_evaluation(tmp_path):
+    process = subprocess.Popen(command(tmp_path), cwd=ROOT, env=environment(TOY_SECONDS=1), stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 30
+    while len(_children(process.pid)) < 2 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    children = _children(process.pid)
+    assert len(children) == 2
+    process.kill()
+    process.wait()
+    while any(map(_alive, children)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(_alive, children))
+
+
+def _children(pid):
+    found = []
+    for entry in os.listdir("/proc"):
+        try:
+            with open("/proc/%s/stat" % entry) as file:
+                if entry.isdigit() and file.read().rsplit(")", 1)[1].split()[1] == str(pid):
+                    found.append(int(entry))
+        except OSError:
+            pass
+    return found
+
+
+def _alive(pid):
+    try:
+        with open("/proc/%d/stat" % pid) as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
+    plan = trials.plan([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
+    for begin in (0, 3):  # a second session goes on
+        store = trial_store.Store(tmp_path, {}, plan)
+        assert len(store.results) == begin
+        for task in plan[::-1][begin : begin + 3]:
+            store.add(task, TrialResult(time_s=math.pi, path_length_m=1.0))
+        store.close()
+    rows = trial_store.read_rows(tmp_path / "trials.csv", trials.COLUMNS)
+    assert [(row["world"], row["trial"]) for row in rows] == [(task.world, str(task.trial)) for task in plan]
+    assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == ("3.1416", "1.0", "False")
+
+
+def test_more_trials_only_append(tmp_path):
+    assert run(command(tmp_path, "--trials", 2)).returncode == 0
+    few = (tmp_path / "trials.csv").read_bytes()
+    assert run(command(tmp_path)).returncode == 0
+    assert (tmp_path / "trials.csv").read_bytes().startswith(few)
+    refused(run(command(tmp_path, "--seed", 3)), "another seed", "--out")
+    refused(run(command(tmp_path, "--monitor")), "another monitor", "--out")
+
+
+def test_another_evaluations_folder_is_refused(tmp_path):
+    plan = trials.plan([("w", "w")], [("m", "m")], 3, seed=0)
+    store = trial_store.Store(tmp_path, {"seed": 0}, plan)
+    for task in plan:
+        store.add(task, TrialResult())
+    store.close()
+
+    def refuse(words, settings=None):
+        with pytest.raises(StorageError) as error:
+            trial_store.Store(tmp_path, settings or {"seed": 0}, plan)
+        assert words in str(error.value)
+        assert "\n" not in str(error.value)
+
+    refuse("another seed", {"seed": 1})
+    (tmp_path / "trials.sqlite").write_bytes(b"no table" * 99)
+    refuse("file is not a database")
+    (tmp_path / "trials.sqlite").unlink()
+    refuse("evaluation.json or trials.sqlite is missing")
+    (tmp_path / "trials.csv").unlink()
+    trial_store.Store(tmp_path, {"seed": 0}, plan).close()
+    (tmp_path / "evaluation.json").write_text("{")
+    refuse("not JSON")
+    for text in ("a,b\n1,2\n", ",".join(trials.COLUMNS) + "\nw,m,0\n"):
+        (tmp_path / "trials.csv").write_text(text)
+        with pytest.raises(StorageError, match="expected world,method"):
+            trial_store.read_rows(tmp_path / "trials.csv", trials.COLUMNS)
+
+
+def test_worker_that_dies_is_replaced_and_the_rows_are_the_same(tmp_path):
+    done = run(command(tmp_path, chosen="dwa,mortal=random"), TOY_MARK=tmp_path / "mark")
+    assert done.returncode == 0
+    assert (tmp_path / "mark").exists()
+    assert _rows(tmp_path) == 24
+
+
+def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
+    refused(
+        run(command(tmp_path, chosen="dwa,bad=random")), "trial 0 of bad in generated:", " failed: the toy will not"
+    )
+    refused(run(command(tmp_path / "b"), TOY_BROKEN="1"), "cannot start", "the toy is broken")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--trials", "0"], ["--trials", "1 to"]),
+        (["--trials", "many"], ["no whole number"]),
+        (["--simulator", "gazebo"], ["pybullet"]),
+        (["--worlds", "generated:300"], ["generated:300"]),
+        (["--worlds", "/nowhere.world"], ["nowhere.world"]),
+        (["--worlds", "generated:1,generated:1"], ["two worlds"]),
+        (["--methods", "dwa,dwa"], ["two methods"]),
+        (["--methods", "nothing"], ["nothing", "dwa"]),
+        (["--methods", "/nowhere.safetensors"], ["nowhere.safetensors"]),
+        (["--methods", "/nowhere.json"], ["nowhere.json"]),
+        (["--methods", "appld:/nowhere"], ["nowhere"]),
+        (["--methods", "no_such_module:Mine"], ["no_such_module"]),
+        (["--methods", "frozen:speed:dwa"], ["speed", "max_vel_x"]),
+        (["--methods", "period:0:dwa"], ["period:0", "0.05"]),
+        (["--methods", "a b=dwa"], ["letters"]),
+        (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
+        (["--wrong"], ["--wrong", "--help"]),
+        (["--protocol", "barn-challenge", "--worlds", "physical_course"], ["barn-challenge", "physical_course"]),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
+    assert evaluate.main(["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"] + arguments) == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert line.startswith("evaluate.py: ")
+    for word in words:
+        assert word in line, line
+    assert not (tmp_path / "o" / "trials.csv").exists()
+
+
+def test_ros_arguments_are_ignored():
+    assert evaluate.parse(["--trials", "3", "__name:=evaluate", "__log:=/x.log"])[0].trials == 3
+
+
+# -- methods ---------------------------------------------------------------------------------------------------------
+def context(**more):
+    given = dict(
+        observation=np.zeros(729, np.float32),
+        ranges=np.full(720, 2.0, np.float32),
+        phi=0.0,
+        theta=SPACE.theta0,
+        time=0.0,
+    )
+    return methods.Context(**{**given, **more})
+
+
+def theta(method, name):
+    return method.theta(context())[SPACE.names.index(name)]
+
+
+def test_baselines(tmp_path):
+    assert np.array_equal(methods.make("dwa").theta(context()), SPACE.theta0)
+    fast = methods.make("fast_dwa")
+    assert theta(fast, "max_vel_x") == 1.0
+    assert theta(fast, "vx_samples") == 12
+    assert theta(fast, "vtheta_samples") == 20
+    (tmp_path / "set.json").write_text('{"parameters": {"max_vel_x": 1.5}, "log": "whatever"}')
+    assert theta(methods.make(str(tmp_path / "set.json")), "max_vel_x") == 1.5
+    (tmp_path / "set.json").write_text('{"max_vel_x": 99}')
+    with pytest.raises(ApplrError, match="0.2 to 2"):
+        methods.make(str(tmp_path / "set.json"))
+    published = methods.make("appld:published")
+    assert theta(published, "max_vel_x") in (0.8, 0.71, 0.25, 1.59)
+
+
+def test_random_depends_on_the_trials_seed_only():
+    method = methods.make("random")
+    method.reset(4)
+    first = [method.theta(context()) for _ in range(3)]
+    method.reset(5)
+    assert not np.array_equal(method.theta(context()), first[0])
+    method.reset(4)
+    assert np.array_equal([method.theta(context()) for _ in range(3)], first)
+    assert (np.array(first) >= SPACE.low).all()
+    assert (np.array(first) <= SPACE.high).all()
+
+
+def test_a_persons_own_class(tmp_path, monkeypatch):
+    (tmp_path / "my_module.py").write_text(
+        "from applr_ros1.policy.parameter_space import SPACE\n"
+        "class Cautious:\n    def __init__(self, text='1.0'): self.speed = float(text)\n"
+        "    def reset(self, seed): self.seed = seed\n"
+        "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': self.speed})\n"
+        "class Wild:\n    def theta(self, context): return [float('nan')] * 8\n"
+        "class Nothing: pass\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert theta(methods.make("my_module:Cautious"), "max_vel_x") == 1.0
+    own = methods.make("my_module:Cautious:0.7")
+    own.reset(3)
+    assert theta(own, "max_vel_x") == 0.7
+    assert own.made.seed == 3
+    with pytest.raises(ApplrError, match="gave no parameters"):
+        methods.make("my_module:Wild").theta(context())
+    with pytest.raises(ApplrError, match="no theta"):
+        methods.make("my_module:Nothing")
+    assert methods.parse("dwa,mine=my_module:Cautious") == [("dwa", "dwa"), ("mine", "my_module:Cautious")]
+
+
+def test_ablation_freezes_one_parameter_at_a_time():
+    found = methods.parse("ablation:fast_dwa")
+    assert len(found) == 8
+    assert found[0] == ("fast_dwa-without-max_vel_x", "frozen:max_vel_x:fast_dwa")
+    assert methods.parse("period:0.5:random") == [("random-0.5s", "period:0.5:random")]
+    assert methods.make("period:0.5:random").period == 0.5
+    frozen = methods.make(found[0][1])
+    assert theta(frozen, "max_vel_x") == 0.5
+    assert theta(frozen, "vx_samples") == 12
+
+
+# -- the real stack --------------------------------------------------------------------------------------------------
+def test_trial_depends_on_its_task_only():
+    """Driven first, or after another world with another method: the same, to the last digit."""
+    (tmp_set, other) = ("frozen:inflation_radius:fast_dwa", "generated:64")
+    task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set, "ours")
+    fresh = trials.TrialRunner("kinematic").run(task)
+    used = trials.TrialRunner("kinematic")
+    before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
+    episode = used.episode("ours")
+    episode.time_limit = 6.0
+    used.run(before)
+    episode.time_limit = TIME_LIMIT
+    assert used.run(task) == fresh
+    theta = tuple(methods.make(tmp_set).theta(context()))
+    assert used.run(replace(task, theta=theta)).result == fresh.result  # a set that a search hands over
+
+
+def test_protocols():
+    import worlds
+
+    world = trials.under("barn-challenge", worlds.load("generated:7"))
+    assert world.course.start[:2] == (-2.25, 3.0)
+    assert world.course.goal[:2] == (-2.25, 13.0)
+    assert world.course.goal_tolerance == 1.0
+    assert world.course.finish_y is None
+    assert world.course.done(-2.25, 12.01)
+    assert not world.course.done(-2.25, 11.9)
+    assert trials.PROTOCOLS["barn-challenge"].end_on_collision
+    assert not trials.PROTOCOLS["paper"].end_on_collision
+
+
+def test_store_and_traces(tmp_path):
+    trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(8)])
+    trace.decided = [0.0]
+    plan = trials.plan([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
+    store = trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
+    with pytest.raises(StorageError, match="another"):
+        trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
+    store.add(plan[0], TrialResult(), trials.pack_trace(trace))
+    store.close()
+    assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
+    assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 1) is None
+
+
+def test_on_a_ray_cluster(tmp_path):
+    """The same rows from Ray actors as from processes."""
+    ray = pytest.importorskip("ray")
+    from ray.cluster_utils import Cluster
+
+    assert run(command(tmp_path / "here")).returncode == 0
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
+    try:
+        done = run(command(tmp_path / "there", "--ray-address", cluster.address))
+        assert done.returncode == 0, done.stderr
+    finally:
+        ray.shutdown()
+        cluster.shutdown()
+    assert (tmp_path / "here" / "trials.csv").read_bytes() == (tmp_path / "there" / "trials.csv").read_bytes()
+    refused(run(command(tmp_path / "no", "--ray-address", "127.0.0.1:9")), "no Ray answers at 127.0.0.1:9")

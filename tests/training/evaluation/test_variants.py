@@ -1,0 +1,166 @@
+"""Weights and planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
+
+import math
+
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.state_machine import NO_PATH, NO_PLAN, OSCILLATING
+from applr_ros1.planner.variant import Variant
+from tests.support.toy_robot import ToyRobot, quick, ring, run
+
+
+def biases(made):
+    effective = made.local_planner.planner.effective
+    return effective["path_distance_bias"], effective["goal_distance_bias"]
+
+
+def look(made, robot=None):
+    """One step, after which the local planner knows its costmap."""
+    made.set_goal((3.0, 0.0, 0.0), 0.0)
+    run(made, robot or ToyRobot(), 0.1)
+    return made
+
+
+# -- weights ---------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("weights", "scoring", "expected"),
+    [
+        ("per_cell", True, (0.75, 1.0)),
+        ("per_metre", False, (0.0375, 0.05)),
+        (None, True, (0.0375, 0.05)),
+        (None, False, (0.75, 1.0)),
+    ],
+)
+def test_the_weights_asked_for_overrule_the_parameter_and_none_obeys_it(weights, scoring, expected):
+    tree = quick()
+    tree["TrajectoryPlannerROS"] = dict(tree["TrajectoryPlannerROS"], meter_scoring=scoring)
+    made = look(MoveBase(tree, weights))
+    assert biases(made) == pytest.approx(expected)
+    made.reconfigure("TrajectoryPlannerROS", {"path_distance_bias": 1.5})
+    assert biases(made) == pytest.approx((2.0 * expected[0], expected[1]))
+    made.reset(0.0)
+    assert biases(look(made)) == pytest.approx(expected)
+
+
+def test_what_is_drawn_depends_on_the_seed_alone_and_both_choices_on_streams_of_their_own():
+    both = [Variant("drawn", "drawn").draw(seed) for seed in range(200)]
+    assert both == [Variant("drawn", "drawn").draw([seed]) for seed in range(200)]
+    assert [v.weights for v in both] == [Variant("drawn").draw(seed).weights for seed in range(200)]
+    for words in ({"per_cell", "per_metre"}, {"ours", "cpp-like"}):
+        column = [next(w for w in v if w in words) for v in both]
+        assert set(column) == words
+        assert 70 < column.count(min(words)) < 130
+    assert len(set(both)) == 4
+    made, found = MoveBase(quick(), "drawn"), set()
+    for seed in range(8):
+        made.reset(0.0, seed=seed)
+        assert made.variant == Variant("drawn").draw(seed)
+        found.add(made.variant)
+        made.reset(0.0)
+        assert made.variant == Variant("drawn").draw(seed), "no seed: it stays"
+    assert len(found) == 2
+
+
+@pytest.mark.parametrize("words", [("per_meter", "ours"), ("per_cell", "cpp"), ("per_cell", None)])
+def test_unknown_words_are_one_line(words):
+    with pytest.raises(ApplrError, match=r"^(weights|planner) is .*: give .* or drawn$"):
+        MoveBase(quick(), *words)
+
+
+# -- the defects of C++, driven --------------------------------------------------------------------------------------
+class Standing:
+    """A local planner that finds the zero command valid: the robot oscillates on the spot."""
+
+    goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
+
+    def set_plan(self, plan):
+        pass
+
+    def compute_velocity(self, pose, twist, costmap, frame=None):
+        return True, (0.0, 0.0)
+
+
+def first_recovery(planner, seed, **changes):
+    tree = quick(oscillation_timeout=1.0, clearing_rotation_allowed=False, **changes)
+    made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
+    run(made, robot, 0.1)
+    made.set_goal((3.0, 0.0, 0.0), robot.time)
+    made.local_planner = Standing()
+    result = run(made, robot, 60.0, cycles=cycles)
+    assert result in (("aborted", OSCILLATING), None)
+    return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
+
+
+def test_a_due_recovery_is_skipped_while_plans_succeed():
+    assert first_recovery("ours", 0) == pytest.approx(1.0, abs=0.16)
+    late = [first_recovery("cpp-like", seed) for seed in range(3)]
+    assert len(set(late)) == 3
+    assert min(late) > 1.5
+    assert max(late) > 5.0
+    assert first_recovery("cpp-like", 0) == late[0], "the same seed, the same drive"
+    # where one plan is enough, C++ recovers in time, too
+    assert first_recovery("cpp-like", 0, planner_frequency=0.0) == pytest.approx(1.0, abs=0.16)
+
+
+def test_clearing_recoveries_find_no_layer_of_their_name():
+    """Obstacles that are gone, behind which nothing is seen: only a recovery takes them out of the maps."""
+    results = {}
+    for planner in ("ours", "cpp-like"):
+        made = MoveBase(quick(), planner=planner)
+        robot, cycles = ToyRobot(circles=ring(0.0, 0.0, 2.2, posts=80, size=0.1)), []
+        for yaw in (2.0, 4.0, 0.0):
+            robot.pose = (0.0, 0.0, yaw)
+            run(made, robot, 0.1)
+        robot.circles = robot.circles[:0]
+        made.set_goal((4.0, 0.0, 0.0), robot.time)
+        results[planner] = run(made, robot, 60.0, cycles=cycles)
+    after_turn = [b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state]
+    assert after_turn[0] is None, "C++ leaves the rotation's last command in force; ours: test_move_base.py"
+    assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
+
+
+def test_success_waits_for_a_cycle_without_a_new_plan():
+    times = {}
+    for planner in ("ours", "cpp-like"):
+        made, robot = MoveBase(quick(), planner=planner, seed=4), ToyRobot()
+        made.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(made, robot, 120.0) == ("succeeded", "Goal reached.")
+        assert abs(robot.pose[0] - 1.0) < 0.3
+        times[planner] = robot.time
+    assert times["cpp-like"] > times["ours"] + 2.0
+
+
+# -- evaluation and training -----------------------------------------------------------------------------------------
+def test_the_planner_reaches_training_and_evaluation(tmp_path):
+    pytest.importorskip("torch")
+    pytest.importorskip("gymnasium")
+
+    import worlds
+    from training.env.env import ApplrEnv
+    from training.evaluation.periodic import PeriodicEvaluation
+    from training.evaluation.trials import TrialRunner
+    from training.learner.config import TrainConfig
+    from training.learner.prepare import prepare
+
+    config = TrainConfig(
+        worlds="generated:0", eval_worlds="generated:1", planner="drawn", end_on_collision=True, monitor=True
+    )
+    made = prepare(config)
+    env = ApplrEnv(**made.settings.collect.options["options"])
+    evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, 0.0, planner=config.eval_planner)
+    (trial,) = evaluation.begin(-1, 0, 0)
+    held_out = TrialRunner(**made.settings.trial.options).episode(trial.planner)
+    kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
+    assert {v.planner for v in kinds} == {"ours", "cpp-like"}
+    env.reset(seed=0)
+    assert env.episode.move_base.variant == kinds[0]
+    held_out.reset(worlds.load("generated:1"), 0)
+    assert held_out.move_base.variant.planner == "ours"
+    assert TrainConfig(planner="cpp-like").eval_planner == "cpp-like"
+    assert config.setting() == "generated:1, kinematic, ours, collision monitor"
+    assert env.episode.end_on_collision
+    assert not held_out.end_on_collision
+    assert env.episode.monitor
+    assert held_out.monitor

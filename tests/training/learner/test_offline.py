@@ -1,0 +1,144 @@
+"""Learning from a dataset without driving: what fits, and runs that are resumed."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from tests.support.toy_env import Line
+from tests.support.toy_training import NO_EVALUATION, one_line, state_of, toy
+from training.env.reward import Reward
+from training.learner.config import TrainConfig, parse
+from training.learner.learner import Learner
+from training.learner.prepare import dataset_of
+from training.learner.run import MANY_ERRORS, TrainingRun
+from training.replay.store import NAME, Store
+from training.replay.trajectory import Layout, Trajectory
+from training.train import main
+
+LAYOUT = Layout(0, 1, 1)
+
+
+def write(folder, source=None, episodes=40, seed=0, layout=LAYOUT):
+    """A dataset of ten transitions an episode; its folder as text."""
+    rng = np.random.default_rng(seed)
+    folder.mkdir(exist_ok=True)
+    store = Store(folder / NAME, layout)
+    for number in range(episodes):
+        observations, actions = rng.uniform(-1, 1, (11, layout.size)), rng.uniform(-1, 1, (10, layout.action))
+        info = {"actor": "another", "episode": number}
+        store.append(Trajectory.of(layout, observations, actions, rng.normal(size=10), False, info))
+    store.note("source", source or {})
+    store.close()
+    return str(folder)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """A dataset of 400 transitions."""
+    return write(tmp_path_factory.mktemp("dataset") / "data")
+
+
+@pytest.fixture(autouse=True)
+def no_curves(monkeypatch):
+    """Drawing the learning curves takes a second each time."""
+    monkeypatch.setattr("training.learner.run.draw_curves", lambda *arguments: None)
+
+
+def test_a_run_is_a_dataset_that_td3bc_learns_from(tmp_path):
+    """TD3+BC on what a run collected drives better than the data; resumed half-way it ends the same."""
+    assert main(toy(tmp_path / "run", "--total-timesteps", "800", *NO_EVALUATION)) == 0
+    offline = ["--dataset", tmp_path / "run", "--bc-alpha", "2.5", "--eval-freq", "100"]
+    assert main(toy(tmp_path / "a", *offline, "--gradient-steps", "400")) == 0
+    assert main(toy(tmp_path / "b", *offline, "--gradient-steps", "150")) == 0
+    assert main(["--resume", "--out", str(tmp_path / "b"), "--gradient-steps", "400"]) == 0
+    assert state_of(tmp_path / "a") == state_of(tmp_path / "b")
+    assert Store(tmp_path / "a").last == 0  # the dataset is not copied
+    assert str(tmp_path).encode() not in (tmp_path / "a" / "actor.safetensors").read_bytes()  # names no folders
+    rounds = [json.loads(line) for line in (tmp_path / "a" / "evaluations.jsonl").read_text().splitlines()]
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
+
+
+class Killed(BaseException):
+    """What a SIGKILL does: nothing is saved any more."""
+
+
+@pytest.mark.parametrize("killed", [False, True])
+def test_an_offline_run_that_is_resumed_makes_no_step_beyond_its_own(data, tmp_path, killed, monkeypatch):
+    """Finished, or killed before its first checkpoint."""
+    options = ["--dataset", data, "--gradient-steps", "20", *NO_EVALUATION]
+    assert main(toy(tmp_path / "whole", *options)) == 0
+    out = tmp_path / "run"
+    if killed:
+
+        def die(run):
+            raise Killed
+
+        with monkeypatch.context() as patch:
+            patch.setattr(TrainingRun, "save", die)
+            with pytest.raises(Killed):
+                TrainingRun(parse(toy(out, *options))).run()
+    else:
+        assert main(toy(out, *options)) == 0
+    assert main(["--resume", "--out", str(out)]) == 0
+    assert Learner.saved(out)["updates"] == 20
+    assert state_of(out) == state_of(tmp_path / "whole")
+
+
+@pytest.mark.fault("18b")
+def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
+    layout = Layout()
+    for number, (source, line) in enumerate(
+        (
+            ({"decision_period": 1.0}, "--decision-period is 2.0, but the dataset .* driven with 1.0"),
+            ({"robot": "husky"}, "--robot is jackal, but the dataset .* driven with husky"),
+            ({"exact_time": True}, "--exact-time is False, but the dataset .* with True"),
+            ({"c_c": 0.06}, "--c-c is 0.05, but the dataset .* with 0.06"),
+            ({"decision_period": 2, "robot": "jackal", **Reward().model_dump(), "bags": ["a"]}, ""),
+        )
+    ):
+        config = TrainConfig(dataset=write(tmp_path / str(number), source, 1, layout=layout))
+        if line:
+            with pytest.raises(ApplrError, match=line):
+                dataset_of(config, layout)
+        else:
+            assert dataset_of(config, layout).transitions == 10
+    toys = write(tmp_path / "toys", {"decision_period": 1.0})
+    one_line(capsys, toy(tmp_path / "run", "--dataset", toys), "--decision-period is 0.5, but")
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(ApplrError, match="its layout is .*, this training has"):
+        dataset_of(TrainConfig(dataset=toys), layout)
+
+
+def test_a_run_is_not_resumed_with_another_dataset(data, tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main(toy(out, "--dataset", data, "--gradient-steps", "20", *NO_EVALUATION)) == 0
+    other = write(tmp_path / "other", seed=1)
+    again = ["--resume", "--out", str(out), "--gradient-steps", "40"]
+    one_line(capsys, [*again, "--dataset", other], "other: the run in .*run was begun with another dataset")
+    assert json.loads((out / "config.json").read_text())["dataset"] == data
+    moved = shutil.copytree(data, tmp_path / "moved")
+    assert main([*again, "--dataset", str(moved)]) == 0
+    assert Learner.saved(out)["updates"] == 40
+    one_line(capsys, toy(moved), "holds a dataset; give another --out")
+
+
+class Uneven(Line):
+    """Fails in one trial of ten."""
+
+    def reset(self, *, seed=None, options=None):
+        result = super().reset(seed=seed)
+        if self.np_random.uniform() < 0.1:
+            raise RuntimeError("the wheels came off")
+        return result
+
+
+def test_failures_in_a_row_are_counted_from_the_last_success(data, tmp_path, capsys):
+    out = tmp_path / "run"
+    options = ["--env", "test_offline:Uneven", "--dataset", data, "--gradient-steps", "60", "--eval-freq", "10"]
+    assert main(toy(out, *options, "--n-eval-episodes", "150")) == 0, capsys.readouterr().err
+    rounds = [json.loads(line) for line in (out / "evaluations.jsonl").read_text().splitlines()]
+    assert sum(150 - r["trials"] for r in rounds) > MANY_ERRORS
+    assert not any(r["best"] for r in rounds if r["trials"] < 150)  # what failed may have been the hard ones

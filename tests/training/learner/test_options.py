@@ -1,0 +1,159 @@
+"""Options of a training run: what is refused before its folder is made, recipes, and what a resumed run keeps."""
+
+import json
+import os
+
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import sha256
+from applr_ros1.policy.actor import Actor
+from tests.support.toy_training import one_line, toy
+from training import refine_policy, train
+from training.learner import config as options
+from training.learner.config import TrainConfig, parse
+
+
+@pytest.mark.fault("23a")
+@pytest.mark.parametrize(
+    ("arguments", "pattern"),
+    [
+        (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
+        (["--total-timesteps", "many"], "--total-timesteps is 'many': input should be a valid integer"),
+        (["--net-arch", "512", "0"], "--net-arch is '0': input should be greater than or equal to 1"),
+        (["--gamma", "1.5"], "--gamma is '1.5': input should be less than or equal to 1"),
+        (["--actor-lr", "nan"], "finite"),
+        (["--latency", "0.2", "0.1"], "--latency is .*: give the smaller number first"),
+        (["--planner", "theirs"], "--planner is 'theirs': input should be 'ours', 'cpp-like' or 'drawn'"),
+        (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
+        (["--env", "os:getcwd"], "--env os:getcwd cannot be made: TypeError: it is no gymnasium.Env"),
+        (["--mirror"], "--refine and --mirror are for the navigation task"),
+        (["--actors", "1", "--max-policy-lag", "10"], "--max-policy-lag is 10, .*: give 25 or more"),
+        (["--symmetric"], "no scan and angle to mirror"),
+        (["--scan-pool", "7"], "--scan-pool is 7: give a divisor"),
+        (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
+        (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
+        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, husky, paper"),
+    ],
+)
+def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
+    one_line(capsys, toy(tmp_path / "run", *arguments), pattern)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "pattern"),
+    [
+        (["--device", "quantum"], "--device is 'quantum': give cpu, cuda or auto"),
+        (["--device", "meta"], "--device is 'meta': this program learns on"),
+        (["--buffer-size", "1"], "a replay of 1 rows holds no transition"),
+        (["--actors", "1", "--ray-address", "127.0.0.1:1"], "no Ray answers at 127.0.0.1:1"),
+    ],
+)
+def test_what_the_machine_lacks_is_one_line_and_the_folder_can_be_used_again(arguments, pattern, tmp_path, capsys):
+    one_line(capsys, toy(tmp_path / "run", *arguments), pattern)
+    assert not (tmp_path / "run" / "config.json").exists()
+    assert train.main(toy(tmp_path / "run", "--total-timesteps", "20", "--eval-worlds", "none")) == 0
+
+
+def test_a_period_or_world_that_cannot_be_leaves_no_folder(tmp_path, capsys):
+    given = ["--worlds", "generated:0", "--eval-worlds", "generated:1", "--out", tmp_path / "run"]
+    one_line(capsys, [*given, "--decision-period", "0.33"], "decision period of 0.33 s: give a multiple of 0.05 s")
+    one_line(capsys, [*given, "--worlds", "generated:900"], "generated:900")
+    one_line(capsys, [*given, "--simulator", "nosuch:Class"], "simulator nosuch:Class cannot be imported")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("batch_size: 64\ndecision_period: 1.0\nslip: [0.7, 1.4]\n")
+    chosen = parse(["--recipe", str(own), "--decision-period", "0.5"])
+    assert (chosen.batch_size, chosen.decision_period, chosen.slip) == (64, 0.5, [0.7, 1.4])
+    for text, pattern in (
+        ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
+        ("gamma: fast\n", "own.yaml: gamma is 'fast': input should be a valid number"),
+        ("- 3\n", "holds no options"),
+        ("a: [\n", "not YAML"),
+    ):
+        own.write_text(text)
+        with pytest.raises(ApplrError, match=pattern):
+            parse(["--recipe", str(own)])
+
+
+def test_the_recipes():
+    assert all(parse(["--recipe", name]) for name in options.recipes())
+    paper = parse(["--recipe", "paper", "--seed", "7"])
+    assert (paper.decision_period, paper.total_timesteps, paper.net_arch, paper.seed) == (2.0, 5_000_000, [512] * 3, 7)
+    assert (paper.n_step, paper.along_y, paper.worlds) == (1, True, "generated:train")
+    shipped = parse(["--recipe", "applr"])
+    assert (shipped.decision_period, shipped.simulator, shipped.planner, shipped.eval_planner) == (
+        *(1.0, "pybullet"),
+        *("drawn", "ours"),
+    )
+    assert (shipped.symmetric, shipped.c_switch, shipped.refine) == (True, 3.0, 8)
+    assert len(parse(["--recipe", "husky"]).start_action()) == 12
+
+
+def test_help_names_every_option_and_noise_is_the_papers():
+    text = options.parser().format_help()
+    for name in TrainConfig.model_fields:
+        assert "--" + name.replace("_", "-") in text
+    paper = TrainConfig().resolved()
+    assert paper.noise(0) == 0.5
+    assert paper.noise(1_000_000) == pytest.approx(0.375)
+    assert paper.noise(3_840_000) == pytest.approx(0.02)
+    assert paper.noise(5_000_000) == 0.02
+    assert TrainConfig(total_timesteps=50_000).resolved().noise(38_400) == pytest.approx(0.02)
+    rising = TrainConfig(
+        exploration_noise_initial=0.0, exploration_noise_final=0.1, exploration_noise_steps=100, buffer_size=10
+    )
+    assert [round(rising.noise(n), 9) for n in (0, 50, 400)] == [0.0, 0.05, 0.1]
+
+
+def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
+    given = tmp_path / "set.json"
+    given.write_text('{"max_vel_x": 1.0}')
+    assert len(parse(["--init-from", str(given), "--out", str(tmp_path)]).start_action()) == 8
+    given.unlink()
+    (tmp_path / "config.json").write_text(json.dumps({"init_from": str(given), "out": str(tmp_path)}))
+    one_line(capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read")  # killed before a checkpoint
+    (tmp_path / "checkpoint.json").write_text("{}")
+    assert parse(["--resume", "--out", str(tmp_path)]).start_action() == ()
+    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4  # a run keeps its options
+
+
+# -- the refinement after a training ----------------------------------------------------------------------------------
+def test_a_training_run_refines_its_last_policy(tmp_path, monkeypatch, capsys):
+    command = refine_policy.run
+    few = ["--pairs", "2", "--components", "0", "--worlds", "fresh:7-12", "--workers", "0"]
+    monkeypatch.setattr(refine_policy, "WATCHED", 2)
+    monkeypatch.setattr(refine_policy, "run", lambda arguments: command([*arguments, *few]))
+    out = tmp_path / "run"
+    arguments = ["--total-timesteps", "12", "--net-arch", "8", "--worlds", "generated:0", "--eval-worlds", "none"]
+    arguments += ["--decision-period", "1", "--symmetric", "--refine", "1", "--out", str(out)]
+    assert train.main(arguments) == 0, capsys.readouterr().err
+    assert f"refining: python -m training.refine_policy {out}/actor.safetensors" in capsys.readouterr().out
+    refined = Actor.load(out / "refined.safetensors")
+    told = refined.metadata["training"]["refined"]
+    assert (told["step"], told["simulator"]) == (1, "kinematic")
+    assert (refined.period, refined.metadata["training"]["options"]["decision_period"]) == (1.0, 1.0)
+    assert told["start"] == sha256((out / "actor.safetensors").read_bytes())
+
+    assert train.main(["--resume", "--out", str(out), "--refine", "2"]) == 0
+    assert Actor.load(out / "refined.safetensors").metadata["training"]["refined"]["step"] == 2
+
+    def interrupted(arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(refine_policy, "run", interrupted)
+    assert train.main(["--resume", "--out", str(out)]) == 130
+    assert "--resume continues the refinement" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("address", "workers"), [([], "500"), (["--ray-address", "local"], "2")])
+def test_a_clusters_actors_do_not_count_where_the_refinement_drives(tmp_path, monkeypatch, address, workers):
+    asked = []
+    monkeypatch.setattr(refine_policy, "run", asked.extend)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    train.refine(parse(["--actors", "500", "--refine", "8", "--out", str(tmp_path), *address]))
+    assert asked[asked.index("--workers") + 1] == workers

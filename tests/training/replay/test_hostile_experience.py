@@ -1,0 +1,174 @@
+"""What damaged or oversized bags and files do: one line, bounded memory."""
+
+import bz2
+import json
+import os
+import struct
+import tracemalloc
+
+import lz4.frame
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.tally import MOST, OTHERS, Tally
+from training import appld, bags_to_dataset, demonstrate, static_search
+from training.bags import compression, reader
+from training.baselines.appld import demonstration
+from training.baselines.appld.scripted_driver import Demonstrator
+
+
+@pytest.mark.fault("20a")
+def test_refused_texts_do_not_grow_without_end():
+    tally = Tally()
+    for number in range(1000):
+        tally.add("reason %d" % number)
+    assert len(tally) == MOST + 1
+    assert sum(tally.values()) == 1000
+    assert tally[OTHERS] == 1000 - MOST
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"log": []},
+        {"log": {}},
+        {"theta": 1},
+        {"theta": [1.0] * 8},
+        {"theta": {"max_vel_x": float("nan")}},
+        [1],
+        {"max_vel_x": "fast"},
+    ],
+)
+def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys):
+    start = tmp_path / "start.json"
+    start.write_text(json.dumps(content))
+    command = ["--worlds", "generated:0", "--workers", "0", "--start", str(start), "--out", str(tmp_path / "s.json")]
+    assert static_search.main(command) == 1
+    error = capsys.readouterr().err.strip()
+    assert error.startswith("static_search.py: ")
+    assert "\n" not in error
+    assert str(start) in error
+
+
+@pytest.mark.fault("23a")
+@pytest.mark.parametrize(
+    ("command", "arguments", "word"),
+    [
+        (appld, ["x.bag", "--out", "x.safetensors", "--seed", "-1"], "--seed"),
+        (appld, ["x.bag", "--out", "x.safetensors", "--steps", "many"], "--steps"),
+        (bags_to_dataset, ["x.bag"], "--out"),
+        (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
+        (static_search, ["--seed", "-1"], "--seed"),
+        (static_search, ["--population", "3"], "--population"),
+    ],
+)
+def test_mistakes_on_the_other_command_lines_are_one_line(command, arguments, word, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command.main(arguments) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert word in error
+    assert not list(tmp_path.iterdir())
+
+
+# -- bags --------------------------------------------------------------------------------------------------------------
+def bag_with_chunk(path, packed, method):
+    """A ROS 1 bag of one chunk of one connection."""
+
+    def record(data=b"", **fields):
+        head = b"".join(struct.pack("<I", len(n) + 1 + len(v)) + n.encode() + b"=" + v for n, v in fields.items())
+        return struct.pack("<I", len(head)) + head + struct.pack("<I", len(data)) + data
+
+    u32, u64 = (lambda n: struct.pack("<I", n)), (lambda n: struct.pack("<Q", n))
+    names = {"topic": b"/front/scan", "type": b"std_msgs/Bool", "md5sum": b"8b94c1b53db61fb6aed406028ad6332a"}
+    definition = b"".join(
+        struct.pack("<I", len(n) + 1 + len(v)) + n.encode() + b"=" + v
+        for n, v in dict(names, message_definition=b"bool data\n").items()
+    )
+    start = b"#ROSBAG V2.0\n"
+    first = len(start) + 4096
+    chunk = record(packed, op=b"\x05", compression=method, size=u32(2**31))
+    index = record(u32(1) + u32(0) + u32(0), op=b"\x04", ver=u32(1), conn=u32(0), count=u32(1))
+    tail = record(definition, op=b"\x07", conn=u32(0), topic=b"/front/scan") + record(
+        u32(0) + u32(1),
+        op=b"\x06",
+        ver=u32(1),
+        chunk_pos=u64(first),
+        start_time=u64(0),
+        end_time=u64(0),
+        count=u32(1),
+    )
+    fields = {"index_pos": u64(first + len(chunk) + len(index)), "conn_count": u32(1), "chunk_count": u32(1)}
+    bare = record(b"", op=b"\x03", **fields)
+    path.write_bytes(start + record(b" " * (4096 - len(bare)), op=b"\x03", **fields) + chunk + index + tail)
+
+
+@pytest.mark.fault("18a")
+@pytest.mark.parametrize("method", ["bz2", "lz4"])
+def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, method, monkeypatch, measured):
+    monkeypatch.setattr(compression, "MAX_UNPACKED", 1 << 22)
+    pack = bz2.compress if method == "bz2" else lz4.frame.compress
+    bag_with_chunk(tmp_path / "bomb.bag", pack(bytes(1 << 26)), method.encode())
+    tracemalloc.start()
+    try:
+        with pytest.raises(reader.BagError, match="bomb.bag: .*unpacks to more than 4 MiB"):
+            reader.read(tmp_path / "bomb.bag")
+        peak = tracemalloc.get_traced_memory()[1]
+        measured("memory for an archive of 64 MiB, bound 4 MiB", peak / 2**20, "MiB")
+        assert peak < 1 << 24
+    finally:
+        tracemalloc.stop()
+
+
+def test_compressed_data_are_what_they_were(tmp_path):
+    data = os.urandom(3 << 20) + bytes(1 << 20)
+    assert compression.unpack(bz2.BZ2Decompressor, bz2.compress(data) + bz2.compress(b"more")) == data + b"more"
+    assert compression.unpack(lz4.frame.LZ4FrameDecompressor, lz4.frame.compress(data)) == data
+    assert compression.unpack(compression.zstd.ZstdDecompressor, compression.zstd.compress(data)) == data
+    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:100_000]):
+        with pytest.raises(EOFError):
+            compression.unpack(bz2.BZ2Decompressor, cut)
+
+
+@pytest.mark.fault("18c")
+def test_bags_that_are_no_files(tmp_path):
+    os.mkfifo(tmp_path / "pipe.bag")
+    (tmp_path / "device.bag").symlink_to("/dev/zero")
+    (tmp_path / "ros2").mkdir()
+    os.mkfifo(tmp_path / "ros2" / "metadata.yaml")
+    for name in ("pipe.bag", "device.bag", "ros2"):
+        with pytest.raises(reader.BagError, match="is a pipe or device"):
+            reader.read(tmp_path / name)
+
+
+@pytest.mark.fault("18d")
+def test_a_stopped_demonstration_says_that_it_is_partial(tmp_path, monkeypatch, capsys):
+    drive, commands = Demonstrator.command, []
+
+    def stopped(self, *arguments):
+        commands.append(1)
+        if len(commands) > 150:
+            raise KeyboardInterrupt
+        return drive(self, *arguments)
+
+    monkeypatch.setattr(Demonstrator, "command", stopped)
+    bag = tmp_path / "part.bag"
+    assert demonstrate.main([str(bag), "--world", "generated:0", "--simulator", "kinematic"]) == 130
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "part.bag holds a part of a demonstration" in error
+    assert demonstration.read(bag).source["partial"] is True
+
+
+# -- pipes and devices where a run keeps its files --------------------------------------------------------------------
+@pytest.mark.fault("18c")
+@pytest.mark.parametrize("name", ["lock", "evaluations.jsonl"])
+def test_a_pipe_in_a_runs_folder_is_one_line_at_once(name, tmp_path):
+    from training.common.folders import Lock
+    from training.evaluation.periodic import _read
+
+    os.mkfifo(tmp_path / name)
+    use = {"lock": Lock, "evaluations.jsonl": lambda folder: _read(folder / name)}
+    with pytest.raises(ApplrError, match="pipe|cannot be locked") as problem:
+        use[name](tmp_path)
+    assert "\n" not in str(problem.value)

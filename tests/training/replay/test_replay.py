@@ -1,0 +1,173 @@
+"""The replay buffer: what is stored, what is drawn, what is refused."""
+
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from applr_ros1.common.errors import ApplrError
+from training.learner.batch import draw_batch
+from training.replay.buffer import Replay
+from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+
+SMALL = Layout(scan=4, rest=2, action=2)
+
+
+def episode(t, number=0, terminated=False, actor="a", layout=SMALL, rng=None, rewards=None):
+    rng = rng or np.random.default_rng(number)
+    observations = rng.uniform(-1, 1, (t + 1, layout.size))
+    return Trajectory.of(
+        layout,
+        observations,
+        rng.uniform(-1, 1, (t, layout.action)),
+        rng.normal(size=t) if rewards is None else rewards,
+        terminated,
+        {"actor": actor, "episode": number},
+    )
+
+
+def test_the_papers_five_million_transitions_fit_in_eight_gigabytes():
+    replay = Replay(Layout(), 5_500_000)  # allocated lazily: costs nothing here
+    assert replay.nbytes < 4.5e9
+    assert Layout().step * 1.0 == pytest.approx(2 / 255)  # of [-1, 1], which is 2 m: 7.8 mm
+
+
+def test_the_scan_comes_back_within_half_a_step():
+    layout = Layout()
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, layout.size)).astype(np.float32)
+    back = layout.restore(layout.quantise(observations), observations[:, layout.scan :])
+    assert np.abs(back - observations)[:, :720].max() <= layout.step / 2 + 1e-6
+    assert np.array_equal(back[:, 720:], observations[:, 720:])
+    edges = np.zeros((1, layout.size), np.float32)
+    edges[0, :3] = -1, 1, 5  # beyond the range: clipped, not wrapped
+    assert layout.quantise(edges)[0, :3].tolist() == [0, 255, 255]
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(1, 9), st.booleans()), min_size=1, max_size=12),
+    st.integers(12, 40),
+    st.integers(1, 5),
+)
+def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
+    """Against a plain list of episodes, in a ring that has been around several times."""
+    gamma, replay, truth = 0.9, Replay(SMALL, capacity), {}
+    for number, (t, terminated) in enumerate(lengths):
+        trajectory = episode(t, number, terminated)
+        replay.add(trajectory)
+        for k in range(t):
+            m = min(n, t - k)
+            total = sum(gamma**i * float(trajectory.reward[k + i]) for i in range(m))
+            ended = terminated and k + m == t
+            truth[trajectory.rest[k].tobytes()] = (
+                total,
+                0.0 if ended else gamma**m,
+                trajectory.rest[k + m],
+                trajectory.scan[k + m],
+                trajectory.action[k],
+                trajectory.scan[k],
+            )
+    rng = np.random.default_rng(0)
+    rows = replay.draw(rng, 200)
+    rewards, discounts, following = replay.n_step_return(rows, n, gamma)
+    for row, reward, discount, after in zip(rows, rewards, discounts, following):
+        total, factor, rest, scan, action, here = truth[replay.rest[row].tobytes()]
+        assert reward == pytest.approx(total, abs=1e-5)
+        assert discount == pytest.approx(factor)
+        assert np.array_equal(replay.rest[after], rest)
+        assert np.array_equal(replay.scan[after], scan)
+        assert np.array_equal(replay.action[row], action)
+        assert np.array_equal(replay.scan[row], here)
+    assert replay.held == np.count_nonzero(replay.end != 3)
+    assert replay.transitions == sum(t for t, _ in lengths)
+
+
+def test_every_transition_is_drawn_equally_often():
+    replay = Replay(SMALL, 100)
+    for number, t in enumerate((1, 2, 10)):
+        replay.add(episode(t, number))
+    counts = np.bincount(replay.draw(np.random.default_rng(0), 130_000), minlength=16)
+    assert np.count_nonzero(counts) == 13
+    assert counts[counts > 0].min() > 9_600
+    assert counts.max() < 10_400
+
+
+def test_batch_is_what_the_rows_say():
+    replay = Replay(SMALL, 50)
+    trajectory = episode(5, terminated=True)
+    replay.add(trajectory)
+    batch = draw_batch(replay, np.random.default_rng(0), 64, 1, 0.9)
+    observations = SMALL.restore(trajectory.scan, trajectory.rest)
+    for i in range(64):
+        k = int(np.argmin(np.abs(observations - batch.observation[i].numpy()).sum(1)))
+        np.testing.assert_allclose(batch.observation[i], observations[k], atol=1e-6)
+        np.testing.assert_allclose(batch.next_observation[i], observations[k + 1], atol=1e-6)
+        assert float(batch.discount[i]) == pytest.approx(0.0 if k == 4 else 0.9)
+
+
+def test_mirror_turns_half_of_a_batch_left_for_right():
+    replay = Replay(SMALL, 50)
+    replay.add(episode(5, terminated=True))
+    plain, mirrored = (draw_batch(replay, np.random.default_rng(0), 64, 1, 0.9, mirror=m) for m in (False, True))
+    for name in ("observation", "next_observation"):
+        ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
+        np.testing.assert_array_equal(ours[32:], theirs[32:])
+        np.testing.assert_array_equal(ours[:32, : SMALL.scan], theirs[:32, : SMALL.scan][:, ::-1])
+        np.testing.assert_array_equal(ours[:32, SMALL.scan], -theirs[:32, SMALL.scan])
+        np.testing.assert_array_equal(ours[:32, SMALL.scan + 1 :], theirs[:32, SMALL.scan + 1 :])
+    for name in ("action", "reward", "discount", "noise"):
+        np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
+
+
+def broken(change):
+    trajectory = episode(3)
+    change(trajectory)
+    return trajectory
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda t: t.rest.__setitem__((1, 0), np.nan), "rest holds NaN"),
+        (lambda t: t.reward.__setitem__(0, np.inf), "reward holds NaN or inf"),
+        (lambda t: t.action.__setitem__((0, 0), 1.5), "outside"),
+        (lambda t: setattr(t, "scan", t.scan[:-1]), "scan is uint8"),
+        (lambda t: setattr(t, "scan", t.scan.astype(np.float32)), "scan is float32"),
+        (lambda t: setattr(t, "reward", np.zeros(0, np.float32)), "0 transitions"),
+        (lambda t: t.info.pop("actor"), "no valid actor"),
+        (lambda t: t.info.update(episode=-1), "no valid actor"),
+        (lambda t: t.info.update(episode="1"), "no valid actor"),
+    ],
+)
+def test_malformed_trajectories_are_refused_and_leave_no_trace(change, why):
+    replay = Replay(SMALL, 50)
+    replay.add(episode(4, 7))
+    with pytest.raises(TrajectoryError, match=why):
+        replay.add(broken(change))
+    assert (replay.written, replay.transitions, replay.held) == (5, 4, 4)
+
+
+def test_an_episode_larger_than_the_ring_is_refused():
+    with pytest.raises(TrajectoryError, match="do not fit"):
+        Replay(SMALL, 3).add(episode(4))
+
+
+def test_bytes_there_and_back_and_nonsense_refused():
+    trajectory = episode(3, 5, True)
+    trajectory.info["return"] = -1.5
+    back = Trajectory.unpack(trajectory.pack())
+    assert back.info == trajectory.info
+    assert back.terminated is True
+    assert all(np.array_equal(getattr(back, k), getattr(trajectory, k)) for k in ("scan", "rest", "action", "reward"))
+    blob = trajectory.pack()
+    for nonsense in (b"", b"{}", blob[:50], blob[:-5], b"\x80\x04K\x01.", os.urandom(500), b"\xff" * 100):
+        with pytest.raises(ApplrError):
+            Trajectory.unpack(nonsense)
+
+
+def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
+    monkeypatch.setattr("training.replay.buffer.os.sysconf", lambda name: 4096 if "SIZE" in name else 2**20)  # 4 GiB
+    with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
+        Replay(Layout(), 10**8)

@@ -1,0 +1,122 @@
+"""The page of drives: what it draws is what was driven, it needs no other file, and names cannot break it."""
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1.policy.parameter_space import SPACE
+from tests.support.toy_runner import SETTINGS
+from training.actors.tasks import TrialResult
+from training.evaluation import store as trial_store
+from training.evaluation import trials
+from training.report import __main__ as report
+from training.report import drives, write
+
+TIME = 0.05 * np.arange(1, 123)
+POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])  # [m, m, rad]
+TRACE = SimpleNamespace(
+    time=TIME,
+    pose=POSE,
+    twist=np.column_stack([0.3 + 0.01 * TIME, 0.0 * TIME]),
+    theta=[SPACE.theta0, SPACE.high],
+    decided=[0.0, 1.0],
+)
+METHODS = ("dwa", "mine", "quiet")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three methods in a built-in world and one in a world whose file has gone; the last method left no trace."""
+    worlds = ["generated:7", "gone"]
+    plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 2, seed=0, traces=2)
+    settings = dict(SETTINGS, worlds=worlds, world_specs=["generated:7", "/gone.world"])
+    store = trial_store.Store(tmp_path, settings, plan)
+    for task in plan:
+        good = task.method == "dwa"
+        result = TrialResult(good, not good, False, 6.1, 6.0, "finished" if good else "</script>", 7.0)
+        store.add(task, result, trials.pack_trace(TRACE) if task.method != "quiet" else b"")
+    store.close()
+    return tmp_path
+
+
+def test_the_page_holds_what_was_driven(folder):
+    index = write(folder)
+    text = (folder / "report" / drives.FILE).read_text(encoding="utf-8")
+    assert '<a href="drives.html">' in Path(index).read_text()
+    assert not re.search(r"https?:|//[a-z]+\.|src=|@import|url\(", text)
+    page = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL).group(1))
+    assert [m["name"] for m in page["methods"]] == list(METHODS)
+    (world,) = page["worlds"]  # the other's file has gone
+    assert world["name"] == "generated:7"
+    assert [(d["m"], d["k"]) for d in world["drives"]] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    assert [(d["ok"], d["hit"], d["why"]) for d in world["drives"][1:3]] == [
+        (True, False, "finished"),
+        (False, True, "</script>"),
+    ]
+    drive = world["drives"][0]
+    poses, rows = np.cumsum(drive["p"], axis=0) / 100.0, [*range(0, 121, 4), 121]
+    np.testing.assert_allclose(poses, POSE[rows], atol=0.0051)
+    np.testing.assert_allclose(drive["v"], 100 * TRACE.twist[rows, 0], atol=0.6)
+    assert drive["at"] == [0, 100]
+    assert drive["a"][1] == [50] * 8
+    left, bottom, right, top = np.array(world["view"]) / 100.0
+    assert left < poses[:, 0].min() < poses[:, 0].max() < right
+    assert bottom < poses[:, 1].min() < poses[:, 1].max() < top
+    circles = np.array(world["circles"]) / 1000.0
+    assert len(circles) > 50
+    assert circles[:, 2] == pytest.approx(0.075, abs=0.001)
+    assert world["finish"] == 1000
+
+
+def test_without_traces_there_is_no_page(folder):
+    for path in (folder / "traces").iterdir():
+        path.unlink()
+    assert "drives.html" not in Path(write(folder)).read_text()
+    assert not (folder / "report" / drives.FILE).exists()
+
+
+def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_factory, capsys):
+    more = tmp_path_factory.mktemp("more")
+
+    def drive(out, world, methods=METHODS, about="fixed", **changed):
+        plan = trials.plan([(world, world)], [(m, m) for m in methods], 1, seed=0)
+        settings = {**SETTINGS, "worlds": [world], "world_specs": [world], **changed}
+        settings["methods"] = {name: {"kind": about} for name in methods}
+        store = trial_store.Store(out, settings, plan)
+        for task in plan:
+            store.add(task, TrialResult(True, False, False, 5.0, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
+        store.close()
+        return str(out)
+
+    assert report.main([str(folder), "--join", drive(more / "a", "generated:8")]) == 0
+    rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
+    assert rows == [[name, method] for name in ("Training", "Test", "Other") for method in METHODS]
+    page = (folder / "report" / drives.FILE).read_text()
+    assert '"name":"generated:8"' in page
+    assert '"name":"generated:7"' in page
+    other = drive(more / "other", "generated:8", methods=["static"])
+    assert report.main([str(folder), "--join", str(more / "a"), "--join", other]) == 0
+    rows = [line.split(",")[:2] for line in (folder / "report" / "table_1.csv").read_text().splitlines()[1:]]
+    assert ["Test", "static"] in rows
+    assert '"name":"static"' in (folder / "report" / drives.FILE).read_text()
+    moved = drive(more / "moved", "generated:8", methods=["static"], worlds_sha256="other")
+    assert report.main([str(folder), "--join", str(more / "a"), "--join", moved]) == 1
+    assert "another set of worlds of the same names" in capsys.readouterr().err
+    changed = drive(more / "changed", "generated:9", about="file")
+    capsys.readouterr()
+    assert report.main([str(more / "a"), "--join", changed]) == 1
+    assert "driven with another dwa than" in capsys.readouterr().err
+    for other, words in (
+        (drive(more / "b", "generated:7"), "both have generated:7 of dwa"),
+        (drive(more / "c", "generated:9", simulator="kinematic"), "another simulator"),
+        (str(folder), "given twice"),
+        (str(more / "a" / ".." / ".." / folder.name), "given twice"),
+    ):
+        assert report.main([str(folder), "--join", other]) == 1
+        line = capsys.readouterr().err
+        assert words in line
+        assert line.count("\n") == 1

@@ -1,0 +1,340 @@
+"""The report: statistics by hand, the paper's tables from made-up trials, every output."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from applr_ros1.common.errors import ApplrError
+from tests.support.toy_runner import SETTINGS
+from training.actors.tasks import TrialResult
+from training.evaluation import store as trial_store
+from training.evaluation import trials
+from training.report import data, paper, planners, statistics, tables, tables_more, write
+from training.report.regions import clearance, region_of
+from training.report.table import Table
+
+METHODS = ("dwa", "applr", "applr-without-max_vel_x")
+
+
+class Trace:
+    time = np.arange(200) * 0.05
+    pose = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
+    twist = np.zeros((200, 2))
+    theta = np.tile([0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.3], (5, 1))
+    decided = np.arange(5) * 2.0
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """40 worlds, three methods, six trials: applr is 25 % faster, fails in one world, dwa fails now and then."""
+    out = tmp_path_factory.mktemp("evaluation")
+    worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
+    plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
+    settings = {
+        **SETTINGS,
+        "worlds": worlds,
+        "world_specs": worlds,
+        "methods": {
+            "dwa": {"parameters": {"max_vel_x": 0.5}},
+            "applr": {"class": "Actor"},
+            METHODS[2]: {"class": "Actor", "frozen": "max_vel_x"},
+        },
+        "simulator": "kinematic",
+        "protocol": "paper",
+        "seed": 0,
+    }
+    store = trial_store.Store(out, settings, plan)
+    rng = np.random.default_rng(1)
+    for task in plan:
+        mean = 20.0 + 0.4 * worlds.index(task.world)
+        mean *= {"dwa": 1.0, "applr": 0.75}.get(task.method, 0.85)
+        good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
+        seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
+        result = TrialResult(
+            success=good,
+            timeout=not good,
+            time_s=seconds,
+            decisions=math.ceil(seconds / 2),
+            path_length_m=6.5,
+            reason="finished" if good else "time limit",
+            route_m=7.0,
+            min_clearance_m=0.3,
+            mean_jerk=5.0,
+            mean_turn=1.0,
+            switching=0.1,
+        )
+        traced = task.trace and task.world in ("generated:20",)
+        store.add(task, result, trials.pack_trace(Trace) if traced else b"")
+    session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
+    store.finish(75.0, dict(session, versions={"numpy": "2"}), workers=2)
+    store.close()
+    return out
+
+
+@pytest.fixture(scope="module")
+def results(folder):
+    return data.Results(folder)
+
+
+def column(table, name):
+    return [row[table.columns.index(name)] for row in table.rows]
+
+
+# -- statistics --------------------------------------------------------------------------------------------------------
+def test_welch_is_scipys_and_edges_are_told():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
+    assert statistics.welch_p(a, b) == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
+    assert math.isnan(statistics.welch_p(a[:1], b))
+    assert statistics.welch_p(np.ones(3), np.ones(3)) == 1.0
+    assert statistics.welch_p(np.ones(3), np.zeros(3)) == 0.0
+    assert statistics.welch_p(np.full(2, 5.05), np.full(20, 5.05)) == 1.0  # whose means differ in their last bit
+
+
+def test_identical_methods_win_as_often_as_the_paper_page_says():
+    rng = np.random.default_rng(0)
+    verdicts = []
+    for n in range(2000):
+        a, b = rng.gamma(9, 3, 20), rng.gamma(9, 3, 20)
+        verdicts.append(statistics.Verdict(str(n), int(np.sign(a.mean() - b.mean())), statistics.welch_p(a, b)))
+    assert [100 * n / 2000 for n in statistics.count(verdicts)] == pytest.approx([2.4, 2.4], abs=1.0)
+    assert sum(statistics.count(verdicts, corrected=True)) <= 2
+
+
+def test_holm_by_hand():
+    p = np.array([0.01, 0.04, 0.03, 0.005])
+    assert statistics.holm(p).tolist() == [True, False, False, True]  # .005 < .0125, .01 < .0167, .03 >= .025
+    assert statistics.holm(np.zeros(0)).tolist() == []
+
+
+def test_wilson_by_the_book():
+    assert statistics.wilson(0, 10) == pytest.approx((0.0, 0.2775), abs=1e-4)
+    assert statistics.wilson(9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-4)
+
+
+def test_bootstrap_over_worlds_covers():
+    rng = np.random.default_rng(2)
+    hits = 0
+    for _ in range(60):
+        means = rng.normal(20, 4, 30)
+        value, low, high = statistics.over_worlds([means * 5, np.full(30, 5.0)], lambda t, n: t / n)
+        assert value == pytest.approx(means.mean())
+        hits += low <= 20 <= high
+    assert hits >= 51
+
+
+def test_barn_metric_by_hand():
+    cell = data.Cell(
+        *[
+            np.array(v)
+            for v in (
+                [True, True, True, False],
+                [False, False, True, False],
+                [False] * 4,
+                [6.0, 30.0, 20.0, 100.0],
+                [3, 15, 10, 50],
+                [7.0] * 4,
+            )
+        ],
+        [""] * 4,
+        *[np.full(4, 7.0)] * 5,
+    )
+    assert statistics.barn_metric(cell, 2.0) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
+    assert statistics.barn_metric(cell, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+def test_sets_are_barns():
+    assert [
+        data.set_of(w)
+        for w in ("generated:0", "generated:1", "world_0", "world_1", "physical_course", "house", "generated:999")
+    ] == ["Test", "Training", "Test", "Training", "Physical course", "Other", "Other"]
+
+
+def test_table_1_counts_successes_in_seconds_and_decisions(results):
+    table = tables.table_1(results)
+    row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
+    times = np.concatenate([results.cells["applr"][w].times for w in results.of_set("Training")])
+    base = np.concatenate([results.cells["dwa"][w].times for w in results.of_set("Training")])
+    assert row["time [s]"] == "%.2f" % times.mean()
+    assert row["two-second decisions"] == "%.2f" % (times.mean() / 2)
+    assert row["faster [%]"] == "%.1f" % (100 * (1 - times.mean() / base.mean()))
+    assert row["paper [decisions]"] == "11.96"
+    assert row["paper [s]"] == "23.92"
+    assert any("two-second decisions" in n and "9.7 %" not in n for n in table.notes)
+    assert any("9.7 %" in n for n in table.notes)
+
+
+def test_table_2_tests_each_world(results):
+    table = tables.table_2(results)
+    row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
+    worlds = results.of_set("Training")
+    won = sum(
+        stats.ttest_ind(results.cells["applr"][w].times, results.cells["dwa"][w].times, equal_var=False).pvalue < 0.05
+        for w in worlds
+        if w != "generated:3"
+    )
+    assert row["method better"].startswith("%d (" % won)
+    assert row["dwa better"].startswith("0 (")
+    assert row["tested"] == "%d of %d" % (len(worlds) - 1, len(worlds))  # generated:3 never succeeds
+    assert row["paper: applr better"] == "88 (35 %)"
+
+
+def test_table_3_has_thirds_and_the_papers_slip(results):
+    table = tables.table_3(results)
+    sizes = [int(r[2]) for r in table.rows if r[0].endswith("All") and r[1] == "applr"]
+    assert sizes == [13, 13, 13]
+    assert [r[-1] for r in table.rows if r[0] in ("Medium All", "Difficult All") and r[1] == "applr"] == [
+        "3 % (*)",
+        "14 % (*)",
+    ]
+    assert any(paper.SWAP_SLIP in n for n in table.notes)
+    assert results.thirds()["Difficult"][-1] == "generated:3"
+
+
+def test_table_4_names_failures(results):
+    table = tables.table_4(results)
+    assert [row[0] for row in table.rows] == list(METHODS)
+    assert all(("time limit" in row[3]) == (not row[2].startswith("6")) for row in table.rows)
+    assert column(table, "paper [s]")[0].startswith("72.8")
+
+
+def test_any_two_methods_are_compared_in_pairs(results):
+    table = tables_more.pairs(results)
+    rows = {row[0]: row for row in table.rows}
+    assert list(rows) == ["Training", "Test", "Physical course"]
+    row = dict(zip(table.columns, rows["Training"]))
+    assert (row["method"], row["other"]) == ("dwa", "applr")  # the ablation's are left out
+    worlds = results.of_set("Training")
+    differences = [results.cells["dwa"][w].time.mean() - results.cells["applr"][w].time.mean() for w in worlds]
+    assert row["difference, all trials [s]"] == "%.2f" % np.mean(differences)
+    assert row["p"] == row["p (Holm)"] == "< 0.0001"  # there is one pair
+    assert stats.wilcoxon(differences).pvalue < 1e-4
+    low, high = map(float, row["95 % interval"].split(" to "))
+    assert low < np.mean(differences) < high
+    assert row["method faster in"].startswith("0 (")
+    assert int(row["other faster in"].split()[0]) > 0.8 * len(worlds)
+    assert rows["Physical course"][table.columns.index("p")] == "–"  # one world is no sample of worlds
+
+
+def test_pairs_are_corrected_for_their_number(results):
+    assert statistics.holm_adjusted(np.array([0.01, np.nan, 0.04, 0.03])) == pytest.approx(
+        [0.03, np.nan, 0.06, 0.06], nan_ok=True
+    )
+    same = statistics.paired(results, "dwa", "dwa", results.of_set("Test"))
+    assert (same.difference, same.p) == (0.0, 1.0)
+
+
+def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
+    """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
+    worlds = ["generated:%d" % n for n in range(1, 7)]
+    plan = trials.plan([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
+    store = trial_store.Store(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"), plan)
+    for trial in plan:
+        good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
+        seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
+        result = TrialResult(good, not good, False, seconds, 6.0, reason, *[math.nan] * 5, decisions=2)
+        store.add(trial, result)
+    store.close()
+    results = data.Results(tmp_path)
+    assert statistics.paired(results, "crash", "dwa", worlds[1:]).difference == pytest.approx(100.0 - 23.0)
+    assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
+    hard = [row for row in tables.table_3(results).rows if row[0] == "Difficult All"]
+    assert [row[5] for row in hard] == ["62.50"]  # of 25 s and 100 s
+
+
+def test_ablation(results):
+    table = tables_more.ablation(results)
+    assert [row[:2] for row in table.rows] == [["applr", "max_vel_x"]]
+    assert 25 < float(table.rows[0][-1]) < 55  # .10 of the .25 that applr saves
+
+
+def test_means_are_compared_over_the_same_worlds(folder):
+    """Where a method was driven in some of the worlds only, as after --join."""
+    joined = data.Results(folder)
+    easy = joined.of_set("Test")[:4]
+    joined.cells[METHODS[2]] = {world: joined.cells[METHODS[2]][world] for world in easy}
+    base, whole, without = (statistics.mean_time(joined, method, easy)[0] for method in METHODS)
+    (row,) = tables_more.ablation(joined).rows
+    assert float(row[-1]) == pytest.approx(100 * (without - whole) / (base - whole), abs=0.6)
+    row = next(row for row in tables.table_1(joined).rows if row[:2] == ["Test", METHODS[2]])
+    assert float(row[6]) == pytest.approx(base - without, abs=0.006)
+
+
+def test_formats_escape():
+    table = Table("t", "a & b", ["x_1", "y"], [["50 %", "<b> | ±"]], ["note: θ"])
+    assert "50 \\%" in table.latex()
+    assert "$\\pm$" in table.latex()
+    assert "x\\_1" in table.latex()
+    assert "&lt;b&gt;" in table.html()
+    assert "\\|" in table.markdown()
+    assert list(csv.reader(table.csv().splitlines()))[1] == ["50 %", "<b> | ±"]
+
+
+# -- all of it ---------------------------------------------------------------------------------------------------------
+def test_report_is_whole(folder):
+    page = write(folder)
+    out = folder / "report"
+    text = Path(page).read_text(encoding="utf-8")
+    for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "smoothness", "ablation", "methods"):
+        for ending in ("csv", "tex", "md"):
+            assert (out / ("%s.%s" % (name, ending))).stat().st_size > 0
+    pictures = ["times.png", "paths_generated-20.png", "profile_generated-20_applr.png"]
+    for name in pictures:
+        assert (out / name).read_bytes()[:4] == b"\x89PNG"
+        assert name in text
+    assert "1 min 15 s" in text
+    assert "kinematic" in text
+    assert "nan" not in text
+    assert (out / "report.md").read_text().count("###") == 9
+    label = "(methods dwa, applr and 1 with one parameter held; planner ours)"
+    assert text.count(label) == 9 + 2 * text.count("<img")
+    assert "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py" in text
+
+
+def test_report_of_one_method_and_one_world(tmp_path):
+    plan = trials.plan([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
+    store = trial_store.Store(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]), plan)
+    result = TrialResult(False, True, True, 100.0, 3.0, "time limit", *[math.nan] * 5, decisions=50)
+    store.add(plan[0], result, trials.pack_trace(Trace))
+    store.close()
+    assert write(tmp_path).endswith("index.html")
+
+
+def test_evaluations_with_other_planners_stand_beside_in_one_table(tmp_path, folder):
+    plan = trials.plan([("generated:1", "generated:1")], [("dwa", "dwa"), ("applr", "dwa")], 2, 0, 0)
+    settings = dict(SETTINGS, planner="cpp-like", simulator="kinematic", protocol="paper")
+    store = trial_store.Store(tmp_path, settings, plan)
+    for trial in plan:
+        seconds = 30.0 if trial.method == "dwa" else 15.0
+        store.add(trial, TrialResult(True, False, False, seconds, 6.0, "finished", 7.0, 0.3, 5.0, 1.0, 0.1), None)
+    store.close()
+    others = planners.planners([data.Results(folder), data.Results(tmp_path)]).rows
+    assert [row[:3] for row in others[-2:]] == [["cpp-like", "Training", m] for m in ("dwa", "applr")]
+    assert [row[5] for row in others[-2:]] == ["–", "50.0"]
+    assert others[-1][3:4] + others[-1][6:] == ["15.00", "100.0", "0.0", "2"]
+    assert {row[0] for row in others[:-2]} == {"ours"}
+    (tmp_path / "evaluation.json").write_text(json.dumps(dict(settings, simulator="pybullet")))
+    with pytest.raises(ApplrError, match="different simulators"):
+        write(folder, beside=[str(tmp_path)])
+
+
+def test_nothing_to_report_is_one_line(tmp_path, folder):
+    with pytest.raises(ApplrError, match="no trials"):
+        write(tmp_path)
+    with pytest.raises(ApplrError, match="learning curves"):
+        write(folder, str(tmp_path))
+
+
+def test_regions():
+    import worlds
+
+    world = worlds.load("generated:7")
+    assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
+    poses = np.column_stack([np.full(100, -2.25), np.full(100, 12.0)])
+    assert (region_of(world, poses) == 2).all()

@@ -1,0 +1,281 @@
+"""TD3 beside stable-baselines3's, step by step, and on a task small enough to learn in seconds."""
+
+import numpy as np
+import pytest
+import torch
+
+from applr_ros1.common.errors import ApplrError
+from training.learner.batch import draw_batch
+from training.replay.buffer import Replay
+from training.replay.trajectory import Layout, Trajectory
+from training.td3.td3 import TD3, Batch, TD3Options
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    """On a busy machine the threads of a small product wait for each other ten times as long as it takes."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def _batch(rng, size, n, m, gamma=0.95):
+    def floats(*shape):
+        return torch.from_numpy(rng.uniform(-1, 1, shape).astype(np.float32))
+
+    discount = torch.from_numpy(np.where(rng.random(size) < 0.2, 0.0, gamma**4).astype(np.float32))
+    return Batch(
+        floats(size, n),
+        floats(size, m),
+        floats(size),
+        discount,
+        floats(size, n),
+        torch.from_numpy(rng.standard_normal((size, m)).astype(np.float32)),
+    )
+
+
+def _sb3(n, m, hidden, batch_size):
+    gym = pytest.importorskip("gymnasium")
+    sb3 = pytest.importorskip("stable_baselines3")
+
+    class Spaces(gym.Env):
+        observation_space = gym.spaces.Box(-1, 1, (n,), np.float32)
+        action_space = gym.spaces.Box(-1, 1, (m,), np.float32)
+
+    model = sb3.TD3(
+        "MlpPolicy",
+        Spaces(),
+        learning_rate=1e-3,
+        batch_size=batch_size,
+        tau=0.005,
+        buffer_size=10,
+        policy_kwargs={"net_arch": list(hidden)},
+        device="cpu",
+    )
+    model.set_logger(sb3.common.logger.Logger(None, []))
+    return model
+
+
+def _pairs(td3, model):
+    """(our network, stable-baselines3's) of each kind."""
+    return [
+        (td3.actor, model.actor.mu),
+        (td3.actor_target, model.actor_target.mu),
+        *zip(td3.critics, (model.critic.qf0, model.critic.qf1)),
+        *zip(td3.critic_targets, (model.critic_target.qf0, model.critic_target.qf1)),
+    ]
+
+
+def _sb3_update(model, batch, seed):
+    """One of SB3's updates on our batch; its smoothing noise is drawn from torch's generator."""
+    from types import SimpleNamespace
+
+    data = SimpleNamespace(
+        observations=batch.observation,
+        actions=batch.action,
+        rewards=batch.reward[:, None],
+        next_observations=batch.next_observation,
+        dones=torch.zeros(len(batch.reward), 1),
+        discounts=batch.discount[:, None],
+    )
+    model.replay_buffer.sample = lambda *a, **k: data
+    torch.manual_seed(seed)
+    model.train(1, len(batch.reward))
+
+
+@pytest.mark.parametrize(
+    ("n", "m", "hidden", "size", "double"), [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)]
+)
+def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
+    """At the paper's size in double precision: there, in single, Adam's first steps of tiny gradients are rounding."""
+    rng = np.random.default_rng(5)
+    td3 = TD3(n, m, TD3Options(net_arch=hidden, actor_lr=1e-3, critic_lr=1e-3), seed=3)
+    model = _sb3(n, m, hidden, size)
+    precision = torch.float64 if double else torch.float32
+    td3.networks.to(precision)
+    model.policy.to(precision)
+    monkeypatch.setattr("stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs)  # no .float()
+    with torch.no_grad():
+        for ours, theirs in _pairs(td3, model):
+            for mine, other in zip(ours.parameters(), theirs.parameters()):
+                other.copy_(mine)
+    start = td3.actor[0].weight.clone()
+    for i in range(10):
+        batch = Batch(**{k: v.to(precision) for k, v in vars(_batch(rng, size, n, m)).items()})
+        torch.manual_seed(i)
+        batch.noise = torch.empty(size, m, dtype=precision).normal_(0, 0.2) / 0.2
+        td3.update(batch)
+        _sb3_update(model, batch, i)
+    for ours, theirs in _pairs(td3, model):
+        for mine, other in zip(ours.parameters(), theirs.parameters()):
+            torch.testing.assert_close(mine.data, other.data, atol=1e-5, rtol=0)
+    assert (td3.actor[0].weight - start).abs().max() > 1e-3  # it did move
+
+
+def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations():
+    """The gradient of -Q scaled to the behaviour cloning term, and of the mean square before tanh; no critic moves."""
+    for alpha, penalty in ((0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)):
+        td3 = TD3(12, 3, TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty), seed=1)
+        batch = _batch(np.random.default_rng(0), 32, 12, 3)
+        z = td3.actor(batch.observation)
+        action = torch.tanh(z)
+        q = td3.critics[0](torch.cat((batch.observation, action), 1))
+        loss = -q.mean() * (alpha / q.abs().mean().item() if alpha else 1.0) + penalty * (z**2).mean()
+        if alpha:
+            loss = loss + ((action - batch.action) ** 2).mean()
+        expected = torch.autograd.grad(loss, list(td3.actor.parameters()))
+        td3._update_actor(batch)
+        for parameter, gradient in zip(td3.actor.parameters(), expected):
+            torch.testing.assert_close(parameter.grad, gradient, atol=1e-7, rtol=1e-5)
+        assert all(parameter.grad is None for parameter in td3.critics.parameters())
+
+
+def test_layer_norm_is_on_the_hidden_layers_of_the_critics():
+    td3 = TD3(10, 3, TD3Options(net_arch=[32, 32], layer_norm=True))
+    observation, action = torch.rand(7, 10), torch.rand(7, 3)
+    x = torch.cat((observation, action), 1)
+    first, second, last = td3.critics[1]
+    for layer in (first, second):
+        x = layer(x)
+        x = ((x - x.mean(1, keepdim=True)) / (x.var(1, correction=0, keepdim=True) + 1e-5).sqrt()).relu()
+    torch.testing.assert_close(td3.critics[1](torch.cat((observation, action), 1)), last(x))
+    first, second, last = td3.actor
+    torch.testing.assert_close(td3.actor(observation), last(second(first(observation).relu()).relu()))
+
+
+def test_learns_a_small_task():
+    """Go to zero on a line: x' = x + .3 a, r = -|x'|, ten steps cut by a time limit. Best return from x_0 = 1: -1.8."""
+    layout, rng = Layout(scan=0, rest=1, action=1), np.random.default_rng(0)
+    options = TD3Options(net_arch=[64, 64], actor_lr=1e-3, batch_size=128, gamma=0.9, n_step=2)
+    td3, replay = TD3(1, 1, options, seed=0), Replay(layout, 5000)
+
+    def episode(policy):
+        x, states, actions, rewards = rng.uniform(-1, 1), [], [], []
+        for _ in range(10):
+            a = float(np.clip(policy(x), -1, 1))
+            states.append(x)
+            x += 0.3 * a
+            actions.append(a)
+            rewards.append(-abs(x))
+        return states + [x], actions, rewards
+
+    for i in range(60):
+        states, actions, rewards = episode(lambda x: td3.action(np.array([[x]]))[0, 0] + 0.4 * rng.standard_normal())
+        replay.add(Trajectory.of(layout, states, actions, rewards, False, {"actor": "a", "episode": i}))
+        for _ in range(20):
+            td3.update(draw_batch(replay, rng, 128, 2, 0.9))
+    returns = [sum(episode(lambda x: td3.action(np.array([[x]]))[0, 0])[2]) for _ in range(40)]
+    assert np.mean(returns) > -1.2  # doing nothing: -5; the best: -.83
+
+
+def test_same_seed_same_weights_and_state_round_trip():
+    rng = np.random.default_rng(0)
+    batches = [_batch(rng, 64, 10, 2) for _ in range(6)]
+    config = TD3Options(net_arch=[64, 64])
+    a, b, c = TD3(10, 2, config, seed=7), TD3(10, 2, config, seed=7), TD3(10, 2, config, seed=8)
+    for batch in batches[:3]:
+        a.update(batch)
+    c.load(*a.state())
+    for batch in batches[:3]:
+        b.update(batch)
+    for batch in batches[3:]:
+        for t in (a, b, c):
+            t.update(batch)
+    for other in (b, c):
+        for name, array in a.state()[0].items():
+            assert np.array_equal(array, other.state()[0][name]), name
+    assert c.updates == 6
+
+
+def test_running_average_is_what_is_handed_out_and_travels_with_the_state():
+    rng = np.random.default_rng(0)
+    plain = TD3(10, 2, TD3Options(net_arch=[64]), seed=7)
+    td3 = TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
+    expected = td3.actor_weights()["0.weight"]
+    for batch in [_batch(rng, 64, 10, 2) for _ in range(6)]:
+        td3.update(batch)
+        plain.update(batch)
+        if td3.updates % 2 == 0:
+            expected = 0.75 * expected + 0.25 * plain.actor_weights()["0.weight"]
+    assert torch.equal(td3.actor[0].weight, plain.actor[0].weight)  # learning itself is the same
+    np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
+    again, late = (TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=8) for _ in range(2))
+    again.load(*td3.state())
+    np.testing.assert_array_equal(again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"])
+    late.load(*plain.state())  # a run that had none so far
+    np.testing.assert_array_equal(late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"])
+
+
+def test_refuses_another_network_and_leaves_its_own():
+    td3, other = TD3(10, 2, TD3Options(net_arch=[32])), TD3(10, 2, TD3Options(net_arch=[64]))
+    before = td3.actor_weights()
+    with pytest.raises(ApplrError, match="actor.0.weight has the shape .*64.*--net-arch"):
+        td3.load(*other.state())
+    arrays, header = td3.state()
+    arrays["actor.0.bias"] = arrays["actor.0.bias"] * np.nan
+    with pytest.raises(ApplrError, match="NaN"):
+        td3.load(arrays, header)
+    for name, value in td3.actor_weights().items():
+        assert np.array_equal(value, before[name])
+    with pytest.raises(ApplrError, match="device"):
+        TD3(3, 1, device="gpu9")
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+def test_a_gpu_gives_the_same_weights():
+    rng = np.random.default_rng(0)
+    cpu, gpu = (TD3(40, 3, TD3Options(net_arch=[64, 64]), device=device) for device in ("cpu", "cuda"))
+    for _ in range(30):
+        batch = _batch(rng, 64, 40, 3)
+        cpu.update(batch)
+        gpu.update(Batch(**{k: v.cuda() for k, v in vars(batch).items()}))
+    for ours, theirs in zip(gpu.networks.parameters(), cpu.networks.parameters()):
+        torch.testing.assert_close(ours.cpu(), theirs, atol=2e-4, rtol=0)
+
+
+def test_pooled_scan_becomes_an_actor_that_takes_every_beam():
+    from applr_ros1.policy.actor import Actor
+
+    td3 = TD3(729, 8, TD3Options(net_arch=[32, 32], scan_pool=5, layer_norm=True), seed=3, scan=720)
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        td3.update(_batch(rng, 64, 729, 8))
+    observation = rng.uniform(-1, 1, (20, 729)).astype(np.float32)
+    actor = Actor(td3.actor_weights())
+    np.testing.assert_allclose(actor.action(observation), td3.action(observation), atol=1e-5)
+    arrays, header = td3.state()
+    other = TD3(729, 8, td3.options, seed=4, scan=720)
+    other.load(arrays, header)
+    np.testing.assert_array_equal(other.action(observation), td3.action(observation))
+    with pytest.raises(ApplrError, match="divisor"):
+        TD3(729, 8, TD3Options(scan_pool=7), scan=720)
+
+
+def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image():
+    from applr_ros1.policy.actor import Actor
+
+    td3 = TD3(729, 8, TD3Options(net_arch=[32, 16], scan_pool=5, symmetric=True), seed=3, scan=720)
+    observation = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
+    mirrored = np.concatenate((observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1)
+    before = [np.arctanh(td3.action(seen).astype(float)) for seen in (observation, mirrored)]
+    assert np.abs(before[0] - before[1]).max() > 0.01
+    actor = Actor(td3.actor_weights())
+    np.testing.assert_allclose(actor.action(observation), np.tanh((before[0] + before[1]) / 2), atol=1e-5)
+    np.testing.assert_allclose(actor.action(mirrored), actor.action(observation), atol=1e-6)
+    np.testing.assert_allclose(actor.action(observation[0]), actor.action(observation)[0], atol=1e-6)
+    with pytest.raises(ApplrError, match="no scan and angle to mirror"):
+        TD3(12, 3, TD3Options(symmetric=True))
+
+
+def test_a_policy_can_begin_at_a_set_and_learns_from_there():
+    observations = np.random.default_rng(0).uniform(-1, 1, (5, 10)).astype(np.float32)
+    td3 = TD3(10, 3, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
+    td3.begin_at([0.5, -0.25, 1.0])
+    np.testing.assert_allclose(td3.action(observations), np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
+    first = td3.action(observations)
+    for batch in [_batch(np.random.default_rng(i), 64, 10, 3) for i in range(10)]:
+        td3.update(batch)
+    assert (td3.action(observations) != first).all()
+    with pytest.raises(ApplrError, match="begin at 2 numbers: give 3"):
+        td3.begin_at([0.0, 0.0])

@@ -1,0 +1,73 @@
+"""The commands of worlds/: each does its work, and a user's mistake is one line and a non-zero exit status."""
+
+import subprocess
+import sys
+
+import pytest
+
+import worlds
+from tests.support import ROOT
+from worlds import sdf_writer
+
+
+def run(*arguments):
+    command = [sys.executable, "-m"] + [str(a) for a in arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("spec", ["generated:7", "physical_course"])
+def test_draw(tmp_path, spec):
+    done = run("worlds.draw", spec, tmp_path / "out.png")
+    assert done.returncode == 0
+    assert (tmp_path / "out.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("generated:999", "out.png"),
+        ("generated:7", "/nowhere/out.png"),
+        ("generated:7", "out.nonsense"),
+        ("generated:7", "/dev/full"),
+    ],
+)
+def test_draw_mistakes(arguments):
+    done = run("worlds.draw", *arguments)
+    assert done.returncode == 1
+    assert done.stderr.startswith("draw: ")
+    assert done.stderr.count("\n") == 1
+
+
+def test_draw_without_matplotlib(tmp_path):
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; sys.argv[1:] = ['generated:7', 'x.png'];"
+        "import worlds.draw as d; sys.exit(d.main())"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 1
+    assert "install python3-matplotlib" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_compare_prints_both_sides():
+    done = run("worlds.compare")
+    assert done.returncode == 0
+    assert done.stdout.count("built-in") == 6
+    assert done.stdout.count("BARN ") == 6
+
+
+def test_compare_with_a_folder_of_files(tmp_path):
+    for n in (0, 7, 100):
+        sdf_writer.write(worlds.load("generated:%d" % n), str(tmp_path / ("world_%d.world" % n)))
+    done = run("worlds.compare", tmp_path)
+    assert done.returncode == 0
+    assert done.stdout.count("BARN files") == 6
+    assert run("worlds.compare", tmp_path / "nowhere").returncode == 1
+
+
+def test_write(tmp_path):
+    assert run("worlds.sdf_writer", "generated:7", tmp_path / "w.world").returncode == 0
+    assert len(worlds.load(str(tmp_path / "w.world")).cylinders) == len(worlds.load("generated:7").cylinders)
+    done = run("worlds.sdf_writer", "generated:7", "/nowhere/w.world")
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1

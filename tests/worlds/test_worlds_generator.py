@@ -1,0 +1,266 @@
+"""The generator follows BARN's recipe, the built-in worlds are what it makes, and a robot can pass all of them."""
+
+import numpy as np
+import pytest
+
+import worlds
+from worlds import barn_grid, builtin, compare, generator, metrics, search
+
+
+def test_kinds_follow_barns_numbering():
+    assert [generator.kind(n) for n in (0, 24, 25, 50, 75, 150, 225, 299)] == [
+        (0.15, 2),
+        (0.15, 2),
+        (0.15, 3),
+        (0.15, 4),
+        (0.20, 2),
+        (0.25, 2),
+        (0.30, 2),
+        (0.30, 4),
+    ]
+
+
+def test_split():
+    assert len(builtin.TEST) == 50
+    assert len(builtin.TRAIN) == 250
+    assert sorted(builtin.TEST + builtin.TRAIN) == list(range(300))
+    assert builtin.TEST[:5] == (0, 8, 17, 19, 27)
+    assert builtin.TEST[-1] == 294
+
+
+@pytest.mark.parametrize("number", [0, 7, 60, 130, 190])
+def test_built_in_worlds_are_the_generators(number):
+    filled, path = generator.generate_field(number)
+    stored_filled, stored_path = builtin.fields()[number]
+    assert np.array_equal(filled, stored_filled)
+    assert np.array_equal(path, stored_path)
+
+
+def test_smoothing_by_hand():
+    filled = np.zeros((30, 30), dtype=bool)
+    filled[10:13, 10:13] = True
+    filled[11, 11] = False  # a ring: its middle has 8 neighbours and fills
+    filled[20, 20] = True  # alone: clears
+    smoothed = generator.smooth(filled)
+    assert smoothed[11, 11]
+    assert not smoothed[20, 20]
+    assert smoothed[10, 11]
+    assert smoothed[10, 10]
+    filled[:] = False
+    filled[[0, -1]] = True
+    assert np.array_equal(generator.smooth(filled)[0], filled[0])  # walls last: rows outside count as filled
+
+
+def test_hollow_leaves_out_enclosed_cells_only():
+    filled = np.zeros((30, 30), dtype=bool)
+    filled[5:10, 5:10] = True
+    hollow = generator.hollow(filled)
+    assert not hollow[6:9, 6:9].any()
+    assert hollow.sum() == 16
+
+
+def test_every_built_in_world_has_room_along_its_path():
+    for number, (_, path) in builtin.fields().items():
+        world = builtin.world(number)
+        distance = np.hypot(*(world.course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
+        assert (distance - world.cylinders[:, 2]).min() >= 0.375 - 1e-9, number
+        steps = np.diff(path, axis=0)
+        assert np.abs(steps).max() == 1
+        assert (np.abs(steps).sum(axis=1) > 0).all()
+        assert path[0, 1] == 0
+        assert path[-1, 1] == 29
+        turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))))
+        assert (turns <= np.pi / 4 + 1e-9).all()
+
+
+def test_course_is_the_papers():
+    course = worlds.load("generated:7").course
+    x, y = course.path[0]
+    assert course.start == (pytest.approx(x), 4.075, pytest.approx(np.pi / 2))
+    assert course.path[0, 1] == pytest.approx(5.175)
+    assert course.length_m == pytest.approx(5.925)
+    assert course.goal[0] == pytest.approx(course.path[-1, 0])
+    assert course.goal[1] == pytest.approx(9.525 + 5.0)
+    assert not course.done(x, 9.99)
+    assert course.done(x, 10.01)
+    assert course.route_m >= 5.925
+
+
+def test_cylinders_are_barns():
+    world = worlds.load("generated:7")
+    assert world.cylinders.shape[1] == 3
+    assert (world.cylinders[:, 2] == 0.075).all()
+    assert world.boxes.shape == (0, 5)
+    filled, _ = builtin.fields()[7]
+    assert len(world.cylinders) == filled.sum() + 30 + 2 * 33
+    assert np.array_equal(barn_grid.fill_of(world.cylinders), filled)
+    assert world.cylinders[:, 0].min() == pytest.approx(-4.425)
+    assert world.cylinders[:, 1].min() == pytest.approx(0.075)
+
+
+def test_fill_and_difficulty_agree_with_barns_figures():
+    ours = compare.measure([builtin.world(n) for n in range(300)])
+    low, middle, high = np.quantile(ours["fill"], (0.05, 0.5, 0.95))
+    assert [low, middle, high] == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
+    for name in metrics.NAMES:  # medians within what 300 worlds leave to chance
+        assert np.median(ours[name]) == pytest.approx(compare.BARN[name][0.50], rel=0.05), name
+
+
+def test_metrics_by_hand():
+    """A straight path in the middle of an empty field: rows 3 to 26 are free."""
+    filled = np.zeros((30, 30), dtype=bool)
+    filled[[0, -1]] = True
+    path = np.column_stack([np.full(30, 15), np.arange(30)])
+    m = metrics.grid_difficulty(filled, path)
+    assert m["closest_obstacle"] == 12.0
+    assert m["tortuosity"] == 1.0
+    assert m["dispersion"] == 0.0
+    # least free axis: the columns across (12 + 11 cells), but diagonals are shorter near the ends
+    assert 0.0 < m["dimension"] < 23.0
+    filled[13, 10] = True  # blocked cells at rows 11 to 15: the path's cells 8 to 12 lie in them
+    assert metrics.grid_difficulty(filled, path)["closest_obstacle"] < 12.0
+
+
+def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
+    free = np.ones((30, 30), dtype=bool)
+    free[[0, 1, 2, 27, 28, 29]] = False
+    path = search.barn_path(free, (3, 0), (3, 29))
+    assert tuple(path[0]) == (3, 0)
+    assert tuple(path[-1]) == (3, 29)
+    assert search.obstacle_penalty(free)[3, 5] == 5.0
+    assert search.obstacle_penalty(free)[4, 5] == 2.5
+    assert search.obstacle_penalty(free)[5, 5] == 0.0
+    free[:, 12] = False
+    assert search.barn_path(free, (3, 0), (3, 29)) is None
+    assert search.shortest_path(free, [(3, 0)], [(3, 29)]) is None
+
+
+def test_shortest_path_is_cheapest_by_brute_force():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        free = rng.random((7, 7)) > 0.25
+        free[3, 0] = free[3, 6] = True
+        path = search.shortest_path(free, [(3, 0)], [(3, 6)])
+        best = _cheapest(free, (3, 0), (3, 6))
+        assert (path is None) == (best is None)
+        if path is not None:
+            assert _cost(free, path) == pytest.approx(best)
+
+
+def _cost(free, path):
+    extra = search.obstacle_penalty(free)
+    return sum(np.hypot(*(b - a)) + extra[tuple(b)] for a, b in zip(path[:-1], path[1:]))
+
+
+def _cheapest(free, start, goal):
+    """Bellman-Ford over (cell, heading), by relaxation until nothing changes."""
+    extra, cost = search.obstacle_penalty(free), {(start, -1): 0.0}
+    while True:
+        changed = False
+        for (cell, heading), spent in list(cost.items()):
+            for turn, move in enumerate(search.MOVES):
+                new = (cell[0] + move[0], cell[1] + move[1])
+                if heading >= 0 and min((turn - heading) % 8, (heading - turn) % 8) > 1:
+                    continue
+                if not (0 <= new[0] < 7 and 0 <= new[1] < 7 and free[new]):
+                    continue
+                if not (free[new[0], cell[1]] or free[cell[0], new[1]]):
+                    continue
+                value = spent + np.hypot(*move) + extra[new]
+                if value < cost.get((new, turn), np.inf) - 1e-12:
+                    cost[new, turn], changed = value, True
+        if not changed:
+            ends = [v for (cell, _), v in cost.items() if cell == goal]
+            return min(ends) if ends else None
+
+
+def test_physical_course_is_open_long_and_passable():
+    world = worlds.load("physical_course")
+    assert len(world.boxes) > 30
+    assert len(world.cylinders) == 0
+    assert 20.0 < world.course.route_m < 25.0
+    assert world.course.length_m == pytest.approx(18.0)
+    assert np.allclose(world.boxes, worlds.load("physical_course").boxes)
+
+
+def test_load_all():
+    assert [w.name for w in worlds.load_all("generated:test")][:3] == ["generated:0", "generated:8", "generated:17"]
+    assert len(worlds.load_all("generated:train")) == 250
+    assert [w.name for w in worlds.load_all("physical_course")] == ["physical_course"]
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "generated:300",
+        "generated:-1",
+        "generated:x",
+        "generated:",
+        "nothing",
+        "",
+        "generated:²",
+        "generated:99999999999999999999",
+    ],
+)
+def test_unknown_world_is_one_line(spec):
+    with pytest.raises(worlds.WorldError) as error:
+        worlds.load(spec)
+    assert "\n" not in str(error.value)
+    assert "generated:N" in str(error.value)
+
+
+def test_one_world_needed():
+    with pytest.raises(worlds.WorldError, match="50 worlds where one is needed"):
+        worlds.load("generated:test")
+
+
+def test_mover_passes_its_waypoints_and_begins_anew():
+    mover = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (2.0, 1.0, 0.0), (4.0, 1.0, 3.0)))
+    assert mover.position(0.0) == (0.0, 0.0)
+    assert mover.position(2.0) == (1.0, 0.0)
+    assert mover.position(5.0) == mover.position(1.0)
+    assert mover.position(400.0) == (0.0, 0.0)
+    near_end = mover.position(3.999999)
+    assert near_end[0] == pytest.approx(1.0, abs=1e-4)
+    assert near_end[1] == pytest.approx(3.0, abs=1e-4)
+
+
+def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
+    made = worlds.load_all("fresh:5-7")
+    assert [w.name for w in made] == worlds.specs("fresh:5-7") == ["fresh:5", "fresh:6", "fresh:7"]
+    again = worlds.load("fresh:6")
+    np.testing.assert_array_equal(made[1].cylinders, again.cylinders)
+    np.testing.assert_array_equal(made[1].course.path, again.course.path)
+    built_in = {w.cylinders.tobytes() for w in worlds.load_all("generated:test") + worlds.load_all("generated:train")}
+    assert not built_in & {w.cylinders.tobytes() for w in worlds.load_all("fresh:0-39")}
+    for text in ("fresh:", "fresh:7-5", "fresh:0-10000", "fresh:-1", "fresh:1e3"):
+        with pytest.raises(worlds.WorldError, match="give fresh:N or fresh:N-M"):
+            worlds.specs(text)
+    with pytest.raises(worlds.WorldError, match="names 3 worlds"):
+        worlds.load("fresh:5-7")
+
+
+def test_validation_worlds_are_training_worlds_that_learning_leaves_out():
+    names = {split: {w.name for w in worlds.load_all("generated:" + split)} for split in builtin.SPLITS}
+    assert names["validation"] | names["learn"] == names["train"]
+    assert not names["validation"] & names["learn"]
+    assert not names["train"] & names["test"]
+    assert len(names["validation"]) == 31
+
+
+def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
+    from worlds import loading
+
+    made = []
+    generate = generator.generate
+    monkeypatch.setattr(loading.generator, "generate", lambda number: made.append(number) or generate(number))
+    some = worlds.Worlds("generated:3, fresh:0-9999")
+    assert len(some) == 10_001
+    assert made == []
+    assert some[0].name == "generated:3"
+    assert some[5].name == "fresh:4"
+    assert some.named("fresh:4") is some[5]
+    assert len(made) == 1
+    assert some.named("fresh:10000") is None
+    with pytest.raises(IndexError):
+        some[10_001]

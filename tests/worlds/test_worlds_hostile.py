@@ -1,0 +1,154 @@
+"""World files that are missing, malformed, hostile or without a passage: one line each, in bounded time and memory."""
+
+import contextlib
+import os
+import pickle
+import time
+
+import numpy as np
+import pytest
+
+import worlds
+from applr_ros1.common.errors import ApplrError
+from tests.support.worlds_sdf import as_barn, cylinder, put, sdf
+from worlds import builtin, sdf_writer
+
+EXTERNAL = (
+    "<!DOCTYPE sdf [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><sdf><world name='w'><model name='&x;'/></world></sdf>"
+)
+
+
+def refused(path, *words):
+    started = time.process_time()
+    with pytest.raises(ApplrError) as error:
+        worlds.load(str(path))
+    assert time.process_time() - started < 5.0
+    line = str(error.value)
+    assert "\n" not in line
+    assert len(line) < 600
+    for word in words:
+        assert word in line, line
+    return line
+
+
+@pytest.mark.fault("22")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ["not well-formed"]),
+        ("<html></html>", ["no <world>"]),
+        (EXTERNAL, ["DOCTYPE"]),
+        (sdf(""), ["no obstacle"]),
+        (sdf(cylinder(float("nan"), 0)), ["unit_cylinder_0", "nan", "finite"]),
+        (sdf(cylinder(0, 0, radius=-1)), ["radius", "above 0"]),
+        (sdf(cylinder(0, 0, radius="wide")), ["radius", "wide", "1 number"]),
+        (sdf(cylinder(0, 0).replace("0.000000</pose>", "</pose>")), ["pose", "6 numbers"]),
+        (sdf(cylinder(0, 0).replace("<cylinder>", "<mesh><uri>x</uri></mesh><cylinder>")), ["mesh", "replace"]),
+        (sdf("<include><uri>model://house</uri></include>"), ["model://house", "inline"]),
+        (sdf("<population name='p'/>"), ["population"]),
+        (sdf(cylinder(0, 0).replace("frame=''", "relative_to='elsewhere'")), ["elsewhere"]),
+        (sdf(cylinder(0, 0) + cylinder(900, 900)), ["too large"]),
+        ("<?xml version='1.0' encoding='klingon'?><sdf/>", []),
+    ],
+)
+def test_bad_files(tmp_path, text, words):
+    refused(put(tmp_path, text, "w.world"), *words)
+
+
+def test_missing_folder_and_device(tmp_path):
+    refused(tmp_path / "missing.world", "missing.world", "give an existing file")
+    (tmp_path / "folder.world").mkdir()
+    refused(tmp_path / "folder.world", "a folder, pipe or device")
+    os.mkfifo(str(tmp_path / "pipe.world"))
+    refused(tmp_path / "pipe.world", "a folder, pipe or device")
+    refused("x\0y.world", "cannot be read")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ApplrError, match="0 .world files"):
+        worlds.load_all(str(tmp_path / "empty"))
+
+
+@pytest.mark.fault("22")
+def test_a_hundred_thousand_cylinders(tmp_path):
+    refused(put(tmp_path, sdf("".join(cylinder(n, 0) for n in range(100_000))), "w.world"), "bytes")
+    collision = (
+        "<collision name='c'><geometry><cylinder><radius>.1</radius><length>1</length></cylinder></geometry>"
+        "</collision>"
+    )
+    refused(put(tmp_path, sdf("<model name='m'><link name='l'>%s</link></model>" % (collision * 100_000)), "w.world"))
+    few = sdf("<model name='m'><link name='l'>%s</link></model>" % (collision * 20_000))
+    refused(put(tmp_path, few, "w.world"), "10000 obstacles")
+
+
+def test_sealed_worlds_have_no_passage(tmp_path):
+    world = worlds.load("generated:7")
+    _, path = builtin.fields()[7]
+    row = "".join(cylinder(-4.425 + 0.15 * r, 7.425, name="seal_%d" % r) for r in range(30))
+    sealed = as_barn(world).replace("</world>", row + "</world>")
+    refused(put(tmp_path, sealed), "no passage")
+    refused(put(tmp_path, sealed, cells=path), "no passage")
+    wall = (
+        "<model name='w'><pose>0 2 .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+        "<size>8 .3 1</size></box></geometry></collision></link></model>"
+    )
+    refused(put(tmp_path, sdf(wall), "wall.world"), "no passage")
+
+
+class Evil:
+    def __reduce__(self):
+        return os.system, ("touch evil-was-here",)
+
+
+@pytest.mark.parametrize(
+    ("cells", "words"),
+    [
+        (np.array([Evil(), Evil()], dtype=object), ["Object arrays"]),
+        (np.array([[1.0, 2.0], [3.0, 4.0]]), ["float64"]),
+        (np.zeros((3, 3), dtype=int), ["shape"]),
+        (np.array([[5, 0], [5, 40]]), ["outside"]),
+        (np.array([[5, 0], [9, 9]]), ["not neighbours"]),
+    ],
+)
+def test_bad_path_files(tmp_path, monkeypatch, cells, words):
+    monkeypatch.chdir(tmp_path)
+    refused(put(tmp_path, as_barn(worlds.load("generated:7")), cells=cells), "path_7.npy", *words)
+    assert not os.path.exists("evil-was-here")
+
+
+def npy(header, body=b""):
+    header = header.ljust(117).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + body
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"x" * (2**20 + 1),
+        pickle.dumps(Evil()),
+        npy("{'descr': __import__('os')}"),
+        npy("{'descr': '<i8', 'fortran_order': False, 'shape': (9000, 2), }", b"\0" * 16),
+        npy("{'descr': '<i8', 'fortran_order': False, 'shape': (99999999999999, 2), }"),
+    ],
+)
+def test_malformed_path_files(tmp_path, content):
+    path = put(tmp_path, as_barn(worlds.load("generated:7")), cells=np.zeros((2, 2), dtype=int))
+    (tmp_path / "path_files" / "path_7.npy").write_bytes(content)
+    refused(path, "path_7.npy")
+
+
+def test_bad_course_in_the_file(tmp_path):
+    text = sdf_writer.text(worlds.load("generated:7"))
+    for old, new, word in (
+        ("<applr:start>", "<applr:start>nan ", "start"),
+        ("<applr:goal>", "<applr:goal>x ", "goal"),
+        ("<applr:path>", "<applr:path>1 ", "path"),
+    ):
+        refused(put(tmp_path, text.replace(old, new), "w.world"), word)
+
+
+def test_heavy_but_lawful_world_stays_within_time(tmp_path):
+    big = "".join(cylinder(20.0 * np.cos(n), 20.0 * np.sin(n), radius=4.0, name="c%d" % n) for n in range(3000))
+    started = time.monotonic()
+    with contextlib.suppress(worlds.WorldError):
+        worlds.load(put(tmp_path, sdf(big), "w.world"))
+    assert time.monotonic() - started < 10.0

@@ -1,0 +1,252 @@
+"""Gazebo worlds are read as Gazebo would place them, and what we write reads back the same."""
+
+import math
+
+import numpy as np
+import pytest
+
+import worlds
+from tests.support.worlds_sdf import as_barn, cylinder, moving, put, sdf
+from worlds import builtin, sdf_writer
+
+
+def test_barn_file_with_its_path_file(tmp_path):
+    world = worlds.load("generated:7")
+    _, path = builtin.fields()[7]
+    read = worlds.load(put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path])))  # first point doubled
+    assert read.name == "world_7"
+    assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
+    assert read.course.start == world.course.start
+    assert read.course.goal == world.course.goal
+    assert np.array_equal(read.course.path, world.course.path)
+
+
+def test_barn_file_without_path_file_gets_a_course_of_its_own(tmp_path):
+    world = worlds.load("generated:130")
+    course = worlds.load(put(tmp_path, as_barn(world))).course
+    assert course.length_m == pytest.approx(5.925)
+    assert course.finish_y == 10.0
+    distance = np.hypot(*(course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
+    assert distance.min() - 0.075 >= 0.375 - 1e-9
+
+
+def test_poses_of_model_link_and_collision_are_composed(tmp_path):
+    body = """<model name='m'><pose>1 2 0 0 0 1.5707963267948966</pose><link name='l'><pose>1 0 0.5 0 0 0</pose>
+        <collision name='c'><pose>0 1 0 0 0 0.5</pose><geometry><box><size>2 1 1</size></box></geometry></collision>
+        <visual name='v'><geometry><mesh><uri>model://x.dae</uri></mesh></geometry></visual></link></model>"""
+    world = worlds.load(put(tmp_path, sdf(body), "w.world"))
+    # model turns by 90 degrees: link at (1, 3), collision one to its left: (0, 3)
+    assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
+
+
+def test_nested_models(tmp_path):
+    body = "<model name='outer'><pose>1 0 0 0 0 0</pose>%s</model>" % cylinder(2.0, 3.0, name="inner")
+    assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders, [[3.0, 3.0, 0.075]])
+
+
+def test_saved_state_overrides_poses_as_in_gazebo(tmp_path):
+    body = (
+        cylinder(1, 1, name="a")
+        + cylinder(2, 2, name="b")
+        + cylinder(3, 3, name="c")
+        + """
+        <state world_name='default'>
+          <model name='a'><pose>5 5 0 0 0 0</pose></model>
+          <model name='b'><pose>9 9 0 0 0 0</pose><link name='link'><pose>6 6 0 0 0 0</pose></link></model>
+          <model name='c'><pose>3 3 0 0 0 0</pose><scale>2 2 1</scale></model>
+          <insertions>%s</insertions>
+        </state>"""
+        % cylinder(8, 8, name="d")
+    )
+    found = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
+    assert np.allclose(sorted(map(tuple, found)), [(3, 3, 0.15), (5, 5, 0.075), (6, 6, 0.075), (8, 8, 0.075)])
+
+
+def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
+    def model(name, pose, shape):
+        return (
+            "<model name='%s'><pose>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry></collision>"
+            "</link></model>" % (name, pose, shape)
+        )
+
+    roller = "<cylinder><radius>0.2</radius><length>2</length></cylinder>"
+    body = (
+        model("lying", "0 0 0.2 1.5707963267948966 0 0", roller)
+        + model("bridge", "0 5 3 0 0 0", "<box><size>4 1 0.2</size></box>")
+        + model("ball", "3 3 0.3 0 0 0", "<sphere><radius>0.3</radius></sphere>")
+        + model("on its side", "6 0 0.5 0 1.5707963267948966 0", "<box><size>1 2 0.5</size></box>")
+    )
+    world = worlds.load(put(tmp_path, sdf(body), "w.world"))
+    assert np.allclose(world.cylinders, [[3, 3, 0.3]])
+    assert len(world.boxes) == 2
+    lying, side = world.boxes
+    assert sorted(lying[3:]) == pytest.approx([0.4, 2.0])
+    assert abs(math.sin(lying[2])) * lying[3] == pytest.approx(2.0)
+    assert sorted(side[3:]) == pytest.approx([0.5, 2.0])
+
+
+def test_degrees_and_the_empty_pose(tmp_path):
+    body = (
+        "<model name='m'><pose/><link name='l'><collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
+        "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
+    )
+    assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]])
+
+
+def test_search_finds_the_gap_in_any_world(tmp_path):
+    wall = "".join(
+        "<model name='w%d'><pose>%f 2 0.5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
+        "<size>%f 0.3 1</size></box></geometry></collision></link></model>" % (n, x, size)
+        for n, (x, size) in enumerate([(-2.5, 5.0), (4.5, 7.0)])
+    )  # gap from x = 0 to 1
+    course = worlds.load(put(tmp_path, sdf(wall), "w.world")).course
+    at_wall = course.path[np.argmin(np.abs(course.path[:, 1] - 2.0))]
+    assert 0.3 <= at_wall[0] <= 0.7
+    assert course.start[1] < 1.85
+    assert course.goal[1] > 2.15
+    assert course.finish_y is None
+
+
+@pytest.mark.parametrize("spec", ["generated:7", "physical_course"])
+def test_written_and_read_back_is_the_same_world(tmp_path, spec):
+    world = worlds.load(spec)
+    path = str(tmp_path / "copy.world")
+    sdf_writer.write(world, path)
+    assert _same(world, worlds.load(path))
+
+
+def test_movers_are_written_and_read(tmp_path):
+    base = worlds.load("generated:0")
+    mover = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
+    world = worlds.World("m", base.cylinders, base.boxes, base.course, (mover,))
+    path = str(tmp_path / "copy.world")
+    sdf_writer.write(world, path)
+    assert worlds.load(path).movers == (mover,)
+
+
+def _same(a, b):
+    assert np.array_equal(a.cylinders, b.cylinders)
+    assert np.allclose(a.boxes, b.boxes, rtol=0, atol=1e-12)
+    assert a.movers == b.movers
+    assert np.array_equal(a.course.path, b.course.path)
+    assert (a.course.start, a.course.goal, a.course.finish_y, a.course.goal_tolerance) == (
+        b.course.start,
+        b.course.goal,
+        b.course.finish_y,
+        b.course.goal_tolerance,
+    )
+    return True
+
+
+def test_dynabarns_room_with_its_cylinder_and_its_wall(tmp_path):
+    rows = "".join("obs_3,9,1,%s\n" % row for row in ("0,-10,1", "4.5,0,2", "9,10,3"))
+    (tmp_path / "movers.csv").write_text("plugin,length,repeat,time,x,y\n" + rows)
+    wall = (
+        "<model name='back_wall'><pose frame=>-10 0 .5 0 0 0</pose><link name='l'><collision name='c'><geometry>"
+        "<box><size>.5 20 1</size></box></geometry></collision></link></model>"
+    )  # sic: DynaBARN's attribute
+    world = worlds.load(put(tmp_path, sdf(moving("obs_3", -0.225, 0.075) + wall), "world_1.world"))
+    assert len(world.cylinders) == 0
+    assert world.boxes.shape == (1, 5)
+    assert world.movers[0].radius == 0.5
+    assert world.movers[0].waypoints == ((0, -10, 1), (4.5, 0, 2), (9, 10, 3))
+    assert world.course.start == (11.0, 0.0, math.pi)
+    assert world.course.goal[:2] == (-9.0, 0.0)
+
+
+def test_folder_in_the_order_of_numbers(tmp_path):
+    for number in (10, 9, 2):
+        put(tmp_path, as_barn(worlds.load("generated:%d" % number)), "world_%d.world" % number)
+    assert [w.name for w in worlds.load_all(str(tmp_path))] == ["world_2", "world_9", "world_10"]
+
+
+def collided(pose, state=""):
+    """One box of 2 x 1 m whose collision has this pose element, in a link ahead of its turned model."""
+    return sdf(
+        "<model name='m'><pose>1 2 0 0 0 1.5707963267948966</pose><link name='l'><pose>1 0 0.5 0 0 0.3</pose>"
+        "<collision name='c'>%s<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>%s"
+        % (pose, state)
+    )
+
+
+@pytest.mark.parametrize("word", ["relative_to", "frame"])
+def test_a_collision_may_be_placed_in_its_models_frame(tmp_path, word):
+    pose = "<pose %s='__model__'>0 1 0.5 0 0 0.5</pose>" % word
+    world = worlds.load(put(tmp_path, collided(pose), "w.world"))
+    assert np.allclose(world.boxes, [[0.0, 2.0, math.pi / 2 + 0.5, 2.0, 1.0]])  # to the model's left
+    state = (
+        "<state world_name='default'><model name='m'><link name='l'><pose>1 3 0.5 0 0 %r</pose></link></model></state>"
+    )
+    kept = worlds.load(put(tmp_path, collided(pose, state % (math.pi / 2 + 0.3)), "w.world"))
+    assert np.allclose(kept.boxes, world.boxes)  # the link is where it was
+
+
+def posed(frame, x, y, yaw=0.0):
+    return "<pose%s>%f %f 0 0 0 %f</pose>" % (" relative_to='%s'" % frame if frame else "", x, y, yaw)
+
+
+def named(tag, name, pose, inside="", **attributes):
+    more = "".join(" %s='%s'" % attribute for attribute in attributes.items())
+    return "<%s name='%s'%s>%s%s</%s>" % (tag, name, more, pose, inside, tag)
+
+
+SHAPE = "<geometry><sphere><radius>0.3</radius></sphere></geometry>"
+DISC = named("collision", "c", "", SHAPE)
+TURN = math.pi / 2
+
+
+@pytest.mark.parametrize("frame", ["world", "", "__model__"])
+def test_the_world_is_a_frame_that_every_pose_may_name(tmp_path, frame):
+    """In nested models, too. Without a name, and with __model__, a pose is relative to the model around it."""
+    link = named("link", "l", posed(frame, 1, 1), DISC)
+    outer = named("model", "outer", posed("world", 5, 0, TURN), named("model", "inner", posed(frame, 2, 3), link))
+    (disc,) = worlds.load(put(tmp_path, sdf(outer), "w.world")).cylinders
+    assert np.allclose(disc, [1, 1, 0.3] if frame == "world" else [5 - 3 - 1, 2 + 1, 0.3])
+
+
+def test_poses_relative_to_models_links_joints_and_frames(tmp_path):
+    """Whatever is named may stand behind what names it, and be relative to something else in turn."""
+    inside = (
+        named("link", "first", posed("hinge", 0, 1), DISC)
+        + named("joint", "hinge", posed("", 1, 0), "<parent>world</parent><child>second</child>")
+        + named("link", "second", posed("plate", 0, 0, TURN), named("collision", "c", posed("first", 1, 0), SHAPE))
+        + named("frame", "plate", posed("", 0, 2), attached_to="corner")
+        + named("frame", "corner", posed("__model__", 1, 0))
+    )
+    body = (
+        named("model", "b", posed("a", 0, 5), named("link", "l", "", DISC))
+        + named("frame", "gate", posed("world", -2, 0, TURN))
+        + named("model", "a", posed("gate", 3, 0), inside)
+    )
+    found = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
+    # a: (-2, 3), turned left by the gate. In it second: (1, 2), turned; hinge: (1, 3); first: (0, 3); c: (0, 4)
+    assert np.allclose(found, [[-2 - 5, 3, 0.3], [-2 - 3, 3, 0.3], [-2 - 4, 3, 0.3]])
+    state = named("model", "a", "<pose>7 7 0 0 0 0</pose>")
+    moved = worlds.load(put(tmp_path, sdf(body + "<state world_name='default'>%s</state>" % state), "w.world"))
+    assert np.allclose(moved.cylinders[1:, :2], [[7, 10], [7, 11]])  # a alone has moved
+    assert np.allclose(moved.cylinders[0], found[0])
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (named("model", "a", posed("b", 1, 0)) + named("model", "b", posed("a", 1, 0)), "'b', which is relative to"),
+        (named("model", "a", posed("b::c", 1, 0)), "model 'a' in .* is relative to 'b::c', but the world in .* has no"),
+        (named("model", "a", "", named("link", "l", posed("b", 1, 0))), "link 'l' of model 'a' .* but model 'a' .* no"),
+        (named("model", "b", posed("a", 1, 0)) + 2 * named("model", "a", ""), "'b' .* has more than one frame"),
+        (named("model", "a", "", placement_frame="l"), "model 'a' in .* has a placement_frame, which is not read"),
+        ("<state>%s</state>" % named("model", "a", posed("b", 1, 0)), "what a <state> saves is relative to the world"),
+    ],
+)
+def test_a_frame_that_cannot_be_had_is_one_line(tmp_path, body, words):
+    with pytest.raises(worlds.WorldError, match=words) as no:
+        worlds.load(put(tmp_path, sdf(body), "w.world"))
+    assert "\n" not in str(no.value)
+
+
+@pytest.mark.parametrize("scale", ["0 0 0", "1 -1 1", "-2 -2 -2", "1 1", "nan 1 1"])
+def test_a_scale_that_cannot_be_is_one_line(tmp_path, scale):
+    state = "<state world_name='default'><model name='m'><scale>%s</scale></model></state>" % scale
+    with pytest.raises(worlds.WorldError, match="scale, state of model 'm' in .*w.world is ") as no:
+        worlds.load(put(tmp_path, collided("", state), "w.world"))
+    assert "\n" not in str(no.value)

@@ -1,0 +1,99 @@
+"""What an actor does in an environment: training episodes with exploration noise, and trials in one that is not ours.
+
+Workers make these runners (training/actors/worker.py); learner/prepare.py names them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Optional
+
+import gymnasium
+import numpy as np
+
+from training.actors.tasks import POLICY, Answer, Collect, Trial, TrialResult
+from training.actors.worker import PolicyWeights
+from training.env.rollout import make_environment, roll_out
+from training.replay.trajectory import Layout, Trajectory
+
+TRAINING = 0  # first number of the seeds of training episodes
+
+
+class Collector:
+    """Runner of Collect tasks: an episode each, as a packed trajectory.
+
+    Args:
+        env: "module:Class" of the environment.
+        options: its keyword arguments.
+    """
+
+    def __init__(self, env: str, options: Dict[str, Any]):
+        self.env = make_environment(env, options)
+        self.layout = layout_of(self.env)
+
+    def run(self, task: Collect, policy: Optional[PolicyWeights]) -> Answer:
+        """Drives the episode; all of its randomness comes from the task's seed, actor and episode."""
+        rng = np.random.default_rng([TRAINING, task.seed, *task.actor.encode(), task.episode])
+        size = self.layout.action
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            if policy is None or task.random:
+                return rng.uniform(-1.0, 1.0, size).astype(np.float32)
+            noise = rng.standard_normal(size, dtype=np.float32) * np.float32(task.sigma)
+            return np.clip(policy(observation) + noise, -1.0, 1.0)
+
+        options = None if task.world is None else {"world": task.world}
+        episode = roll_out(self.env, act, int(rng.integers(2**31)), options)
+        info: Dict[str, Any] = {"return": float(sum(episode.rewards)), "length": len(episode.rewards)}
+        for name in ("world", "success", "collided", "timeout", "aborted", "flipped", "time_s"):
+            if name in episode.info:
+                value = episode.info[name]
+                info[name] = value.item() if isinstance(value, np.generic) else value
+        if episode.terms:
+            info["terms"] = episode.terms
+        info.update(actor=task.actor, episode=task.episode, version=task.version, sigma=task.sigma)
+        trajectory = Trajectory.of(
+            self.layout, episode.observations, episode.actions, episode.rewards, episode.terminated, info
+        )
+        return Answer(task, data=trajectory.pack())
+
+
+class EnvironmentTrials:
+    """Runner of Trial tasks in an environment that is not ours, which may know nothing of courses and times.
+
+    The default action is its space's theta0 where it has that, as ApplrEnv has, else zero.
+    """
+
+    def __init__(self, env: str, options: Dict[str, Any]):
+        self.env = make_environment(env, options)
+        space = getattr(self.env.unwrapped, "space", None)
+        default = np.zeros(layout_of(self.env).action) if space is None else space.to_action(space.theta0)
+        self.default = np.asarray(default, np.float32)
+
+    def run(self, task: Trial, policy: Optional[PolicyWeights]) -> Answer:
+        """Drives one episode of the policy, or of the default action where the task names another method."""
+        act = policy if policy is not None and task.method_spec == POLICY else lambda _: self.default
+        episode = roll_out(self.env, act, task.seed)
+        result = TrialResult(
+            success=bool(episode.info.get("success", False)),
+            collided=bool(episode.info.get("collided", False)),
+            timeout=bool(episode.info.get("timeout", False)),
+            time_s=float(episode.info.get("time_s", float("nan"))),
+            decisions=len(episode.rewards),
+            total_reward=float(sum(episode.rewards)),
+        )
+        return Answer(task, result=result)
+
+
+def layout_of(env: gymnasium.Env) -> Layout:
+    """How an environment's observations are stored: its `scan_beams` first numbers as a scan, if it has that.
+
+    Raises:
+        ValueError: for observations or actions that are no vectors.
+    """
+    env = env.unwrapped
+    shapes = env.observation_space.shape, env.action_space.shape
+    if any(shape is None or len(shape) != 1 for shape in shapes):
+        raise ValueError("observations and actions must be vectors, these have the shapes %s and %s" % shapes)
+    (observation,), (action,) = shapes  # type: ignore[misc]
+    beams = getattr(env, "scan_beams", 0)
+    return Layout(beams, observation - beams, action)

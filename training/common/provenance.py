@@ -1,0 +1,94 @@
+"""Where results come from: date, commit, versions, processor, command. Evaluations and training runs write it down."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from datetime import datetime, timezone
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Dict, List
+
+ROOT = str(Path(__file__).resolve().parents[2])  # the checkout, also through a catkin workspace
+PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # whose versions can change a result
+
+
+def provenance(seed: int) -> Dict[str, Any]:
+    """What has to be known to make the same results again, as JSON values.
+
+    Args:
+        seed: from which all random numbers follow.
+
+    Returns:
+        {"date" (UTC), "commit", "versions" {name: version}, "cpu", "cores", "seed", "command"}.
+    """
+    return {
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "commit": commit(),
+        "versions": {"python": platform.python_version(), **versions()},
+        "cpu": cpu(),
+        "cores": os.cpu_count(),
+        "seed": seed,
+        "command": shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]),
+    }
+
+
+def commit() -> str:
+    """The commit of this package, "... and changes" where files differ from it; "unknown" outside of its checkout."""
+    try:
+        top = _git("rev-parse", "--show-toplevel")
+        if os.path.realpath(top) != os.path.realpath(ROOT):
+            return "unknown"
+        return _git("rev-parse", "HEAD") + (" and changes" if _git("status", "--porcelain", "-uno") else "")
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+
+
+def _git(*arguments: str) -> str:
+    done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True, timeout=10, check=True)
+    return done.stdout.strip()
+
+
+def versions() -> Dict[str, str]:
+    """Versions of the installed ones among PACKAGES."""
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def cpu() -> str:
+    """The processor's name, as far as the system tells."""
+    try:
+        with open("/proc/cpuinfo") as file:
+            names = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
+    except OSError:
+        names = []
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
+    """One sentence for each session of an evaluation, for people to read."""
+    return [
+        "Driven on %s with commit %s on %s (%s cores); %s. Command: %s"
+        % (
+            session.get("date", "?"),
+            session.get("commit", "?"),
+            session.get("cpu", "?"),
+            session.get("cores", "?"),
+            ", ".join("%s %s" % item for item in session.get("versions", {}).items()),
+            session.get("command", "?"),
+        )
+        for session in sessions
+    ]
+
+
+def without_folders(option: str) -> str:
+    """A text option, such as a list of worlds separated by commas, whose paths have only their last names."""
+    return ",".join(Path(part).name for part in option.split(","))

@@ -1,0 +1,183 @@
+"""The paper's meta-environment for Gymnasium: id "applr_ros1/Navigation-v0". Actors train in it; any RL library can.
+
+State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's parameters, (8,) for the
+Jackal. One step is one decision period (2 s of simulated time in the paper: 40 cycles of the very MoveBase that the ROS
+node runs). Course, limit and ends are those of episode.py.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Optional, Union
+
+import gymnasium
+import numpy as np
+
+import sim_bridge
+import worlds as worlds_package
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.variant import OURS
+from applr_ros1.policy.decision import PERIOD
+from applr_ros1.robots import JACKAL, Robot, load
+from training.common.options import checked
+from training.env.episode import Episode, counting_cells, laser_pose
+from training.env.reward import Reward, failed
+from worlds.top_view import top_view
+
+ID = "applr_ros1/Navigation-v0"  # registered below
+
+
+class ApplrEnv(gymnasium.Env):
+    """The learning problem as a Gymnasium environment; a step is one decision period.
+
+    Args:
+        worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
+            commas between them).
+        simulator: "kinematic", "pybullet", or a Simulator.
+        reward: a Reward, or a dict of its fields.
+        randomisation: what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise,
+            latency, friction, slip (sim_bridge.Randomisation).
+        limit: decisions until the episode is truncated; None: as many as fit into 100 s.
+        period: decision period [s]; the paper's is 2 s.
+        params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
+        planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
+        robot: the robot that drives, or its name or folder; worlds are at its scale.
+        planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
+        end_on_collision: a collision ends the episode, terminated, as a failure.
+        monitor: the collision monitor stands between the planner and the base.
+        record: keep the driven path in .episode.trace.
+        render_mode: "rgb_array", in which render() returns a picture from above, or None.
+
+    Raises:
+        ApplrError: of one line, for what cannot be.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 4}
+
+    def __init__(
+        self,
+        worlds="generated:train",
+        simulator="kinematic",
+        reward=None,
+        randomisation=None,
+        limit: Optional[int] = None,
+        period: float = PERIOD,
+        end_on_collision: bool = False,
+        params: Optional[Dict[str, Any]] = None,
+        planner: str = OURS,
+        planner_frequency: Optional[float] = None,
+        record: bool = False,
+        render_mode: Optional[str] = None,
+        robot: Union[Robot, str] = JACKAL,
+        monitor: bool = False,
+    ):
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
+        robot = load(robot) if isinstance(robot, str) else robot
+        self.worlds = load_worlds(worlds)
+        self.render_mode = render_mode
+        if isinstance(simulator, str):
+            simulator = sim_bridge.make(simulator, robot=robot, **(randomisation or {}))
+        self.reward = reward if isinstance(reward, Reward) else checked(Reward, reward or {}, "reward")
+        params = counting_cells(robot.parameters() if params is None else params)
+        if planner_frequency is not None:
+            params = dict(params, planner_frequency=float(planner_frequency))
+        move_base = MoveBase(params, planner=planner)
+        self.episode = Episode(
+            simulator,
+            move_base,
+            robot,
+            limit=limit,
+            period=period,
+            end_on_collision=end_on_collision,
+            record=record or render_mode is not None,
+            monitor=monitor,
+        )
+        self.space = self.episode.space
+        self.scan_beams = self.episode.layout.beams  # first numbers of an observation; the replay stores them coarser
+        size = self.scan_beams + 1 + len(self.space)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.space),), np.float32)
+
+    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
+        """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
+        super().reset(seed=seed)
+        options = options or {}
+        world = self._world(options.get("world"))
+        draw = int(self.np_random.integers(2**31))
+        world = worlds_package.scaled(world, self.episode.robot.world_scale)
+        outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
+        return self.episode.observation(), self._info(outcome)
+
+    def step(self, action):
+        """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
+        if self.episode.outcome is None:
+            raise gymnasium.error.ResetNeeded("call reset() before step()")
+        before = self.space.to_action(self.episode.outcome.theta)
+        outcome = self.episode.decide(self.space.to_theta(action))
+        change = float(np.abs(self.space.to_action(outcome.theta) - before).mean())
+        reward, terms = self.reward(outcome, change, self.episode.limit, self.episode.period)
+        terminated = outcome.success or failed(outcome)
+        truncated = outcome.over and not terminated
+        info = self._info(outcome)
+        info["reward"] = terms
+        return self.episode.observation(), float(reward), terminated, truncated, info
+
+    def render(self):
+        """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() draws nothing without render_mode: give make() render_mode='rgb_array'")
+            return None
+        episode, state = self.episode, self.episode.simulator.state
+        if episode.outcome is None:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        layout, ranges = episode.layout, episode.outcome.ranges
+        (x, y, _), yaw = laser_pose(state.pose, episode.robot.laser), state.pose[2]
+        angles = yaw + np.linspace(layout.angle_min, layout.angle_max, layout.beams)
+        near = np.isfinite(ranges) & (ranges <= layout.range_cap)  # what the policy sees
+        points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])[near]
+        length, width, _ = episode.robot.body.size
+        return top_view(episode.world, state.pose, episode.trace.pose, points, state.time, (length, width))
+
+    def close(self):
+        """Close the simulator."""
+        self.episode.simulator.close()
+
+    def _world(self, which):
+        if which is None:
+            return self.worlds[int(self.np_random.integers(len(self.worlds)))]
+        if isinstance(which, (int, np.integer)):
+            if not 0 <= which < len(self.worlds):
+                raise ApplrError("world %d does not exist: there are %d" % (which, len(self.worlds)))
+            return self.worlds[which]
+        if isinstance(self.worlds, worlds_package.Worlds):
+            found = self.worlds.named(which)
+        else:
+            found = next((world for world in self.worlds if world.name == which), None)
+        if found is not None:
+            return found
+        raise ApplrError("world %r is not among this environment's %d" % (which, len(self.worlds)))
+
+    def _info(self, outcome):
+        return {
+            "world": self.episode.world.name,
+            "theta": outcome.theta,
+            "success": outcome.success,
+            "collided": outcome.collided,
+            "timeout": outcome.timeout,
+            "flipped": outcome.flipped,
+            "aborted": outcome.aborted,
+            "time_s": outcome.time_s,
+            "decisions": outcome.decisions,
+            "path_length_m": outcome.path_length_m,
+            "min_clearance_m": outcome.min_clearance_m,
+            "reason": outcome.reason,
+        }
+
+
+def load_worlds(spec):
+    """The worlds of a specification, several with commas between them; a list of World stays as it is."""
+    return worlds_package.Worlds(spec) if isinstance(spec, str) else list(spec)
+
+
+gymnasium.register(ID, entry_point="training.env.env:ApplrEnv")

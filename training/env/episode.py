@@ -1,0 +1,334 @@
+"""One trial: a robot drives one course while parameters change once per decision period.
+
+The loop that joins MoveBase and a Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and the
+searches all drive through it.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import replace
+from typing import Any, Dict, Optional, Tuple, Union
+
+import numpy as np
+
+from applr_ros1.common.angles import normalize_angle, transform_point
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots.description import Laser
+from training.env.outcome import Outcome, Trace
+
+CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles
+TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
+DECISION_LIMIT = round(TIME_LIMIT / PERIOD)  # decisions of the paper's period in TIME_LIMIT
+NEAREST = JACKAL.laser.range_min  # smallest distance that a laser can tell [m]: what lies nearer counts as this
+
+
+def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
+    """A parameter tree of move_base with `meter_scoring` false, whatever it says: what is learned here counts per cell.
+
+    The applr node rescales what it sends to a planner that counts per metre (applr_ros1/policy/distance_weights.py).
+    """
+    planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
+    return dict(parameters, TrajectoryPlannerROS=planner)
+
+
+class _NoLocalPlanner:
+    """Stands in the planner's place while a method commands the base: it makes no command and is never stuck."""
+
+    goal_reached = remembers_reached = False
+
+    def set_plan(self, plan) -> None:
+        pass
+
+    def compute_velocity(self, pose, twist, costmap, frame=None):
+        return True, (0.0, 0.0)
+
+
+class Episode:
+    """Drives courses, one after the other, with one planner in one simulator.
+
+    simulator       sim_bridge.Simulator
+    move_base       applr_ros1.planner.move_base.MoveBase; what it draws, it draws at each reset
+    limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
+    period          decision period [s]; the paper's is 2 s
+    end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
+    record          keep .trace
+    robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
+    monitor         whether the robot's collision monitor stands between the planner and the base; or a CollisionMonitor
+
+    The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
+    until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
+    """
+
+    def __init__(
+        self,
+        simulator,
+        move_base,
+        robot: Robot = JACKAL,
+        limit: Optional[int] = None,
+        end_on_collision: bool = False,
+        record: bool = False,
+        period: float = PERIOD,
+        monitor: Union[CollisionMonitor, bool] = False,
+    ):
+        self.simulator, self.move_base = simulator, move_base
+        self.monitor: Optional[CollisionMonitor] = None
+        if isinstance(monitor, CollisionMonitor):
+            self.monitor = monitor
+        elif monitor:
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
+        self.robot, self.space = robot, space_of(robot)
+        self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
+        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
+        self.end_on_collision, self.record = end_on_collision, record
+        self.set_period(period)
+        self.time_limit = TIME_LIMIT if limit is None else limit * period
+        self.outcome: Optional[Outcome] = None
+        self.trace = Trace()
+
+    def set_period(self, period: float) -> None:
+        """Takes another decision period from the next decision on.
+
+        Args:
+            period: time between two decisions [s], a whole number of control cycles.
+
+        Raises:
+            ValueError: for a period that is not such a number, or longer than 10 s.
+        """
+        cycles = round(period / CONTROL_PERIOD) if math.isfinite(period) else 0
+        if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
+            raise ApplrError(
+                "decision period of %r s: give a multiple of %g s, at most 10 s" % (period, CONTROL_PERIOD)
+            )
+        self.period, self.cycles = float(period), cycles
+
+    @property
+    def limit(self) -> int:
+        """Decisions until a trial is over as timed out."""
+        return max(1, round(self.time_limit / self.period))
+
+    # -- the trial ---------------------------------------------------------------------------------
+    def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
+        """Put robot, maps and planner back, restore theta_0 (or `theta`), look once and send the goal.
+
+        As the authors' reset: model and odometry to the start, costmaps cleared, theta_0, goal. One idle cycle
+        passes so that the first observation has a map and a plan; the clock starts when the goal is sent.
+        """
+        self.world = world
+        state = self.simulator.reset(world, seed, start)
+        # a planner that is drawn differs from world to world, whatever the seeds are
+        self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
+        if self.monitor is not None:
+            self.monitor.reset()
+        self.trace = Trace()
+        self._acceleration = None
+        self._jerks = self._turns = 0.0
+        self._cycles = 0
+        self._command: Optional[Tuple[float, float]] = None
+        self._scan_due = state.time
+        self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
+        theta = self.apply(self.space.theta0 if theta is None else theta)
+        self._cycle()
+        self.goal = self.simulator.to_odom(world.course.sent_goal)
+        state = self.simulator.state
+        self.began = state.time
+        self.move_base.set_goal(self.goal, state.time)
+        plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)
+        self._seen = ranges = self.simulator.scan()  # the scan of the coming decision
+        near = self._nearest(ranges)
+        self.outcome = Outcome(
+            self._resampled(ranges), self._phi(plan), theta, last_scan_min=near, decision_min=near, min_clearance_m=near
+        )
+        return self.outcome
+
+    def take_over(self) -> None:
+        """From now to the next reset drive() commands the base; MoveBase keeps maps and plan, and never gives up."""
+        self._command = (0.0, 0.0)
+        self.move_base.local_planner = _NoLocalPlanner()
+        self.move_base.reconfigure("", {"oscillation_timeout": 0.0, "planner_patience": TIME_LIMIT})
+
+    def decide(self, theta) -> Outcome:
+        """Drive one decision period (less where the course ends) with parameters theta (n,), and say how it went."""
+        was = self._open()
+        theta = self.apply(theta)
+        if self.record:
+            self.trace.theta.append(theta)
+            self.trace.decided.append(self.simulator.state.time - self.began)
+        return self._drive_period(was, theta)
+
+    def drive(self, v: float, w: float) -> Outcome:
+        """Drive one decision period with the velocity v [m/s], w [rad/s]; take_over() comes before the first."""
+        was = self._open()
+        if self._command is None:
+            raise RuntimeError("the planner drives: call take_over() after reset() and before drive()")
+        self._command = (float(v), float(w))
+        return self._drive_period(was, was.theta)
+
+    def _open(self) -> Outcome:
+        if self.outcome is None or self.outcome.over:
+            raise RuntimeError("the trial is over: call reset() before decide() or drive()")
+        return self.outcome
+
+    def _drive_period(self, was: Outcome, theta: np.ndarray) -> Outcome:
+        """Drive one decision period from where the trial is, with parameters theta (n,) in force."""
+        since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
+        now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf)
+        for _ in range(self.cycles):
+            self._drive_one(now)
+            if now.over:
+                break
+        state = self.simulator.state
+        now.seconds = state.time - since
+        now.time_s = state.time - self.began
+        if not now.over and now.decisions >= self.limit:
+            now.timeout, now.reason = True, "time limit"
+        if now.aborted:
+            now.timeout = True
+        if now.timeout:
+            now.time_s = self.time_limit
+        self._seen = ranges = self._ranges if self._scan_period else self.simulator.scan()
+        now.ranges, now.last_scan_min = self._resampled(ranges), self._nearest(ranges)
+        now.decision_min = min(now.decision_min, now.last_scan_min)
+        now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
+        now.phi = self._phi(self.move_base.global_plan)
+        now.progress, now.progress_y = self._progress(came_from, state.pose)
+        now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
+        self.outcome = now
+        return now
+
+    def observation(self, outcome: Optional[Outcome] = None) -> np.ndarray:
+        """(729,) float32 in [-1, 1]: what the policy sees; another number of values in another space or layout."""
+        o = outcome or self.outcome
+        assert o is not None, "reset() comes first"
+        return observe(o.ranges, o.phi, o.theta, self.space, self.layout)
+
+    def context(self) -> Context:
+        """What a method may look at for the next decision."""
+        o, state = self.outcome, self.simulator.state
+        assert o is not None, "reset() comes first"
+        plan = self.move_base.global_plan
+        return Context(
+            self.observation(),
+            o.ranges,
+            o.phi,
+            o.theta,
+            o.time_s,
+            state.odom_pose,
+            state.odom_twist,
+            self.goal,
+            plan,
+            self.space,
+        )
+
+    # -- parameters --------------------------------------------------------------------------------
+    def apply(self, theta) -> np.ndarray:
+        """Set parameters theta (n,) through the same reconfigure servers as over ROS; returns what is in force."""
+        requests = self.space.requests(theta)
+        has = {server: self.move_base.reconfigure(server, values) for server, values in requests.items()}
+        return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
+
+    # -- one control cycle of 50 ms ----------------------------------------------------------------
+    def _cycle(self):
+        """Scan, plan, command, drive; returns (planner's cycle, new state)."""
+        simulator, state = self.simulator, self.simulator.state
+        scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
+        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
+        command = cycle.command if self._command is None else self._command
+        if self.monitor is not None:
+            if scan is not None:
+                self.monitor.see(scan, state.odom_pose)
+            if command is not None:
+                verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
+                command = verdict.command
+                if self._command is None:  # what is held back of a method's commands is none of the planner's
+                    self.move_base.report_held(verdict.held)
+        if command is not None:
+            simulator.command(*command)
+        return cycle, simulator.advance(CONTROL_PERIOD)
+
+    def _scan(self, state) -> LaserScan:
+        """A new scan of the simulated laser."""
+        self._scan_due += self._scan_period
+        self._ranges = self.simulator.scan()
+        laser, pose = self.robot.laser, laser_pose(state.odom_pose, self.robot.laser)
+        return LaserScan(
+            state.time, laser.first_angle, laser.increment, laser.range_min, laser.range_max, self._ranges, pose
+        )
+
+    def _drive_one(self, now: Outcome) -> None:
+        before = self.simulator.state
+        x, y, _ = before.pose
+        v, w = before.twist
+        cycle, state = self._cycle()
+        now.decision_min = min(now.decision_min, self._nearest(self._ranges))
+        now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
+        now.contact |= bool(state.contact)
+        now.collided |= now.contact
+        acceleration = (state.twist[0] - v) / CONTROL_PERIOD
+        if self._acceleration is not None:
+            self._jerks += abs(acceleration - self._acceleration) / CONTROL_PERIOD
+        self._acceleration = acceleration
+        self._turns += abs(state.twist[1] - w) / CONTROL_PERIOD
+        self._cycles += 1
+        if self.record:
+            self.trace.time.append(state.time - self.began)
+            self.trace.pose.append(tuple(state.pose))
+            self.trace.twist.append(tuple(state.twist))
+            self.trace.command.append(self._command or cycle.command or (0.0, 0.0))
+        self._judge(now, cycle, state)
+
+    def _judge(self, now: Outcome, cycle, state) -> None:
+        """Whether the course has ended. The true pose counts, not the odometry's."""
+        if self.world.course.done(state.pose[0], state.pose[1]):
+            now.success, now.reason = True, "finished"
+        elif state.flipped:
+            now.flipped, now.reason = True, "flipped"
+        elif self.end_on_collision and state.contact:
+            now.reason = "contact"
+        elif cycle.result is not None:
+            status, text = cycle.result
+            now.aborted, now.reason = True, "planner %s: %s" % (status, text)
+
+    # -- what is seen ------------------------------------------------------------------------------
+    def _resampled(self, ranges: np.ndarray) -> np.ndarray:
+        """A scan of the simulated laser as the layout has it."""
+        laser = self.robot.laser
+        return self.layout.resample(ranges, laser.first_angle + laser.pose[2], laser.increment)
+
+    def _nearest(self, ranges: np.ndarray) -> float:
+        return nearest(ranges, self.robot.laser.range_min)
+
+    def _phi(self, plan) -> float:
+        """Angle to the local goal along the plan [rad]; to the goal itself where there is no plan."""
+        pose = self.simulator.state.odom_pose
+        if plan is not None and len(plan):
+            return goal_angle(local_goal(plan, pose, self.layout.lookahead))
+        dx, dy, yaw = self.goal[0] - pose[0], self.goal[1] - pose[1], pose[2]
+        return normalize_angle(math.atan2(dy, dx) - yaw)
+
+    def _progress(self, p, q) -> Tuple[float, float]:
+        """The paper's R_p, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
+        goal = self.world.course.goal
+        gx, gy = goal[0] - p[0], goal[1] - p[1]
+        distance = math.hypot(gx, gy)
+        along = ((q[0] - p[0]) * gx + (q[1] - p[1]) * gy) / distance if distance > 0.0 else 0.0
+        return along, q[1] - p[1]
+
+
+def laser_pose(pose, laser: Laser = JACKAL.laser) -> Tuple[float, float, float]:
+    """A laser's pose for a robot at pose (x, y, yaw)."""
+    return (*transform_point(pose, *laser.pose[:2]), pose[2] + laser.pose[2])
+
+
+def nearest(ranges: np.ndarray, lowest: float = NEAREST) -> float:
+    """d(o): the smallest range [m], at least `lowest` (-inf: too near to tell) and inf where nothing returns."""
+    low = float(np.fmin.reduce(ranges))
+    return math.inf if math.isnan(low) else max(lowest, low)

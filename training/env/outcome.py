@@ -1,0 +1,72 @@
+"""What comes out of a trial: how it stands after a decision, and what was driven.
+
+episode.py fills both; rewards, evaluations, datasets and pictures read them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import List, Tuple
+
+import numpy as np
+
+
+@dataclass
+class Outcome:
+    """What a trial is after a decision (or after reset, when most fields are zero).
+
+    The inputs of the next observation:
+      ranges (720,) float32 [m], resampled to the layout; phi [rad]; theta (n,) what the planner really has
+    Of this decision:
+      progress, progress_y  metres driven towards the goal (the paper's R_p), and along y
+      last_scan_min         smallest range of the scan at its end [m], never under range_min
+      decision_min          smallest range of all its scans [m]
+      contact               whether the robot touched anything
+      seconds               simulated time it took: the decision period, less where the course ended
+    Of the trial so far:
+      success, flipped, collided (touched anything), aborted (the planner gave up, or stopped off the goal),
+      timeout (the limit; also set for an abort, which stands until the limit), over
+      time_s                seconds since the goal was sent; the full limit where it timed out
+      decisions, path_length_m, min_clearance_m (lowest range), mean_jerk (mean |change of acceleration|
+      of the true speed [m/s^3]), mean_turn (mean |yaw acceleration|)
+    """
+
+    ranges: np.ndarray
+    phi: float
+    theta: np.ndarray
+    progress: float = 0.0
+    progress_y: float = 0.0
+    last_scan_min: float = math.inf
+    decision_min: float = math.inf
+    contact: bool = False
+    seconds: float = 0.0
+    success: bool = False
+    flipped: bool = False
+    collided: bool = False
+    aborted: bool = False
+    timeout: bool = False
+    time_s: float = 0.0
+    decisions: int = 0
+    path_length_m: float = 0.0
+    min_clearance_m: float = math.inf
+    mean_jerk: float = 0.0
+    mean_turn: float = 0.0
+    reason: str = ""  # in words, why the trial is over
+
+    @property
+    def over(self) -> bool:
+        """Whether the episode has ended, for whatever reason."""
+        return self.success or self.flipped or self.aborted or self.timeout or bool(self.reason)
+
+
+@dataclass
+class Trace:
+    """What was driven, a row per control cycle; kept when Episode(record=True). For pictures and profiles."""
+
+    time: List[float] = field(default_factory=list)
+    pose: List[Tuple[float, float, float]] = field(default_factory=list)  # true, world frame
+    twist: List[Tuple[float, float]] = field(default_factory=list)
+    command: List[Tuple[float, float]] = field(default_factory=list)
+    theta: List[np.ndarray] = field(default_factory=list)  # a row per decision over the parameters
+    decided: List[float] = field(default_factory=list)  # when it was made

@@ -1,0 +1,91 @@
+"""The reward R = c_f R_f + c_p R_p + c_c R_c of the paper (section III-C), and terms beyond it. env.py asks it."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Dict, Tuple
+
+from pydantic import ConfigDict
+
+from applr_ros1.policy.decision import PERIOD
+from training.common.options import Options, option
+from training.env.episode import DECISION_LIMIT
+from training.env.outcome import Outcome
+
+MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
+
+
+class RewardOptions(Options):
+    """The coefficients. The paper publishes none: those of its terms are ours, the rest are off by default."""
+
+    model_config = ConfigDict(title="Reward (docs/training.md, training/env/reward.py)")
+
+    # fmt: off
+    c_f: float = option(1.0, "Coefficient of the time term: what each 2 s before the goal cost.")
+    c_p: float = option(1.0,
+        "Coefficient of the progress term: what each metre of progress towards the goal earns.")
+    c_c: float = option(0.05,
+        "Coefficient of the clearance term: what 1/d costs in 2 s, with d the distance [m] of the nearest obstacle in "
+        "the laser scan.")
+    along_y: bool = option(False,
+        "Measure progress along the y axis of the world, as the paper simplified it, instead of in the direction of "
+        "the goal.")
+    exact_time: bool = option(False,
+        "Count the time term in seconds, including the fraction of the last decision, instead of in whole decisions.")
+    lowest: bool = option(False,
+        "Take d of the clearance term from all scans of a decision period instead of from its last scan.")
+    c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
+    c_switch: float = option(0.0,
+        "Cost of changing the parameters: factor on their mean absolute change, each scaled to [-1, 1].")
+    # fmt: on
+
+
+class Reward(RewardOptions):
+    """The reward with its coefficients.
+
+    R_f = 1(at the goal) - 1: each 2 s before the goal cost 1; with exact_time - seconds / 2 s, the last decision's
+        included, so that a course finished a second earlier is worth more. A trial that fails for good (the planner
+        gave up, the robot lies on its side) stands still until the limit: what that costs is paid at its end, as at
+        most MOST_STANDING decisions.
+    R_p = metres driven towards the goal, (p' - p) . (goal - p) / |goal - p|, or along the world's y.
+    R_c = -1 / d with d the smallest range. d is at least .1 m (what the Jackal's laser can tell), so R_c >= -10, and at
+        most the observation's 2 m, so R_c <= -.5.
+    c_collision is charged for a decision in which the robot touched something, c_switch the mean change of the
+    parameters, in action units (paper's future work).
+    """
+
+    NEAREST: ClassVar[float] = 0.1
+    FARTHEST: ClassVar[float] = 2.0
+
+    def __call__(
+        self, outcome: Outcome, change: float, limit: int = DECISION_LIMIT, period: float = PERIOD
+    ) -> Tuple[float, Dict[str, float]]:
+        """The reward of one decision.
+
+        Args:
+            outcome: the trial after the decision.
+            change: mean |a_t - a_{t-1}| of the parameters in action units.
+            limit: decisions until the trial is truncated.
+            period: decision period [s]. Terms that count time are scaled with it, so that a course costs the same.
+
+        Returns:
+            (R, {term: its weighted part of R}).
+        """
+        share = period / PERIOD  # costs are per 2 s: a course costs the same with any decision period
+        time = -outcome.seconds / PERIOD if self.exact_time else (float(outcome.success) - 1.0) * share
+        if failed(outcome):
+            time -= min(MOST_STANDING, (limit - outcome.decisions) * share)
+        near = outcome.decision_min if self.lowest else outcome.last_scan_min
+        near = min(max(near, self.NEAREST), self.FARTHEST)
+        terms = {
+            "time": self.c_f * time,
+            "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress),
+            "clearance": -self.c_c * share / near,
+            "collision": -self.c_collision * float(outcome.contact),
+            "switching": -self.c_switch * change,
+        }
+        return sum(terms.values()), terms
+
+
+def failed(outcome: Outcome) -> bool:
+    """Over for good without success, and not merely by the time limit: a terminal state."""
+    return outcome.over and not outcome.success and not (outcome.timeout and not outcome.aborted)

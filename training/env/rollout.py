@@ -1,0 +1,60 @@
+"""One episode in any Gymnasium environment. Actors collect experience with it."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, Callable, Dict, List, NamedTuple, Optional
+
+import gymnasium
+import numpy as np
+
+NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task, which is trained in unless another is named
+
+
+class Rollout(NamedTuple):
+    """An episode of T steps.
+
+    terminated says that its last observation is a terminal state; terms are the sums of what info["reward"] named at
+    each step, where the environment names the terms of its reward there.
+    """
+
+    observations: List[np.ndarray]  # T + 1 of (n,)
+    actions: List[np.ndarray]  # T of (m,)
+    rewards: List[float]  # T
+    terminated: bool
+    info: Dict[str, Any]  # of the last step
+    terms: Dict[str, float]
+
+
+def make_environment(name: str, options: Dict[str, Any]) -> gymnasium.Env:
+    """The environment "module:Class", made with options.
+
+    Raises:
+        ImportError, AttributeError: where there is no such class.
+        TypeError: where it is no environment.
+    """
+    module, _, attribute = name.partition(":")
+    made = getattr(importlib.import_module(module), attribute)(**options)
+    if not isinstance(made, gymnasium.Env):
+        raise TypeError("it is no gymnasium.Env")
+    return made
+
+
+def roll_out(
+    env: gymnasium.Env, act: Callable[[np.ndarray], np.ndarray], seed: int, options: Optional[Dict[str, Any]] = None
+) -> Rollout:
+    """Drives one episode with act: observation → action. seed and options go to the environment's reset."""
+    observation, info = env.reset(seed=seed, options=options)
+    observations, actions, rewards = [observation], [], []
+    terms: Dict[str, float] = {}
+    while True:
+        action = act(observation)
+        observation, reward, terminated, truncated, info = env.step(action)
+        observations.append(observation)
+        actions.append(action)
+        rewards.append(float(reward))
+        named = info.get("reward")
+        for name, value in named.items() if isinstance(named, dict) else ():
+            terms[name] = terms.get(name, 0.0) + float(value)
+        if terminated or truncated:
+            return Rollout(observations, actions, rewards, bool(terminated), info, terms)

@@ -1,0 +1,325 @@
+"""The options of train.py: their groups in one class, the command line, recipes, and what a run stored.
+
+Defaults are the paper's; where the paper is silent, those of its authors' code. Deviations are named in
+training/td3/td3.py and docs/training.md.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Dict, List, Literal, Optional, Tuple
+
+import yaml
+from pydantic import ConfigDict, Field, model_validator
+
+import sim_bridge
+from applr_ros1.common.arguments import without_remappings
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes, read_json
+from applr_ros1.policy import methods
+from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import NAMES, load
+from training.common.command_line import Parser
+from training.common.options import Options, add_options, checked, dashed, option
+from training.env.reward import RewardOptions
+from training.env.rollout import NAVIGATION
+from training.learner.learner import MOST_ROWS, LearnerOptions
+from worlds.loading import FORMS
+
+RECIPES = Path(__file__).resolve().parents[1] / "recipes"
+PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
+PAPER_STEPS = 5_000_000
+Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between which each episode draws
+
+
+class RunOptions(Options):
+    """Where a run is and how long it takes."""
+
+    model_config = ConfigDict(title="The run")
+
+    # fmt: off
+    out: str = option("runs/applr",
+        "Folder of the run. It takes the configuration, the checkpoints, all trajectories, the actors, and the "
+        "learning curves.")
+    resume: bool = option(False,
+        "Continue the run in the folder --out with the options that it was started with. Options that are given again "
+        "replace the stored ones, except for the networks, the replay buffer's size, the seed, the environment, the "
+        "robot and --init-from.")
+    total_timesteps: int = option(PAPER_STEPS,
+        "Number of transitions to collect in all, one per decision. The paper used 5 million.", ge=0, le=10**9)
+    minutes: float = option(0.0,
+        "Wall time [min] after which the run ends even before --total-timesteps, interruptions not counted. 0 sets no "
+        "limit. What --refine does afterwards is not part of it.", ge=0, le=1e6)
+    # fmt: on
+
+
+class ActorOptions(Options):
+    """How experience is collected."""
+
+    model_config = ConfigDict(title="Actors")
+
+    # fmt: off
+    actors: int = option(0,
+        "Number of actors that drive episodes at the same time, as child processes. 0 drives one episode after the "
+        "other in the learner's own process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
+    ray_address: str = option("",
+        "Run the actors on Ray: HOST:PORT of a cluster, or local to start Ray on this machine.")
+    broadcast_interval: int = option(25,
+        "Number of gradient steps after which the actors get the newest policy.", ge=1, le=10**9)
+    exploration_noise_initial: float = option(0.5,
+        "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.", ge=0, le=2)
+    exploration_noise_final: float = option(0.02,
+        "Standard deviation of the exploration noise from --exploration-noise-steps transitions on.", ge=0, le=2)
+    exploration_noise_steps: int = option(0,
+        "Number of transitions over which the exploration noise goes from its initial to its final value. 0 takes the "
+        "paper's 3.84 million, or proportionally fewer where --total-timesteps is below 5 million.", ge=0, le=10**9)
+    # fmt: on
+
+
+class TaskOptions(Options):
+    """What is learnt in."""
+
+    model_config = ConfigDict(title="Worlds and robot")
+
+    # fmt: off
+    env: str = option(NAVIGATION,
+        "Training environment as MODULE:CLASS. An environment other than the default is constructed without arguments.",
+        fixed=True)
+    decision_period: float = option(PERIOD,
+        "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
+    robot: str = option("jackal",
+        f"Robot that drives: {', '.join(NAMES)}, or a folder with robot.yaml (docs/robots.md). The worlds are at its "
+        "scale.", fixed=True)
+    worlds: str = option("generated:learn",
+        f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
+        "without those of generated:validation.")
+    simulator: str = option("kinematic",
+        "Simulator to train and evaluate in: kinematic, pybullet, or the MODULE:CLASS of your own.")
+    planner: Literal["ours", "cpp-like", "drawn"] = option("ours",
+        "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
+        "drawn, which takes one of the two at each reset. Evaluations of a run with drawn use ours.")
+    monitor: bool = option(False,
+        "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
+    end_on_collision: bool = option(False,
+        "End a training episode at the first collision, as a failure. Evaluations are not ended.")
+    start_xy: float = option(0.0,
+        "Largest random displacement [m] of the start position along x and along y.", ge=0, le=10)
+    start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
+    scan_noise: Span = option([1.0],
+        "Factor on the standard deviation of the laser's noise. Two numbers: drawn between them at each reset.",
+        min_length=1, max_length=2)
+    latency: Span = option([0.0],
+        "Delay [s] of the velocity commands. Two numbers: drawn between them at each reset.",
+        min_length=1, max_length=2)
+    slip: Span = option([1.0],
+        "Factor on the slip and drift of the base. Two numbers: drawn between them at each reset.",
+        min_length=1, max_length=2)
+    # fmt: on
+
+
+class OfflineOptions(Options):
+    """Learning without driving."""
+
+    model_config = ConfigDict(title="Offline learning, and what comes before and after")
+
+    # fmt: off
+    dataset: str = option("",
+        "Folder to learn from offline: another run, or a dataset that bags_to_dataset.py wrote. Without it the run is "
+        "online.")
+    gradient_steps: int = option(100_000, "Number of gradient steps of offline learning.", ge=0, le=10**9)
+    init_from: str = option("",
+        "What learning begins with: the folder of another run, whose policy, critics and optimisers are taken over "
+        "without its experience (period, reward and worlds may be others); or a parameter set that the policy first "
+        "answers with, static for the robot's own best single set or a JSON file. Without it the policy begins near "
+        "the middle of the ranges.", fixed=True)
+    refine: int = option(0,
+        "Number of steps in which the last policy is refined after the training, as training.refine_policy does it: "
+        "each drives 500 fresh worlds twice, and the result is refined.safetensors in the folder of the run. The "
+        "simulator and planner are those of the evaluations. 0 does not refine.", ge=0, le=16)
+    # fmt: on
+
+
+class PeriodicOptions(Options):
+    """When and where the policy is evaluated."""
+
+    model_config = ConfigDict(title="Periodic evaluation")
+
+    # fmt: off
+    eval_worlds: str = option("generated:validation",
+        "Held-out worlds in which the policy is evaluated during the run, which chooses the best actor. The default is "
+        "a part of the training worlds that --worlds leaves out, so that no test world takes part in the choice. none "
+        "switches the evaluation off.")
+    eval_freq: int = option(50_000,
+        "Number of transitions (offline: of gradient steps) between two evaluations.", ge=1, le=10**9)
+    n_eval_episodes: int = option(1, "Number of trials in each held-out world.", ge=1, le=1000)
+    # fmt: on
+
+
+class TrainConfig(
+    RunOptions, ActorOptions, TaskOptions, RewardOptions, LearnerOptions, OfflineOptions, PeriodicOptions
+):
+    """The options of a run, checked, and what its parts need of them."""
+
+    model_config = ConfigDict(title=None)
+
+    @model_validator(mode="after")
+    def _check(self) -> "TrainConfig":
+        load(self.robot)
+        if not sim_bridge.is_name(self.simulator):
+            known = " or ".join(sim_bridge.NAMES)
+            raise ApplrError(f"--simulator is {self.simulator!r}: give {known}, or MODULE:CLASS")
+        for name in ("scan_noise", "latency", "slip"):
+            if getattr(self, name) != sorted(getattr(self, name)):
+                raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")
+        if self.actors and 0 < self.max_policy_lag < self.broadcast_interval:  # all episodes would soon be too old
+            raise ApplrError(
+                f"--max-policy-lag is {self.max_policy_lag}, but the actors get a new policy every "
+                f"{self.broadcast_interval} gradient steps only: give {self.broadcast_interval} or more"
+            )
+        if self.env != NAVIGATION and (self.refine or self.mirror):
+            raise ApplrError("--refine and --mirror are for the navigation task: leave them out, or --env")
+        return self
+
+    # -- what the parts need
+    @property
+    def start_run(self) -> str:
+        """Folder of the run that --init-from names; "" where it names a method, a JSON file, or nothing."""
+        return "" if self.init_from in methods.METHODS or self.init_from.endswith(".json") else self.init_from
+
+    def start_action(self) -> Tuple[float, ...]:
+        """The action of the set --init-from, () without one. Raises ApplrError for one of no use.
+
+        A run that has saved a checkpoint goes on from that and needs the set no more.
+        """
+        if not self.init_from or self.resume and (Path(self.out) / "checkpoint.json").exists():
+            return ()
+        known = "static, a JSON file with a parameter set, or the folder of a training run that has saved a checkpoint"
+        if self.start_run:
+            if not self.resume and not (Path(self.start_run) / "checkpoint.json").exists():
+                raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
+            return ()
+        robot = load(self.robot)
+        method = methods.make(self.init_from, robot)
+        if not isinstance(method, methods.FixedParameters):
+            raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
+        return tuple(space_of(robot).to_action(method.values).tolist())
+
+    def resolved(self) -> "TrainConfig":
+        """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""
+        steps, papers = self.total_timesteps, (0.5 - 0.02) / 0.125 * 1e6
+        noise = max(1, int(papers * min(1.0, steps / PAPER_STEPS)))
+        return self.model_copy(
+            update={
+                "buffer_size": self.buffer_size or min(MOST_ROWS, max(1000, int(1.1 * steps) + 1000)),
+                "exploration_noise_steps": self.exploration_noise_steps or noise,
+            }
+        )
+
+    def reward(self) -> Dict[str, Any]:
+        """Fields of the Reward."""
+        return {name: getattr(self, name) for name in RewardOptions.model_fields}
+
+    def randomisation(self) -> Dict[str, Any]:
+        """Fields of the simulators' Randomisation."""
+        spans = {name: getattr(self, name) for name in ("scan_noise", "latency", "slip")}
+        drawn = {name: span if len(span) == 2 else span[0] for name, span in spans.items()}
+        return dict(start_xy=self.start_xy, start_yaw=self.start_yaw, **drawn)
+
+    @property
+    def eval_planner(self) -> str:
+        """The planner of evaluations and refinement."""
+        return "ours" if self.planner == "drawn" else self.planner
+
+    def setting(self) -> str:
+        """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
+        monitor = ["collision monitor"] * self.monitor
+        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *monitor])
+
+    def noise(self, transitions: int) -> float:
+        """Exploration noise after so many transitions (of a resolved configuration)."""
+        share = min(1.0, transitions / self.exploration_noise_steps)
+        return (1.0 - share) * self.exploration_noise_initial + share * self.exploration_noise_final
+
+
+def recipes() -> List[str]:
+    """Names of the recipes that come with the package (training/recipes/NAME.yaml)."""
+    return sorted(path.stem for path in RECIPES.glob("*.yaml"))
+
+
+def recipe(name: str) -> Dict[str, Any]:
+    """The options of a recipe, checked.
+
+    Args:
+        name: one of recipes(), the path of a YAML file of options, or "" for none.
+
+    Raises:
+        ApplrError: with one line, for an unknown name or a file that holds anything but options.
+    """
+    if not name:
+        return {}
+    if not name.endswith(".yaml") and name not in recipes():
+        raise ApplrError(f"--recipe {name} is unknown: give {', '.join(recipes())} or a .yaml file")
+    path = Path(name) if name.endswith(".yaml") else RECIPES / (name + ".yaml")
+    try:
+        values = yaml.safe_load(read_bytes(path).decode())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ApplrError(f"{path}: not YAML ({str(error).splitlines()[0]})") from None
+    return _of_file(values, path).model_dump(include=set(values))
+
+
+def _of_file(values: Any, path: Path) -> TrainConfig:
+    if not isinstance(values, dict) or not all(isinstance(name, str) for name in values):
+        raise ApplrError(f"{path}: holds no options; give lines such as `batch_size: 256`")
+    return checked(TrainConfig, values, str(path))
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser(
+        "train.py",
+        "Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in\nsimulation, "
+        "or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.",
+        "Defaults are the paper's; where the paper is silent, those of its authors' code. docs/training.md\n"
+        "describes the learning problem, the files of a run, and each deviation.",
+    )
+    made.add_argument(
+        "--recipe",
+        default="",
+        help="Use the options of a recipe: one of %s, or a YAML file of options. Options given beside it replace those "
+        "of the recipe." % ", ".join(recipes()),
+    )
+    add_options(made, TrainConfig)
+    return made
+
+
+def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
+    """The configuration that a command line asks for; with --resume the options that the run was begun with.
+
+    Args:
+        arguments: without the program's name; None: those of this process. ROS's remappings (name:=value) are ignored.
+
+    Raises:
+        ApplrError: with one line.
+    """
+    given = vars(parser().parse_args(without_remappings(arguments)))
+    of_recipe = recipe(given.pop("recipe"))
+    if not given.get("resume"):
+        return checked(TrainConfig, {**of_recipe, **given})
+    out = given.get("out", RunOptions().out)  # a resumed run keeps its options, whatever the recipe says
+    path = Path(out) / "config.json"
+    if not path.exists():
+        raise ApplrError(f"--resume: {out} holds no run (no config.json); check --out, or leave --resume out")
+    stored = read_json(path)
+    if isinstance(stored, dict):
+        stored.pop(PROVENANCE, None)
+    begun = _of_file(stored, path)
+    config = checked(TrainConfig, {**stored, **given, "out": out})
+    for name, field in TrainConfig.model_fields.items():
+        if field.json_schema_extra["fixed"] and getattr(config, name) != getattr(begun, name):  # type: ignore[index,call-overload]
+            raise ApplrError(
+                f"{dashed(name)} {getattr(config, name)}: the run in {out} was begun with {getattr(begun, name)}, "
+                "which cannot be changed"
+            )
+    return config

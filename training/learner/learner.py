@@ -1,0 +1,274 @@
+"""The one learner: takes trajectories, keeps them (buffer, store), and makes the gradient steps due for them.
+
+run.py runs it. What it becomes depends only on its seed and on the trajectories in the order of their taking: a run
+that was killed goes on from its last checkpoint, through the store, to the very same numbers.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Dict, Optional, Sequence
+
+import numpy as np
+import safetensors.numpy
+from pydantic import ConfigDict
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
+from applr_ros1.common.tally import Tally
+from applr_ros1.common.tensors import unpack
+from training.common.folders import make_folder
+from training.common.options import option
+from training.learner.batch import draw_batch
+from training.replay.buffer import Replay
+from training.replay.store import Store
+from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+from training.td3.td3 import TD3, TD3Options
+
+MOST_ROWS = 10**8
+PACE = ("utd_ratio", "learning_starts")  # options that say when gradient steps are due
+
+
+class LearnerOptions(TD3Options):
+    """How much is kept, when gradient steps are due, and TD3's own options."""
+
+    model_config = ConfigDict(title="Learner")
+
+    # fmt: off
+    seed: int = option(0,
+        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.",
+        fixed=True, ge=0, le=2**31 - 1)
+    device: str = option("auto",
+        "Device that the learner computes on: cpu, cuda, or auto for the GPU where there is one.")
+    utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
+    mirror: bool = option(False,
+        "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
+        "and parameters are symmetric. It is for the default --env only.")
+    learning_starts: int = option(0,
+        "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
+        "--init-from they are driven by the policy with exploration noise.", ge=0, le=10**9)
+    buffer_size: int = option(0,
+        "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
+        "transitions of --total-timesteps and a tenth more.", fixed=True, ge=0, le=MOST_ROWS)
+    max_policy_lag: int = option(0,
+        "Largest age, in gradient steps, of the policy that drove an episode; older episodes are refused. 0 accepts "
+        "all episodes and only reports the policies' age.", ge=0, le=10**9)
+    # fmt: on
+
+
+class Learner:
+    """The networks, the replay buffer, and what is on disk of them.
+
+    Args:
+        layout: what observations and actions consist of.
+        options: how it learns.
+        folder: of the run; checkpoint.json, learner-*.safetensors and replay.sqlite lie in it.
+        begin_at: the action at which the policy begins; (): that of its random first weights.
+        begin_with: folder of a run whose networks and optimisers this one begins with; "": random weights.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        options: LearnerOptions,
+        folder: os.PathLike | str,
+        begin_at: Sequence[float] = (),
+        begin_with: str = "",
+    ):
+        self.layout, self.options, self.folder = layout, options, make_folder(folder)
+        self.td3 = TD3(layout.size, layout.action, options, options.seed, options.device, layout.scan)
+        self.replay = Replay(layout, options.buffer_size)
+        self.rng = np.random.default_rng([options.seed, 1])
+        if self.saved(folder) is None:
+            if begin_at:
+                self.td3.begin_at(begin_at)
+            if begin_with:
+                self._begin_with(Path(begin_with))
+        self.store = Store(self.folder / "replay.sqlite", layout)
+        self.refused = Tally()  # trajectories, by reason
+        self.lag = PolicyLag()
+        self.checkpoints = 0
+        self._pace = (options.learning_starts, 0)  # of transitions and updates, from where utd_ratio counts
+
+    # -- taking ------------------------------------------------------------------------------------
+    def take(self, blob: bytes) -> Optional[Trajectory]:
+        """One packed trajectory from an actor. Malformed, repeated or too old ones are counted and dropped: None."""
+        try:
+            trajectory = Trajectory.unpack(blob)
+            self.replay.check(trajectory)
+            self._check_age(trajectory)
+            self.store.append(trajectory, blob)
+        except TrajectoryError as error:
+            self.refused.add(str(error))
+            return None
+        self._add(trajectory)
+        return trajectory
+
+    def _add(self, trajectory: Trajectory) -> None:
+        self.replay.add(trajectory)
+        self.lag.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
+
+    def _check_age(self, trajectory: Trajectory) -> None:
+        version = trajectory.info.get("version", 0)
+        if type(version) is not int:
+            raise TrajectoryError(f"policy version {version!r:.40} is not a whole number")
+        if 0 < self.options.max_policy_lag < self.td3.updates - version:
+            raise TrajectoryError(f"its policy was more than {self.options.max_policy_lag} updates old")
+
+    # -- learning ----------------------------------------------------------------------------------
+    @property
+    def transitions(self) -> int:
+        """Transitions taken so far."""
+        return self.replay.transitions
+
+    @property
+    def _counted(self) -> int:
+        """Transitions that gradient steps are due for, and at least those before learning starts."""
+        return max(self.transitions, self.options.learning_starts)
+
+    @property
+    def updates_due(self) -> int:
+        """Gradient steps not yet made for the transitions taken."""
+        if not self.replay.held:
+            return 0
+        transitions, updates = self._pace
+        due = int((self._counted - transitions) * self.options.utd_ratio + 1e-9)
+        return max(0, updates + due - self.td3.updates)
+
+    def train(self, most: Optional[int] = None) -> int:
+        """Make the gradient steps that are due, at most `most`; returns how many were made."""
+        n = self.updates_due if most is None else min(self.updates_due, most)
+        for _ in range(n):
+            self.update()
+        return n
+
+    def update(self) -> None:
+        """One gradient step on a batch drawn from the replay."""
+        o = self.options
+        self.td3.update(draw_batch(self.replay, self.rng, o.batch_size, o.n_step, o.gamma, self.td3.device, o.mirror))
+
+    # -- checkpoints -------------------------------------------------------------------------------
+    def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
+        """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest."""
+        arrays, header = self.td3.state()
+        self.store.sync()
+        data = safetensors.numpy.save(arrays, metadata=header)
+        number = self.checkpoints + 1
+        name = f"learner-{number:06d}.safetensors"
+        write_bytes(self.folder / name, data)
+        write_json(
+            self.folder / "checkpoint.json",
+            {
+                "number": number,
+                "learner": {"file": name, "sha256": sha256(data)},
+                "episodes": self.store.last,
+                "layout": asdict(self.layout),
+                "layer_norm": self.options.layer_norm,
+                "pace": [self._pace, [getattr(self.options, name) for name in PACE]],
+                "rng": self.rng.bit_generator.state,
+                "transitions": self.transitions,
+                "updates": self.td3.updates,
+                "extra": extra or {},
+            },
+        )
+        self.checkpoints = number
+        self.store.forget(self.replay.written - self.replay.capacity)
+        for old in self.folder.glob("learner-*.safetensors"):
+            if old.name != name:
+                old.unlink(missing_ok=True)
+
+    @staticmethod
+    def saved(folder: os.PathLike | str) -> Optional[Dict[str, Any]]:
+        """The checkpoint.json of a run folder, or None."""
+        path = Path(folder) / "checkpoint.json"
+        if not path.exists():
+            return None
+        checkpoint = read_json(path)
+        if not isinstance(checkpoint, dict) or "learner" not in checkpoint:
+            raise StorageError(f"{path}: not a checkpoint of a training run")
+        return checkpoint
+
+    def resume(self, dataset: Optional[Store] = None) -> Dict[str, Any]:
+        """Back to the last checkpoint, and on through what the store holds behind it. Returns the checkpoint's extra.
+
+        Gradient steps that are due for the last episode are left to train().
+
+        Args:
+            dataset: what an offline run learns from; its gradient steps are not due for transitions.
+        """
+        checkpoint = self.saved(self.folder)
+        if dataset is not None:
+            self.fill(dataset)
+        last = self._restore(checkpoint) if checkpoint is not None else 0
+        for _, trajectory in self.store.trajectories(since=last):
+            self.train()  # what was due had been made before this episode came
+            self._add(trajectory)
+        return checkpoint["extra"] if checkpoint is not None else {}
+
+    def fill(self, dataset: Store) -> None:
+        """Takes the trajectories of a dataset into the replay; they are not copied to the run's own store."""
+        for _, trajectory in dataset.trajectories():
+            self.replay.add(trajectory)
+
+    def _begin_with(self, folder: Path) -> None:
+        """Takes over networks and optimisers of another run, and counts updates from 0. Raises as _take_networks()."""
+        checkpoint = self.saved(folder)
+        if checkpoint is None:
+            raise ApplrError(f"{folder} holds no checkpoint: give the folder of a training run")
+        if checkpoint["layer_norm"] != self.options.layer_norm:  # the same weights would mean other values
+            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}; give the same")
+        self._take_networks(folder, checkpoint)
+        self.td3.updates = 0
+
+    def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
+        """Takes over networks and optimisers from a checkpoint that lies in `folder`.
+
+        Raises ApplrError where it is of other networks, StorageError where it is damaged.
+        """
+        if checkpoint["layout"] != asdict(self.layout):
+            raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
+        path = folder / checkpoint["learner"]["file"]
+        data = read_bytes(path)
+        if sha256(data) != checkpoint["learner"]["sha256"]:
+            raise StorageError(f"{path}: its checksum is wrong; the file is damaged")
+        self.td3.load(*unpack(data, str(path)), what=str(folder))
+
+    def _restore(self, checkpoint: Dict[str, Any]) -> int:
+        """Back to a checkpoint; returns the id of the last episode before it."""
+        self._take_networks(self.folder, checkpoint)
+        last = checkpoint["episodes"]
+        if last:
+            self.replay.begin_at(*self.store.dropped())
+        for _, trajectory in self.store.trajectories(until=last):
+            self.replay.add(trajectory)
+        if self.replay.transitions != checkpoint["transitions"]:
+            raise StorageError(
+                f"{self.folder}: the replay holds {self.replay.transitions} transitions, the checkpoint counts "
+                f"{checkpoint['transitions']}; files are missing or damaged"
+            )
+        self.rng.bit_generator.state = checkpoint["rng"]
+        self.checkpoints = checkpoint["number"]
+        # Another ratio or start of learning counts from here on: a smaller one would otherwise stop learning until the
+        # transitions have caught up with the updates that were made, a larger one would begin with a burst of updates.
+        self._pace, before = checkpoint["pace"]
+        if before != [getattr(self.options, name) for name in PACE]:
+            self._pace = (self._counted, self.td3.updates)
+        return last
+
+
+class PolicyLag:
+    """How old, in updates, the policies were whose trajectories came in."""
+
+    def __init__(self) -> None:
+        self.count, self.total, self.most = 0, 0, 0
+
+    def add(self, updates: int) -> None:
+        """One more trajectory, of a policy so many updates old."""
+        self.count, self.total, self.most = self.count + 1, self.total + updates, max(self.most, updates)
+
+    @property
+    def mean(self) -> float:
+        """Mean age in updates; 0 before the first trajectory."""
+        return self.total / self.count if self.count else 0.0

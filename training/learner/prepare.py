@@ -1,0 +1,117 @@
+"""What a run needs before it begins: who does its workers' tasks, its worlds, and how observations are stored."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Tuple
+
+import numpy as np
+import torch
+
+import sim_bridge
+from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.policy.observation import sizes_of
+from applr_ros1.robots import load
+from training.actors.collector import layout_of
+from training.actors.tasks import RunnerSpec, WorkerSettings
+from training.common.options import dashed
+from training.env.env import ApplrEnv, load_worlds
+from training.env.rollout import NAVIGATION, make_environment
+from training.evaluation.trials import TRIAL_RUNNER, world_list
+from training.learner.config import TrainConfig
+from training.replay.store import Store, dataset
+from training.replay.trajectory import Layout
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """What prepare() found."""
+
+    settings: WorkerSettings
+    worlds: Optional[int]  # how many there are to train in; None where the environment has none of ours
+    held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
+    layout: Layout
+
+
+def prepare(config: TrainConfig) -> Preparation:
+    """Checks worlds and environment before anything is begun. Raises ApplrError with one line."""
+    evaluates = config.eval_worlds != "none"
+    if config.env != NAVIGATION:
+        environment = {"env": config.env, "options": {}}
+        settings = WorkerSettings(
+            RunnerSpec("training.actors.collector:Collector", environment),
+            RunnerSpec("training.actors.collector:EnvironmentTrials", environment),
+        )
+        try:
+            layout = layout_of(make_environment(config.env, {}))
+        except Exception as error:  # whatever a person's environment raises
+            raise ApplrError(f"--env {config.env} cannot be made: {type(error).__name__}: {reason(error)}") from None
+        return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
+    robot, worlds = load(config.robot), load_worlds(config.worlds)
+    held_out = [world[:2] for world in world_list(config.eval_worlds, "paper", robot)] if evaluates else []
+    sim_bridge.Randomisation(**config.randomisation())
+    common = {
+        "robot": config.robot,
+        "simulator": config.simulator,
+        "reward": config.reward(),
+        "period": config.decision_period,
+        "monitor": config.monitor,
+    }
+    options = {
+        **common,
+        "worlds": config.worlds,
+        "planner": config.planner,
+        "randomisation": config.randomisation(),
+        "end_on_collision": config.end_on_collision,
+    }
+    env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
+    if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
+        env.reset(seed=0)
+        env.step(-np.ones(len(env.space)))
+    env.close()
+    return Preparation(
+        WorkerSettings(
+            RunnerSpec("training.actors.collector:Collector", {"env": config.env, "options": options}),
+            RunnerSpec(TRIAL_RUNNER, common),
+        ),
+        len(worlds),
+        held_out,
+        Layout(*sizes_of(robot)),
+    )
+
+
+def set_threads(config: TrainConfig) -> None:
+    """The learner's threads on the CPU: the cores that actors on this machine leave.
+
+    More threads than free cores wait for each other and learn many times slower.
+    """
+    if config.actors and config.ray_address in ("", "local"):
+        torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
+
+
+def driven_with(config: TrainConfig) -> Dict[str, Any]:
+    """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
+    if config.env != NAVIGATION:
+        return {"decision_period": config.decision_period}
+    return {"decision_period": config.decision_period, "robot": load(config.robot).name, **config.reward()}
+
+
+def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Store]:
+    """The dataset --dataset, read and checked; None without one.
+
+    Raises:
+        ApplrError: with one line; it is none, damaged, or was driven with another period, robot or reward than the
+            options say.
+    """
+    if not config.dataset:
+        return None
+    store = dataset(config.dataset, layout)
+    source = store.about("source")
+    for name, value in driven_with(config).items():
+        if source.get(name, value) != value:
+            raise ApplrError(
+                f"{dashed(name)} is {value}, but the dataset {config.dataset} was driven with {source[name]}: give "
+                "that, or make the dataset anew"
+            )
+    return store

@@ -1,0 +1,345 @@
+"""A training run from its options to its end: the learner, the workers that drive for it, and the evaluations between.
+
+Online: actors drive episodes, the one learner takes them in and learns (the paper's Gorila). Offline: from a dataset.
+The run's folder holds config.json, checkpoint.json with learner-*.safetensors, replay.sqlite (all trajectories), actor
+and best .safetensors, evaluations.jsonl, curves.png, tensorboard/. train.py is its command.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Dict, Optional
+
+import numpy as np
+import safetensors.numpy
+from tqdm import tqdm
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.tally import Tally
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy import actor
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import load
+from training.actors.pool import make_pool
+from training.actors.scheduler import TaskScheduler
+from training.actors.tasks import Answer, Trial
+from training.common.folders import Lock, make_folder
+from training.common.provenance import provenance, without_folders
+from training.env.rollout import NAVIGATION
+from training.evaluation.periodic import PeriodicEvaluation
+from training.evaluation.score import CONTACT_SECONDS
+from training.learner.config import PROVENANCE, TrainConfig
+from training.learner.learner import Learner
+from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
+from training.learner.prepare import dataset_of, driven_with, prepare, set_threads
+from training.replay.trajectory import Trajectory
+
+MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
+MANY_REFUSALS = 200  # the same of episodes that the learner does not take; some are normal after a resume
+CHECKPOINT_SECONDS = 120.0  # between two checkpoints
+STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
+
+
+class TrainingRun:
+    """A run. run() returns the exit status: 0 done, 130 stopped by a signal and saved."""
+
+    def __init__(self, config: TrainConfig):
+        self.began = time.monotonic()
+        config = config.resolved()
+        made = prepare(config)
+        self.dataset = dataset_of(config, made.layout)
+        if self.dataset is not None:
+            config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
+        self.config = config
+        config.check_sizes(made.layout.size, made.layout.action, made.layout.scan)
+        begin_at = config.start_action()
+        self.folder = make_folder(config.out)
+        self.lock = Lock(self.folder)
+        if not config.resume and (self.folder / "config.json").exists():
+            raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
+        set_threads(config)
+        self.learner = Learner(made.layout, config, self.folder, begin_at, config.start_run)
+        self.extra = self._resume()
+        self.evaluation = PeriodicEvaluation(
+            self.folder,
+            made.held_out,
+            config.n_eval_episodes,
+            config.eval_freq,
+            config.seed,
+            CONTACT_SECONDS,
+            setting=config.setting(),
+            planner=config.eval_planner,
+        )
+        self._forget_lost_best()
+        self.scheduler = TaskScheduler(
+            config.seed,
+            made.worlds,
+            config.noise,
+            0 if config.init_from else config.learning_starts,
+            self.learner.store.next_episode,
+        )
+        self.scheduler.transitions = self.learner.transitions
+        self.board = TensorBoardLog(self.folder, self.steps, config.model_dump())
+        self.stopping: Optional[str] = None
+        self.errors = self.refusals = 0  # in a row
+        self._published = -1
+        self._saved = self._shown = time.monotonic()
+        self._weights: Dict[str, np.ndarray] = {}  # of the policy that the present evaluation drives
+        self._known_errors = Tally()
+        self.pool = make_pool(
+            made.settings,
+            self.scheduler.next_task,
+            0 if self.offline else config.actors,
+            "ray" if config.ray_address else "processes",
+            "" if config.ray_address == "local" else config.ray_address,
+        )
+        often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
+        self.bar = tqdm(total=self.goal, initial=self.steps, unit=" steps", mininterval=often, dynamic_ncols=True)
+        self._write_config()  # from now on it is a run
+
+    def _write_config(self) -> None:
+        """config.json: the options, and where each session of the run comes from."""
+        path, config = self.folder / "config.json", self.config
+        before = read_json(path).get(PROVENANCE, []) if config.resume else []
+        options = config.model_dump(exclude={"resume"})
+        write_json(path, {**options, PROVENANCE: [*before, provenance(config.seed)]})
+        self.learner.store.note("source", driven_with(config))
+
+    def _resume(self) -> Dict[str, Any]:
+        """Back to where the run was: the checkpoint, and every trajectory taken since; offline the dataset."""
+        if not self.config.resume and self.learner.store.last:
+            raise ApplrError(f"{self.folder} holds a dataset; give another --out")
+        checkpoint = Learner.saved(self.folder) if self.config.resume else None
+        if self.dataset is None:
+            return self.learner.resume()
+        digest = self.dataset.digest()
+        if checkpoint and checkpoint["extra"]["dataset"] != digest:
+            raise ApplrError(
+                f"--dataset {self.config.dataset}: the run in {self.folder} was begun with another dataset (its "
+                "checksum differs): give that one, or begin a new run with another --out"
+            )
+        return {"dataset": digest, **self.learner.resume(self.dataset)}
+
+    # -- the run -------------------------------------------------------------------------------------
+    @property
+    def offline(self) -> bool:
+        """Whether it learns from a dataset."""
+        return self.dataset is not None
+
+    @property
+    def steps(self) -> int:
+        """What the run, evaluations, curves and TensorBoard count: collected transitions; offline: gradient steps."""
+        return self.learner.td3.updates if self.offline else self.learner.transitions
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds that the run has taken, interruptions not counted."""
+        return float(self.extra.get("elapsed", 0.0)) + time.monotonic() - self.began
+
+    @property
+    def goal(self) -> int:
+        """How many steps the run has in all."""
+        return self.config.gradient_steps if self.offline else self.config.total_timesteps
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are done, or the time is up; the last evaluation may still be open."""
+        return self.steps >= self.goal or 0.0 < self.config.minutes <= self.elapsed / 60.0
+
+    def run(self) -> int:
+        """Trains to the end, or until SIGINT or SIGTERM."""
+        handlers = {}
+        if threading.current_thread() is threading.main_thread():
+            handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            while not self.offline and self.learner.updates_due and not self.stopping:  # after a resume
+                self.learner.train(10)
+            self._publish()
+            while not self.finished and not self.stopping:
+                self._one_turn()
+            while self.finished and not self.stopping and (self.evaluation.number is not None or self._evaluate()):
+                self._collect(0.2)
+            self.save()
+            self._draw()
+        finally:
+            self.pool.close()
+            self.bar.close()
+            self.board.close()
+            self.learner.store.close()
+            for number, handler in handlers.items():
+                signal.signal(number, handler)
+            self.lock.close()
+        self._print_the_end()
+        return 130 if self.stopping else 0
+
+    def _one_turn(self) -> None:
+        """Take what came in, make the gradient steps that are due for it, and whatever else is due."""
+        self._evaluate()
+        if self.offline:
+            for _ in range(min(10, self.goal - self.steps)):
+                self.learner.update()
+            if self.evaluation.number is not None:
+                self._collect(0.0)
+        else:
+            self._collect(0.2)
+        self._publish()
+        if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
+            self.save()
+        self._show_status()
+
+    def _collect(self, timeout: float) -> None:
+        for answer in self.pool.poll(timeout):
+            if self.stopping:
+                return
+            if answer.error:
+                self._failed(answer.error)
+            else:
+                self.errors = 0
+            if isinstance(answer.task, Trial):
+                self._trial_done(answer)
+            elif not answer.error and not self.offline and not self.finished:
+                trajectory = self.learner.take(answer.data)
+                if trajectory is not None:
+                    self._taken(trajectory)
+                else:
+                    self._refused()
+
+    def _taken(self, trajectory: Trajectory) -> None:
+        self.refusals = 0
+        self.scheduler.transitions = self.learner.transitions
+        self.board.episode(trajectory.info, self.steps)
+        while self.learner.updates_due and not self.stopping:
+            self.learner.train(10)
+            self._publish()
+
+    def _failed(self, text: str) -> None:
+        """An episode ended by an error: counted, printed once, and too many in a row end the run."""
+        if self._known_errors.add(text):
+            self._say(f"an episode failed: {text}")
+        self.errors += 1
+        if self.errors >= MANY_ERRORS:
+            raise ApplrError(f"{self.errors} episodes in a row failed, the last with {text}")
+
+    def _refused(self) -> None:
+        """The learner did not take an episode. Too many in a row end the run: it would learn nothing any more."""
+        self.refusals += 1
+        if self.refusals >= MANY_REFUSALS:
+            raise ApplrError(f"{self.refusals} episodes in a row were refused: {self.learner.refused.commonest}")
+
+    def _publish(self) -> None:
+        updates = self.learner.td3.updates
+        interval = self.config.broadcast_interval if self.config.actors else 1
+        if self._published < 0 or updates >= self._published + interval:
+            self.pool.publish(updates, safetensors.numpy.save(self.learner.td3.actor_weights()))
+            self._published = updates
+            self.scheduler.ready = True
+
+    # -- evaluation ------------------------------------------------------------------------------------
+    def _evaluate(self) -> bool:
+        """Begins a round of the evaluation if one is due."""
+        number = self.evaluation.due(self.steps)
+        if number is None:
+            return False
+        self._weights = self.learner.td3.actor_weights()
+        self.pool.pin_for_evaluation(self.learner.td3.updates, safetensors.numpy.save(self._weights))
+        self.scheduler.evaluate(self.evaluation.begin(number, self.steps, self.learner.td3.updates))
+        return True
+
+    def _trial_done(self, answer: Answer) -> None:
+        summary = self.evaluation.add(answer)
+        if summary is None:
+            return
+        self._say(describe(summary))
+        if summary["best"]:
+            self.export(self.folder / "best.safetensors", self._weights, summary)
+        self.board.round(summary)
+        self._draw()
+
+    def _draw(self) -> None:
+        draw_curves(self.folder / "curves.png", self.learner.store, self.evaluation, self.config.decision_period)
+
+    def _forget_lost_best(self) -> None:
+        """Has the last round driven again where the run was killed before it kept the policy that was its best."""
+        rounds, path = self.evaluation.history, self.folder / "best.safetensors"
+        if not (rounds and rounds[-1]["best"]):
+            return
+        try:
+            result = unpack(read_bytes(path), str(path))[1].get("result")
+        except StorageError:  # absent or damaged
+            result = None
+        if result != json.dumps(rounds[-1]):
+            self.evaluation.history = rounds[:-1]
+
+    # -- files -------------------------------------------------------------------------------------------
+    def save(self) -> None:
+        """A checkpoint, and the newest policy."""
+        self.learner.save({**self.extra, "elapsed": self.elapsed})
+        self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
+        self._saved = time.monotonic()
+
+    def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
+        """The policy as policy/actor.py reads it, with what trained it; but nothing of this machine's folders."""
+        options = self.config.model_dump(exclude={"out", "resume", "ray_address"})
+        metadata = {
+            "period_s": self.config.decision_period,
+            "training": {
+                "steps": self.steps,
+                "updates": self.learner.td3.updates,
+                "transitions": self.learner.transitions,
+                "options": {k: without_folders(v) if isinstance(v, str) else v for k, v in options.items()},
+            },
+            "result": result,
+            "default": self.evaluation.default if result else None,
+        }
+        if self.config.env == NAVIGATION:
+            robot = load(self.config.robot)
+            actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
+        else:
+            write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
+
+    # -- progress ------------------------------------------------------------------------------------------
+    def _say(self, text: str) -> None:
+        self.bar.write(text)
+
+    def _show_status(self) -> None:
+        self.bar.update(self.steps - self.bar.n)
+        if time.monotonic() - self._shown < STATUS_SECONDS:
+            return
+        self._shown = time.monotonic()
+        learner, infos = self.learner, self.learner.store.infos(newest=100)
+        values = {
+            **{name: mean(info.get(name) for info in infos) for name in ("return", "length", "success", "collided")},
+            "sigma": self.config.noise(learner.transitions),
+            "updates": learner.td3.updates,
+            "policy_lag": learner.lag.mean,
+            "policy_lag_max": learner.lag.most,
+            "actors": self.pool.alive,
+            "replaced": self.pool.replaced,
+            "refused": sum(learner.refused.values()),
+            **learner.td3.report(),
+        }
+        self.bar.set_postfix({name: f"{value:.3g}" for name, value in values.items()}, refresh=False)
+        self.board.scalars("training", values, self.steps)
+
+    def _print_the_end(self) -> None:
+        how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
+        seconds = tqdm.format_interval(time.monotonic() - self.began)
+        learner = self.learner
+        made = f"{learner.transitions:,} transitions and {learner.td3.updates:,} updates"
+        print(f"{how} after {made}, {seconds}; {self.folder}")
+        if self.evaluation.best:
+            print(f"best actor: {describe(self.evaluation.best)}")
+        for reason, count in sorted(learner.refused.items()):
+            print(f"refused {count} trajectories: {reason}")
+
+    def _signal(self, number: int, frame: Any) -> None:
+        if self.stopping:
+            raise KeyboardInterrupt
+        self.stopping = signal.Signals(number).name

@@ -1,0 +1,1 @@
+"""Experience as data: trajectories, the replay buffer that is learnt from, and the store on disk."""

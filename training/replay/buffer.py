@@ -1,0 +1,161 @@
+"""The global replay: a ring of observations from which n-step transitions are drawn. learner.py fills and samples it.
+
+One row holds s_t, a_t and r_t; s_{t+1} is the next row, so that no observation is stored twice. An episode of T
+transitions takes T + 1 rows, the last of which has no action. Scans lie as uint8 (Layout). The paper's five million
+transitions, 13 to an episode, take 4.3 GB.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import NamedTuple, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+
+GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
+
+
+class Sample(NamedTuple):
+    """B n-step transitions as the replay stores them: scans in whole steps of the layout (Layout.step).
+
+    discount is gamma^k after k steps, and 0 past a terminal state.
+    """
+
+    scan: np.ndarray  # (B, beams) uint8
+    rest: np.ndarray  # (B, k) float32
+    action: np.ndarray  # (B, m) float32
+    reward: np.ndarray  # (B,) float32, the discounted sum
+    discount: np.ndarray  # (B,) float32
+    next_scan: np.ndarray  # (B, beams) uint8
+    next_rest: np.ndarray  # (B, k) float32
+
+
+class Replay:
+    """capacity: rows. add() writes whole episodes, so the ring never cuts the newest one."""
+
+    def __init__(self, layout: Layout, capacity: int):
+        if capacity < 2:
+            raise ApplrError("a replay of %d rows holds no transition; give a --buffer-size of at least 2" % capacity)
+        self.layout, self.capacity = layout, int(capacity)
+        _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
+        self.scan = np.zeros((capacity, layout.scan), np.uint8)
+        self.rest = np.zeros((capacity, layout.rest), np.float32)
+        self.action = np.zeros((capacity, layout.action), np.float32)
+        self.reward = np.zeros(capacity, np.float32)
+        self.end = np.full(capacity, NO_ACTION, np.uint8)
+        self.written = 0  # rows ever written; the next goes to written % capacity
+        self.transitions = 0  # ever added
+        self.held = 0  # of these, still there
+
+    def __len__(self) -> int:
+        """Rows in use."""
+        return min(self.written, self.capacity)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all arrays [bytes]."""
+        return sum(a.nbytes for a in (self.scan, self.rest, self.action, self.reward, self.end))
+
+    def check(self, trajectory: Trajectory) -> None:
+        """Raises TrajectoryError where add() would refuse: malformed, or larger than the ring."""
+        trajectory.check(self.layout)
+        if len(trajectory) + 1 > self.capacity:
+            raise TrajectoryError(f"{len(trajectory)} transitions do not fit a replay of {self.capacity} rows")
+
+    def add(self, trajectory: Trajectory) -> None:
+        """Takes one episode in. Raises TrajectoryError, and changes nothing, where it is not fit."""
+        self.check(trajectory)
+        t = len(trajectory)
+        rows = (self.written + np.arange(t + 1)) % self.capacity
+        self.held += t - int(np.count_nonzero(self.end[rows] != NO_ACTION))
+        self.scan[rows], self.rest[rows] = trajectory.scan, trajectory.rest
+        self.action[rows[:-1]], self.reward[rows[:-1]] = trajectory.action, trajectory.reward
+        self.end[rows] = GOES_ON
+        self.end[rows[-2]] = TERMINATED if trajectory.terminated else TRUNCATED
+        self.end[rows[-1]] = NO_ACTION
+        self.written += t + 1
+        self.transitions += t
+
+    def begin_at(self, episodes: int, transitions: int) -> None:
+        """Go on counting behind so many episodes that the ring has overwritten."""
+        self.written, self.transitions = transitions + episodes, transitions
+
+    # -- sampling ----------------------------------------------------------------------------------
+    def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
+        """(size,) rows of transitions, uniformly among those held."""
+        if not self.held:
+            raise ValueError("the replay is empty: nothing to draw from")
+        rows = rng.integers(0, len(self), size)
+        while True:
+            bad = np.flatnonzero(self.end[rows] == NO_ACTION)
+            if not len(bad):
+                return rows
+            rows[bad] = rng.integers(0, len(self), len(bad))
+
+    def n_step_return(self, rows: np.ndarray, n: int, gamma: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """n-step returns from `rows`: (rewards (B,), discounts (B,), rows of the observation after them).
+
+        Sums gamma^k r_{t+k} until n steps or the episode's end. The discount is gamma^steps, and 0 where a terminal
+        state was reached; a truncated episode is bootstrapped from its last observation.
+        """
+        after = rows.copy()
+        total = np.zeros(len(rows), np.float64)
+        discount = np.ones(len(rows), np.float64)
+        alive = np.ones(len(rows), bool)
+        terminal = np.zeros(len(rows), bool)
+        for _ in range(n):
+            total[alive] += discount[alive] * self.reward[after[alive]]
+            discount[alive] *= gamma
+            end = self.end[after]
+            terminal |= alive & (end == TERMINATED)
+            after[alive] += 1
+            after %= self.capacity
+            alive &= end == GOES_ON
+        discount[terminal] = 0.0
+        return total.astype(np.float32), discount.astype(np.float32), after
+
+    def sample(self, rng: np.random.Generator, size: int, n: int, gamma: float, mirror: bool = False) -> Sample:
+        """`size` n-step transitions as they are stored.
+
+        Args:
+            rng: where the rows are drawn from.
+            size: how many transitions.
+            n: steps of the returns.
+            gamma: discount per decision.
+            mirror: half of the transitions as the robot's mirror image would have met them.
+        """
+        rows = self.draw(rng, size)
+        reward, discount, after = self.n_step_return(rows, n, gamma)
+        mirrored = size // 2 if mirror else 0
+        return Sample(
+            *self._observations(rows, mirrored),
+            self.action[rows],
+            reward,
+            discount,
+            *self._observations(after, mirrored),
+        )
+
+    def _observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
+        """Observations as (scan, rest), the first `mirrored` of them with left and right exchanged.
+
+        The beams are reversed and the angle of the local goal is negated. The parameters stay, since robot and planner
+        are symmetric.
+        """
+        scan, rest = self.scan[rows], self.rest[rows]
+        if mirrored:
+            scan[:mirrored] = scan[:mirrored, ::-1].copy()
+            rest[:mirrored, 0] *= -1.0
+        return scan, rest
+
+
+def _check_memory(rows: int, row: int) -> None:
+    """ApplrError where the replay, once full, would not fit this machine: better now than killed after days."""
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if rows * row > there:
+        raise ApplrError(
+            "a replay of %d rows takes %.1f GB, this machine has %.1f GB; give a smaller --buffer-size"
+            % (rows, rows * row / 1e9, there / 1e9)
+        )

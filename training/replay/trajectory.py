@@ -1,0 +1,154 @@
+"""One episode as it travels from an actor to the replay, and as it lies on disk: arrays in safetensors, no pickle.
+
+Actors pack, the learner unpacks and checks, the store keeps. The scan is stored in whole steps of its resolution.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any, Dict
+
+import numpy as np
+import safetensors.numpy
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import StorageError
+from applr_ros1.common.tensors import unpack
+
+MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
+MAX_NAME = 255  # characters in the name of an actor
+MAX_INT = 2**53
+
+
+class TrajectoryError(ApplrError):
+    """A trajectory that must not enter the replay; one line with the reason."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What one observation and one action consist of.
+
+    scan    beams, each in [-1, 1], stored as whole numbers of 2/levels (uint8: 255 steps. With the paper's cap of
+            2 m that is 7.8 mm, a sixth of a costmap cell)
+    rest    further numbers (phi, theta), stored as float32
+    action  numbers in [-1, 1], float32
+    """
+
+    scan: int = 720
+    rest: int = 9
+    action: int = 8
+
+    LEVELS = 255
+
+    @property
+    def size(self) -> int:
+        """Numbers in an observation."""
+        return self.scan + self.rest
+
+    @property
+    def step(self) -> float:
+        """Resolution of a stored beam, in units of the observation."""
+        return 2.0 / self.LEVELS
+
+    def quantise(self, observations: np.ndarray) -> np.ndarray:
+        """(n, size) → (n, scan) uint8."""
+        return np.rint((np.clip(observations[:, : self.scan], -1.0, 1.0) + 1.0) / self.step).astype(np.uint8)
+
+    def restore(self, scan: np.ndarray, rest: np.ndarray) -> np.ndarray:
+        """The inverse of quantise, with the rest: (n, size) float32."""
+        return np.concatenate((scan.astype(np.float32) * np.float32(self.step) - np.float32(1.0), rest), axis=1)
+
+
+@dataclass
+class Trajectory:
+    """T transitions with T + 1 observations: s' of one is s of the next, stored once.
+
+    scan (T+1, beams) uint8, rest (T+1, k) float32, action (T, m), reward (T,) float32
+    terminated: the last observation is a terminal state; otherwise the episode was cut there (truncated) and is
+    bootstrapped. info: JSON values; "actor" (text) and "episode" (int) identify it, "version" is the policy's.
+    """
+
+    scan: np.ndarray
+    rest: np.ndarray
+    action: np.ndarray
+    reward: np.ndarray
+    terminated: bool
+    info: Dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.reward)
+
+    @classmethod
+    def of(cls, layout: Layout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
+        """From float observations (T+1, size), actions (T, m), rewards (T,)."""
+        observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
+        if not np.isfinite(observations).all():
+            raise TrajectoryError("observation holds NaN or inf")
+        return cls(
+            layout.quantise(observations),
+            np.ascontiguousarray(observations[:, layout.scan :]),
+            np.asarray(actions, dtype=np.float32).reshape(-1, layout.action),
+            np.asarray(rewards, dtype=np.float32),
+            bool(terminated),
+            dict(info or {}),
+        )
+
+    @property
+    def layout(self) -> Layout:
+        """The layout that its arrays have by their last dimensions; check() says whether the rest fits it."""
+        return Layout(*(array.shape[-1] if array.ndim else 0 for array in (self.scan, self.rest, self.action)))
+
+    def check(self, layout: Layout) -> None:
+        """Raises TrajectoryError unless shapes, types and values are what the replay stores."""
+        self.check_arrays(layout)
+        self.check_info()
+
+    def check_arrays(self, layout: Layout) -> None:
+        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
+        t = len(self.reward) if getattr(self.reward, "ndim", 0) == 1 else -1
+        if not 1 <= t <= MAX_TRANSITIONS:
+            raise TrajectoryError("a trajectory of %d transitions; 1 to %d are taken" % (t, MAX_TRANSITIONS))
+        wanted = {
+            "scan": (np.uint8, (t + 1, layout.scan)),
+            "rest": (np.float32, (t + 1, layout.rest)),
+            "action": (np.float32, (t, layout.action)),
+            "reward": (np.float32, (t,)),
+        }
+        for name, (dtype, shape) in wanted.items():
+            array = getattr(self, name)
+            if array.dtype != dtype or array.shape != shape:
+                raise TrajectoryError(
+                    "%s is %s %s, %s %s is needed" % (name, array.dtype, array.shape, np.dtype(dtype), shape)
+                )
+            if dtype == np.float32 and not np.isfinite(array).all():
+                raise TrajectoryError("%s holds NaN or inf" % name)
+        if t and (np.abs(self.action) > 1.0 + 1e-6).any():
+            raise TrajectoryError("an action lies outside [-1, 1]")
+
+    def check_info(self) -> None:
+        """Raises TrajectoryError unless the info identifies the episode."""
+        actor, episode = self.info.get("actor"), self.info.get("episode")
+        if not (isinstance(actor, str) and len(actor) <= MAX_NAME and type(episode) is int and 0 <= episode <= MAX_INT):
+            raise TrajectoryError(f"no valid actor and episode number ({actor!r:.40}, {episode!r:.40})")
+
+    def pack(self) -> bytes:
+        """The trajectory as safetensors bytes, for file or network; unpack() is the inverse."""
+        arrays = {"scan": self.scan, "rest": self.rest, "action": self.action, "reward": self.reward}
+        header = {"info": json.dumps(self.info), "terminated": json.dumps(bool(self.terminated))}
+        return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata=header)
+
+    @classmethod
+    def unpack(cls, blob: bytes) -> "Trajectory":
+        """The inverse of pack. Raises TrajectoryError for bytes that are none."""
+        try:
+            arrays, header = unpack(blob, "trajectory")
+        except StorageError as error:
+            raise TrajectoryError(str(error)) from None
+        try:
+            info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
+            if not isinstance(info, dict) or not isinstance(terminated, bool):
+                raise ValueError
+            return cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
+        except (KeyError, ValueError, RecursionError):
+            raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
