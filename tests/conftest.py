@@ -5,8 +5,8 @@ the files of a folder whose conftest.py has a stack that they share: rospy knows
 groups tests.support.ros_harness starts a new master and takes this process' topics off it.
 
 Tests marked `long` are left out unless `-m` names them. A file that imports what is not installed (ROS, or torch under
-Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table docs/faults.md` writes what
-tests of faults have measured into that table.
+Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table docs/reference/faults.md` writes
+what tests of faults have measured into that table.
 """
 
 import importlib.util

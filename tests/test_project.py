@@ -77,7 +77,7 @@ def test_sentences_of_reconfigurable_parameters_hold_no_quotes():
 def test_the_page_of_parameters_is_up_to_date():
     from applr_ros1.planner.parameters.table import tables
 
-    page = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reference/parameters.md").read_text(encoding="utf-8")
     assert tables() in page, "run: python -m applr_ros1.planner.parameters.table"
 
 
@@ -113,7 +113,7 @@ def test_links_between_pages_lead_somewhere():
 
 
 def test_every_fault_of_the_page_has_a_test():
-    page = (ROOT / "docs" / "faults.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs/reference/faults.md").read_text(encoding="utf-8")
     tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
     marked = " ".join(re.findall(r"^@pytest\.mark\.fault\((.+)\)$", tests, re.MULTILINE))
     assert set(re.findall(r"^\| (\d+\w?) \|", page, re.MULTILINE)) == set(re.findall(r'"(\w+)"', marked))

@@ -1,7 +1,7 @@
 """Evaluation: drives every method in every world, and makes tables, figures and statistics of the trials.
 
 Started as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. An evaluation that was stopped continues
-with the same command, and its rows are the same as without the stop. docs/evaluation.md describes the results.
+with the same command, and its rows are the same as without the stop. docs/howto/evaluation.md describes the results.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
 learns from a dataset. The run's folder holds config.json, checkpoint.json with learner-*.safetensors, replay.sqlite
 with all trajectories, actor.safetensors and best.safetensors, evaluations.jsonl, curves.png and tensorboard/; with
---refine also refined.safetensors and refinement/. docs/training.md describes all of it.
+--refine also refined.safetensors and refinement/. docs/howto/training.md describes all of it.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ Nothing of a plugin is executed: this reads the text that `objdump` (binutils) p
 makes one PoseAnimation(name, length, repeat) and, for each key frame, calls CreateKeyFrame(time), builds a
 Vector3(x, y, z) and hands it to Translation. DynaBARN's plugins are compiled without optimisation, so that each
 argument is a constant that is loaded just before its call. Loading a world finds the table beside it under the name
-movers.csv (docs/worlds.md).
+movers.csv (docs/reference/worlds.md).
 """
 
 from __future__ import annotations

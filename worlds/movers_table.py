@@ -1,7 +1,7 @@
 """movers.csv: the key frames of moving obstacles, in a plain table beside the worlds that name their plugins.
 
-A row per key frame with the columns plugin, length, repeat, time, x, y (see docs/worlds.md). `dynabarn` reads it when a
-world is loaded; `python -m worlds.dynabarn_table` writes it.
+A row per key frame with the columns plugin, length, repeat, time, x, y (see docs/reference/worlds.md). `dynabarn` reads
+it when a world is loaded; `python -m worlds.dynabarn_table` writes it.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ PER_METRE, PER_CELL, DRAWN = "per_metre", "per_cell", "drawn"
 OURS, CPP_LIKE = "ours", "cpp-like"
 WEIGHTS = (PER_METRE, PER_CELL)
 PLANNERS = (OURS, CPP_LIKE)
-DEFAULT_WEIGHTS = PER_CELL  # of simulation, demo and tables: nearer to Gazebo's times (docs/results.md)
+DEFAULT_WEIGHTS = PER_CELL  # of simulation, demo and tables: nearer to Gazebo's times (docs/explanation/results.md)
 
 
 class Variant(NamedTuple):

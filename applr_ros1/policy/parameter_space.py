@@ -232,7 +232,9 @@ def _start(robot, parameter, tree):
         known = {name: p for p in known_servers[setting.server].parameters for name in (p.name,) + p.aliases}
         declared = known.get(setting.names[0])
         if declared is None:
-            raise ApplrError(f"{label}: {where} has no parameter {setting.names[0]}; docs/parameters.md lists them")
+            raise ApplrError(
+                f"{label}: {where} has no parameter {setting.names[0]}; docs/reference/parameters.md lists them"
+            )
         if declared.type not in ("double", "int"):
             raise ApplrError(f"{label}: {setting.names[0]} is no number in {where}; take another parameter")
         if (declared.type == "int") != parameter.integer:

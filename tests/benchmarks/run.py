@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Measures the speeds in docs/results.md: `python tests/benchmarks/run.py [--json] [--only NAME ...]`.
+"""Measures the speeds in docs/explanation/results.md: `python tests/benchmarks/run.py [--json] [--only NAME ...]`.
 
 Each figure is a function of its own name in one of the modules beside this file, returning (value, unit). Measure on a
 machine that does nothing else.

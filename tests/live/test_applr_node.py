@@ -1,4 +1,4 @@
-"""The applr node beside a stand-in move_base: what it sends, and the faults of docs/faults.md that are its own."""
+"""The applr node beside a stand-in move_base: what it sends, and its own faults of docs/reference/faults.md."""
 
 import time
 

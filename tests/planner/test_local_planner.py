@@ -60,7 +60,7 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
 
 
 def test_the_stored_plan_loses_points_from_its_front_even_if_the_cut_begins_later():
-    """docs/planner.md, section 7.2: the cut skips points beyond the map, the deletions start at the front."""
+    """docs/explanation/planner.md, section 7.2: the cut skips points beyond the map, deletions start at the front."""
     plan = np.array([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]])
     cut, dropped = cut_plan(plan, 0.0, 0.0, 5.0, True)
     assert np.array_equal(cut, [[0.5, 0, 0]])

@@ -1,4 +1,4 @@
-"""Slow, direct costmap layers after docs/planner.md, sections 2 to 4: what the fast ones are compared with.
+"""Slow, direct costmap layers after docs/explanation/planner.md, sections 2 to 4: what the fast ones are compared with.
 
 test_costmap.py, test_inflation.py, test_obstacle_layer.py and test_navfn.py hold the fast versions against these.
 """

@@ -1,4 +1,4 @@
-"""A slow, direct navfn in numpy's float32 after docs/planner.md, section 5: what the fast one is compared with."""
+"""A slow, direct navfn in float32 after docs/explanation/planner.md, section 5, to compare the fast one with."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A slow, direct trajectory planner after docs/planner.md, section 6: what the fast one is compared with.
+"""A slow, direct trajectory planner after docs/explanation/planner.md, section 6: what the fast one is compared with.
 
 Used by test_trajectory_planner.py. Every sample is rolled out and scored in order; the grids are given.
 """
@@ -36,7 +36,7 @@ class Plain:
         return world_to_map(x, y, self.ox, self.oy, self.resolution, nx, ny)
 
     def score(self, start, vx_s, vy_s, w_s):
-        """(cost, points) of one sample. docs/planner.md, section 6.2."""
+        """(cost, points) of one sample. docs/explanation/planner.md, section 6.2."""
         p = self.p
         if p["heading_scoring"]:
             steps = int(p["sim_time"] / p["sim_granularity"] + 0.5)
@@ -99,7 +99,7 @@ class Plain:
         return HUGE
 
     def choose(self, start, window, state):
-        """((cost, vx, w, points), state after). docs/planner.md, sections 6.3 to 6.6."""
+        """((cost, vx, w, points), state after). docs/explanation/planner.md, sections 6.3 to 6.6."""
         p = self.p
         x, y, theta = start[:3]
         best = (-1.0, 0.0, 0.0, [])

@@ -138,8 +138,8 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
         type=robot,
         default=JACKAL,
         metavar="NAME",
-        help="Robot that drives, at whose scale the worlds are: %s, or a folder with robot.yaml (docs/robots.md). "
-        "Default: jackal." % ", ".join(NAMES),
+        help="Robot that drives, at whose scale the worlds are: %s, or a folder with robot.yaml "
+        "(docs/howto/robots.md). Default: jackal." % ", ".join(NAMES),
     )
 
 

@@ -1,7 +1,7 @@
 """The options of train.py: their groups in one class, the command line, recipes, and what a run stored.
 
 Defaults are the paper's; where the paper is silent, those of its authors' code. Deviations are named in
-training/td3/td3.py and docs/training.md.
+training/td3/td3.py and docs/howto/training.md.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ class TaskOptions(Options):
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     robot: str = option("jackal",
-        f"Robot that drives: {', '.join(NAMES)}, or a folder with robot.yaml (docs/robots.md). The worlds are at its "
-        "scale.", fixed=True)
+        f"Robot that drives: {', '.join(NAMES)}, or a folder with robot.yaml (docs/howto/robots.md). The worlds are at "
+        "its scale.", fixed=True)
     worlds: str = option("generated:learn",
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
@@ -281,7 +281,7 @@ def parser() -> Parser:
         "train.py",
         "Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in\nsimulation, "
         "or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.",
-        "Defaults are the paper's; where the paper is silent, those of its authors' code. docs/training.md\n"
+        "Defaults are the paper's; where the paper is silent, those of its authors' code. docs/howto/training.md\n"
         "describes the learning problem, the files of a run, and each deviation.",
     )
     made.add_argument(

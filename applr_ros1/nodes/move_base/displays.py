@@ -30,7 +30,7 @@ class _NewSubscriber(rospy.SubscribeListener):
 
 
 class CostmapDisplay:
-    """One costmap: `costmap`, `costmap_updates` and `footprint` under ~<name> (docs/planner.md, section 3.7).
+    """One costmap: topics `costmap`, `costmap_updates`, `footprint` (docs/explanation/planner.md, section 3.7).
 
     costmap() returns the planner.costmap.Costmap, settings() the values of its server.
     """

@@ -2,7 +2,7 @@
 
 Started by scripts/move_base.py. Subscribers and services hand their messages to one thread (planner_thread.py), which
 steps the planner and publishes. Parameters: ~robot (name or folder of a description, whose files are then read), ~map
-and ~tf_prefix for it, and those in docs/parameters.md.
+and ~tf_prefix for it, and those in docs/reference/parameters.md.
 """
 
 from __future__ import annotations

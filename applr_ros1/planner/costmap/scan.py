@@ -116,7 +116,7 @@ def _beam_directions(angle_min, angle_increment, count):
 
 
 def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
-    """PointCloud of a LaserScan: docs/planner.md, section 3.1.
+    """PointCloud of a LaserScan: docs/explanation/planner.md, section 3.1.
 
     Kept are beams with range_min <= range < range_max. With `inf_is_valid` a +inf counts as a hit just short of
     range_max, so that it clears; NaN and -inf never count.

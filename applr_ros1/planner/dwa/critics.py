@@ -1,7 +1,7 @@
 """The critics of one trajectory, each over all its points, in the order of the C++ planner.
 
 Called for single trajectories and for what is shown of a cycle (score_all_samples.py); the search finds the same costs
-with less work. A negative value refuses the trajectory. docs/planner_dwa.md section 6.
+with less work. A negative value refuses the trajectory. docs/explanation/planner_dwa.md section 6.
 """
 
 import math

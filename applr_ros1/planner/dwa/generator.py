@@ -1,4 +1,4 @@
-"""Makes the trajectory of one velocity sample (SimpleTrajectoryGenerator). docs/planner_dwa.md section 5.
+"""Makes the trajectory of one velocity sample (SimpleTrajectoryGenerator). docs/explanation/planner_dwa.md section 5.
 
 Every pose and velocity is rounded to float32 when it is stored; what lies between is double.
 """

@@ -1,4 +1,4 @@
-"""The part of the global plan that the robot follows now (LocalPlannerUtil). docs/planner_dwa.md section 2."""
+"""The part of the global plan to follow now (LocalPlannerUtil). docs/explanation/planner_dwa.md section 2."""
 
 from typing import Optional
 

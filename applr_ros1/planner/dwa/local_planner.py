@@ -1,6 +1,6 @@
 """The local planner (DWAPlannerROS): follows a plan with the DWA planner, stops and turns at its end.
 
-Called by MoveBase once per control cycle. docs/planner_dwa.md section 8.
+Called by MoveBase once per control cycle. docs/explanation/planner_dwa.md section 8.
 """
 
 import math

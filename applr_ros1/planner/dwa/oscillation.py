@@ -1,6 +1,6 @@
 """Keeps the robot from going to and fro: a direction just left is barred until it has moved on.
 
-OscillationCostFunction; docs/planner_dwa.md section 7.
+OscillationCostFunction; docs/explanation/planner_dwa.md section 7.
 """
 
 import numpy as np

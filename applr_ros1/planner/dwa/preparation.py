@@ -1,6 +1,6 @@
 """What a cycle begins with: the pose as used, the targets of the four distance grids, and where their floods start.
 
-docs/planner_dwa.md section 3.
+docs/explanation/planner_dwa.md section 3.
 """
 
 import math

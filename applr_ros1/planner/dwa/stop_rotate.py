@@ -1,6 +1,6 @@
 """Stops the robot at the goal's place and turns it to the goal's heading (LatchedStopRotateController).
 
-Called by local_planner.py. docs/planner_dwa.md section 8. All angles have gone through a quaternion.
+Called by local_planner.py. docs/explanation/planner_dwa.md section 8. All angles have gone through a quaternion.
 """
 
 import math

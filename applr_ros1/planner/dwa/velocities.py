@@ -1,4 +1,4 @@
-"""The velocities that a cycle tries: the dynamic window and the values of each axis. docs/planner_dwa.md section 4."""
+"""The velocities of a cycle: dynamic window and values of each axis. docs/explanation/planner_dwa.md section 4."""
 
 import math
 

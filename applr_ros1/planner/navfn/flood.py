@@ -1,8 +1,8 @@
 """navfn's flood: the potential grown from the robot's cell until the goal's cell has one.
 
 Called by navfn.Navfn, and the costliest kernel of a control cycle. It visits cells in the C++ order and rounds as
-C++ does (navfn.cpp:419, 440, 615; docs/planner.md, section 5.2). What differs is the work per cell, which waits for
-memory more than it computes:
+C++ does (navfn.cpp:419, 440, 615; docs/explanation/planner.md, section 5.2). What differs is the work per cell, which
+waits for memory more than it computes:
 - All that is known of a cell is two float32 side by side, its potential and the weight of a push to it: infinite for
   obstacles, and times 2^64 while the cell is listed, so that one comparison decides. The cost is read off the weight.
 - A cycle runs over its list twice, first for the new potentials, then for the pushes. Pushes never enter a potential,

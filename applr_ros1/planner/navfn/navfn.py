@@ -1,7 +1,7 @@
 """The global planner navfn: a potential grown from the robot's cell, a path traced down its gradient.
 
-Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/planner.md, section 5); potentials, cost array and plans are
-equal to the C++ ones byte for byte.
+Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/explanation/planner.md, section 5); potentials, cost array and
+plans are equal to the C++ ones byte for byte.
 """
 
 from __future__ import annotations

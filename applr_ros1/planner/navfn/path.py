@@ -1,7 +1,7 @@
 """navfn's path: traced down the gradient of the potential in half-cell steps.
 
-Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (docs/planner.md, section 5.3) in float32 where C++ is. C++ reads
-a cell outside its arrays at the map's ends; here such cells count as unreached.
+Called by navfn.Navfn. Follows navfn.cpp:785 and 955 (docs/explanation/planner.md, section 5.3) in float32 where C++ is.
+C++ reads a cell outside its arrays at the map's ends; here such cells count as unreached.
 """
 
 import math

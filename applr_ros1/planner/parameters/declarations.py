@@ -2,8 +2,8 @@
 
 The rows stand in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
 costmap_parameters.py; here they are joined by dynamic_reconfigure server and name space. The .cfg files,
-docs/parameters.md, the parameter check at start-up and MoveBase follow from them. Pure standard library, for the .cfg
-files import it at build time without numpy.
+docs/reference/parameters.md, the parameter check at start-up and MoveBase follow from them. Pure standard library, for
+the .cfg files import it at build time without numpy.
 """
 
 from __future__ import annotations

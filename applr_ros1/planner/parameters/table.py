@@ -1,7 +1,7 @@
-"""Writes docs/parameters.md from the declarations.
+"""Writes docs/reference/parameters.md from the declarations.
 
-`python -m applr_ros1.planner.parameters.table docs/parameters.md` writes the lists between the file's two marks. A test
-checks that the file holds what this makes. Standard library only.
+`python -m applr_ros1.planner.parameters.table docs/reference/parameters.md` writes the lists between the file's two
+marks. A test checks that the file holds what this makes. Standard library only.
 """
 
 from __future__ import annotations
@@ -98,10 +98,10 @@ def main() -> int:
     if sys.argv[1:2] in (["-h"], ["--help"]):
         print(
             "usage: python -m applr_ros1.planner.parameters.table [FILE]\n\nWrites the lists of parameters into a "
-            "Markdown file, docs/parameters.md by default."
+            "Markdown file, docs/reference/parameters.md by default."
         )
         return 0
-    return run_main(lambda: write(*sys.argv[1:2] or ["docs/parameters.md"]), "table")
+    return run_main(lambda: write(*sys.argv[1:2] or ["docs/reference/parameters.md"]), "table")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Finds the best forward sample of a cycle without rolling out those that cannot be it.
 
 Called by sampling.py. Samples wait in a heap by a lower bound of their cost; the lowest is scored, and
-scoring ends where no bound is left that beats the best cost. docs/planner.md, section 6.4.
+scoring ends where no bound is left that beats the best cost. docs/explanation/planner.md, section 6.4.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Finds the turn in place, if any, that replaces the best forward sample of a cycle.
 
-Called by sampling.py. docs/planner.md, section 6.5. The conditions of a turn have no side effects, so the
+Called by sampling.py. docs/explanation/planner.md, section 6.5. The conditions of a turn have no side effects, so the
 cheap ones come first and most turns are never rolled out.
 """
 

@@ -112,7 +112,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
 
 @kernel(error_model="numpy")
 def velocity_window(p, plan, start):
-    """(least vx, most vx, least w, most w) of this cycle's samples. docs/planner.md, section 6.3."""
+    """(least vx, most vx, least w, most w) of this cycle's samples. docs/explanation/planner.md, section 6.3."""
     most_vx = p.max_vel_x
     if plan.shape[0] > 0:
         last = plan.shape[0] - 1
@@ -177,7 +177,7 @@ def first_pose(p, scene, grids, start):
 
 @kernel
 def remember(p, state, start, cost, vx, w, legal):
-    """Take the cycle's choice into the flags. docs/planner.md, section 6.6.
+    """Take the cycle's choice into the flags. docs/explanation/planner.md, section 6.6.
 
     legal: the choice is a forward sample or a turn; otherwise it is backing up, at `cost`.
     """

@@ -36,7 +36,8 @@ class OwnMethod(Method):
         self.commands = callable(getattr(made, "command", None))
         if not self.commands and not callable(getattr(made, "theta", None)):
             raise ApplrError(
-                "method %s has no theta(context) and no command(context); see docs/extending.md for examples" % spec
+                "method %s has no theta(context) and no command(context); see docs/howto/extending.md for examples"
+                % spec
             )
         self.static = not self.commands and bool(getattr(made, "static", False))
         self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))

@@ -80,7 +80,7 @@ def corners_of(vertices, pose, shape, origin, resolution):
 
 
 def plain_cost(cells, origin, resolution, vertices, pose):
-    """The footprint's cost as docs/planner.md, section 2.4 states it."""
+    """The footprint's cost as docs/explanation/planner.md, section 2.4 states it."""
     cx, cy = world_to_map(pose[0], pose[1], *origin, resolution, cells.shape[1], cells.shape[0])
     if cx < 0:
         return -3
@@ -101,7 +101,7 @@ def plain_cost(cells, origin, resolution, vertices, pose):
 
 
 def plain_fill(shape, origin, resolution, vertices, pose):
-    """The filled footprint as docs/planner.md, section 2.5 states it: the set of cells (x, y)."""
+    """The filled footprint as docs/explanation/planner.md, section 2.5 states it: the set of cells (x, y)."""
     if len(vertices) <= 1:
         cell = world_to_map(pose[0], pose[1], *origin, resolution, shape[1], shape[0])
         return {cell} if cell[0] >= 0 else set()

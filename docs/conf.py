@@ -1,0 +1,26 @@
+"""Configuration of the documentation site. `./applr docs` builds it into docs/_build."""
+
+import sys
+import xml.etree.ElementTree as xml
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
+
+project = "applr_ros1"
+author = "applr_ros1 contributors"
+copyright = "applr_ros1 contributors, MIT licence"  # noqa: A001 (the name that Sphinx reads)
+release = xml.parse(HERE.parent / "package.xml").findtext("version")
+
+extensions = ["myst_parser", "repository"]
+exclude_patterns = ["_build", "_ext"]
+nitpicky = True
+
+myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline"]
+myst_heading_anchors = 4
+
+html_theme = "furo"
+html_title = "applr_ros1"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sphinx = False
