@@ -107,11 +107,22 @@ class Stack:
 
         from tests.support.ros_harness import wait_for
 
-        self.client.cancel_all_goals()
-        self.client.stop_tracking_goal()
+        self.give_up()
         rospy.ServiceProxy("/sim_bridge/reset", Empty)()
         wait_for(lambda: abs(self.relay.x) < 0.1, 3.0, "the start")
         self.relay.touched = False
+
+    @property
+    def goal_is_over(self):
+        from actionlib_msgs.msg import GoalStatus
+
+        return not self.client.gh or self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE)
+
+    def give_up(self):
+        """Ends the goal. A cancel of all goals, on a connection of its own, could also end the next one."""
+        if not self.goal_is_over:
+            self.client.cancel_goal()
+            self.until(lambda: self.goal_is_over, 5.0, "the end of the goal")
 
     def send(self, x=GOAL, **more):
         from tests.support.move_base_stack import goal
@@ -120,11 +131,14 @@ class Stack:
 
     def under_way(self, speed=0.6, room=7.0):
         """The robot drives to the goal at `speed` [m/s] or more, with so much room [m] before it."""
-        if not (self.relay.speed > 0.1 and self.relay.x < GOAL - room):
+        if self.goal_is_over or not (self.relay.speed > 0.1 and self.relay.x < GOAL - room):
             if self.relay.x > 2.0:
                 self.back_to_the_start()
             self.send()
-        self.until(lambda: self.relay.speed > speed, 15.0, "motion")
+        self.until(lambda: self.relay.speed > speed or self.goal_is_over, 15.0, "motion")
+        if self.relay.speed <= speed:  # what an earlier test did to the nodes has ended this goal, too
+            self.send()
+            self.until(lambda: self.relay.speed > speed, 15.0, "motion")
 
     def longest_gap(self):
         """The longest time between two of the commands that the relay still has [s]."""
@@ -132,26 +146,34 @@ class Stack:
 
     def stands_after(self, break_it, within=2.0):
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""
+        from tests.support.ros_harness import slowness
+
         broken = self.relay.now
         break_it()
         self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, 2 * within + 1, "standstill")
         took = next(t for t, _, v in list(self.relay.truth) if t > broken and abs(v) < 0.01) - broken
-        assert took < within
+        assert took < within * slowness()
         return took
 
     def drives_again(self, seconds=10.0, speed=0.3):
         self.until(lambda: self.relay.speed > speed, seconds, "motion again")
 
     def until(self, condition, seconds, what):
-        """Waits as wait_for does; a failure says where the robot is and what the collision monitor did."""
+        """Waits as wait_for does; a failure says where the robot is and what collision monitor and move_base did."""
         from tests.support.ros_harness import wait_for
 
         try:
             return wait_for(condition, seconds, what)
         except AssertionError as late:
-            relay = self.relay
-            state = "x %.2f, aside %s, %.2f m/s" % (relay.x, relay.aside, relay.speed)
-            raise AssertionError("%s; %s; %s" % (late, state, self.actions[-3:])) from None
+            relay, client = self.relay, self.client
+            goal = "goal: state %d %s" % (client.get_state(), client.get_goal_status_text()) if client.gh else "no goal"
+            lines = [
+                "%s; x %.2f, aside %s, %.2f m/s" % (late, relay.x, relay.aside, relay.speed),
+                "%.2f, in simulated time %.2f; planned %s" % (time.time(), relay.now, relay.planned[-3:]),
+                "sent on %s; %s; %s" % (relay.commands[-3:], self.actions[-3:], goal),
+                *self.said("move_base").splitlines()[-10:],
+            ]
+            raise AssertionError("\n".join(lines)) from None
 
 
 @pytest.fixture(scope="package")

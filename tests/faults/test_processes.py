@@ -9,7 +9,7 @@ from dynamic_reconfigure.client import Client
 
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.move_base_stack import PLANNER, SUCCEEDED
-from tests.support.ros_harness import wait_for
+from tests.support.ros_harness import slowness, wait_for
 
 pytestmark = pytest.mark.ros
 LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
@@ -41,7 +41,7 @@ def test_the_planner_freezes(stack, client, measured):
     began = time.monotonic()
     assert not client.apply(THETA_0).ok
     measured("request given up after", time.monotonic() - began, "s")
-    assert time.monotonic() - began < 1.2
+    assert time.monotonic() - began < 1.2 * slowness()
     stack.nodes["move_base"].thaw()
     stack.drives_again()
     wait_for(lambda: has_what_was_decided(stack, client), 3.0, "parameters")
@@ -82,7 +82,7 @@ def test_the_applr_node_is_killed(stack, client, measured):
     assert periods < PERIODS + 0.2
     gap = stack.longest_gap()
     measured("longest gap of commands", 1e3 * gap, "ms")
-    assert gap < 0.25
+    assert gap < 0.25 * slowness()
     stack.start("applr")
     stack.under_way()
     wait_for(lambda: not on_theta_0(), 5.0, "parameters of the new node")
@@ -143,10 +143,9 @@ def test_fifty_changes_of_parameters_in_a_second(stack, measured, seconds):
     measured("longest gap of commands", 1e3 * gap, "ms")
     measured("a change takes, 95th percentile", 1e3 * np.percentile(took, 95), "ms")
     assert len(took) > 10 * seconds
-    assert gap < 0.25
+    assert gap < 0.25 * slowness()
     for client in clients:
         client.close()
-    stack.client.cancel_all_goals()
     stack.back_to_the_start()
     stack.send(1.5)
     assert stack.client.wait_for_result(rospy.Duration(15.0))

@@ -9,7 +9,7 @@ import rospy
 from geometry_msgs.msg import Twist
 
 from tests.support.move_base_stack import ABORTED, PREEMPTED, SUCCEEDED, collect, goal
-from tests.support.ros_harness import wait_for
+from tests.support.ros_harness import slowness, wait_for
 
 pytestmark = pytest.mark.ros
 RECALLED = 8
@@ -36,7 +36,7 @@ def test_a_hundred_goals_in_a_second(stack, measured):
     assert set(ends.values()) <= {PREEMPTED, SUCCEEDED, RECALLED}
     gap = stack.longest_gap()
     measured("longest gap of commands", 1e3 * gap, "ms")
-    assert gap < 0.3
+    assert gap < 0.3 * slowness()
     subscriber.unregister()
     publisher.unregister()
 
@@ -54,7 +54,7 @@ def test_a_hundred_goals_in_a_second(stack, measured):
     ],
 )
 def test_goals_that_cannot_be(stack, measured, bad, words):
-    stack.client.cancel_all_goals()
+    stack.give_up()
     began = time.monotonic()
     stack.client.send_goal(goal(**bad))
     assert stack.client.wait_for_result(rospy.Duration(2.0))
@@ -73,10 +73,10 @@ def test_make_plan_and_clear_costmaps_all_the_time(stack, measured):
     for _ in range(3):
         stack.under_way(room=12.0)
         gaps.append(_longest_gap_under_calls(stack, 2.0))
-        if gaps[-1] < 0.25:
+        if gaps[-1] < 0.25 * slowness():
             break
     measured("longest gap of commands", 1e3 * min(gaps), "ms")
-    assert min(gaps) < 0.25, gaps
+    assert min(gaps) < 0.25 * slowness(), gaps
     stack.drives_again()
 
 
@@ -106,9 +106,9 @@ def _longest_gap_under_calls(stack, seconds):
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(10.0)
+        thread.join(10.0 * slowness())
     assert not any(thread.is_alive() for thread in threads)
-    assert min(calls) > 10, calls
+    assert min(calls) > 10 / slowness(), calls
     assert not wrong
     return stack.longest_gap()
 
@@ -116,7 +116,7 @@ def _longest_gap_under_calls(stack, seconds):
 @pytest.fixture
 def mad(stack):
     """mad(v): from now on something else commands, in place of move_base: v [m/s], straight on down the alley."""
-    stack.client.cancel_all_goals()
+    stack.give_up()
     if stack.relay.x > 9.0:
         stack.back_to_the_start()
     publisher, command, over = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1), [0.0], threading.Event()

@@ -94,5 +94,5 @@ def collect(topic, kind):
 def finish(client, seconds=20.0):
     import rospy
 
-    assert client.wait_for_result(rospy.Duration(seconds)), "no result"
+    assert client.wait_for_result(rospy.Duration(seconds * ros_harness.slowness())), "no result"
     return client.get_state(), client.get_goal_status_text()

@@ -184,14 +184,23 @@ def free_port():
         return s.getsockname()[1]
 
 
+def slowness():
+    """How many times as long as on an idle machine something may take: programs per core, at least 1."""
+    return max(1.0, os.getloadavg()[0] / os.cpu_count())
+
+
 def wait_for(condition, seconds=5.0, what="condition"):
-    """Polls until condition() is true and returns its value; AssertionError after `seconds` of wall time."""
-    end = time.monotonic() + seconds
+    """Polls until condition() is true and returns its value.
+
+    AssertionError after `seconds` of wall time, times slowness().
+    """
+    began = time.monotonic()
     while True:
         value = condition()
         if value:
             return value
-        assert time.monotonic() < end, f"{what}: not within {seconds:g} s"
+        waited = time.monotonic() - began
+        assert waited < seconds or waited < seconds * slowness(), "%s: not within %.3g s" % (what, waited)
         time.sleep(0.01)
 
 
