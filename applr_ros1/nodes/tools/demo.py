@@ -57,10 +57,7 @@ def main():
     (file,) = roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])
     values, passed, robot, world = prepare(words, file)
     folder = tempfile.mkdtemp(prefix="applr_demo_")
-    port = free_port()
-    os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
-    for name in ("ROS_IP", "ROS_NAMESPACE"):  # of another robot
-        os.environ.pop(name, None)
+    port = own_master(folder)
     stack = Stack(file, passed, port)
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
     result.update(collided=False, time_s=None, seed=int(values["seed"]), simulator=values["simulator"])
@@ -85,6 +82,15 @@ def main():
         result["animation"] = _leave(values["animation"], lambda path: animation.save(drive, _outline(robot), path))
     print(json.dumps(result), flush=True)
     return 0 if result["success"] else 1
+
+
+def own_master(folder):
+    """Have this process and its children use a master on a free port, which is returned; `folder` gets their logs."""
+    port = free_port()
+    os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
+    for name in ("ROS_IP", "ROS_NAMESPACE"):  # of another robot
+        os.environ.pop(name, None)
+    return port
 
 
 def say(text):

@@ -1,0 +1,130 @@
+"""The ROS node viewer: a page in a browser with the robot, its planner and its parameters.
+
+Started by scripts/viewer.py. While no page is open it subscribes to nothing.
+
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix, ~host
+(127.0.0.1: who may open the page) and ~port (8080, or the next free one). Sets ~address, where the page is.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import rospy
+
+from applr_ros1.common.arguments import frame_prefix, number_within
+from applr_ros1.common.progress import Throttled
+from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.robots import JACKAL, Robot, load
+
+from . import panel, pilot, scene
+from .listening import Listener
+
+RATE = 10.0  # Hz of wall time with a page open
+IDLE = 0.2  # s between looks for a page
+
+
+class Viewer:
+    """The page and what it shows.
+
+    Args:
+        robot: Description of the robot.
+        prefix: What the names of its frames begin with.
+        fixed: Frame in which everything is drawn.
+        host: Address that the page is served on.
+        port: Its port; where another program has it, the next free one.
+    """
+
+    def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int):
+        import viser
+
+        self._robot = robot
+        topics = {**scene.topics(robot), **panel.topics(robot), **pilot.TOPICS}
+        self._listener = Listener(topics, fixed)
+        self.server = viser.ViserServer(host, port, label="applr_ros1: %s" % robot.name, verbose=False)
+        self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
+        self.pilot = pilot.Pilot(robot, self._listener)
+        self._scene = scene.Scene(self.server, robot, self._listener, prefix + robot.frames.base)
+        self._lock = threading.Lock()
+        self._make_page()
+        self.server.on_client_connect(lambda client: self._scene.look(client, False))
+
+    @property
+    def address(self) -> str:
+        """Of the page."""
+        return "http://%s:%d" % (self.server.get_host(), self.server.get_port())
+
+    def _make_page(self) -> None:
+        gui = self.server.gui
+        self._state = gui.add_markdown("")
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Drive"):
+            self._panel = panel.Panel(gui, self._robot, self._listener, self.pilot, self.say)
+        with tabs.add_tab("View"):
+            self._follow = gui.add_checkbox("follow the robot", True)
+            for text, above in (("from above", True), ("from behind", False)):
+                button = gui.add_button(text)
+                button.on_click(lambda event, above=above: event.client and self._scene.look(event.client, above))
+            for name in scene.LAYERS:
+                self._add_layer(gui.add_checkbox(name, self._scene.shown[name]), name)
+
+    def _add_layer(self, box: Any, name: str) -> None:
+        box.on_update(lambda _: self._scene.shown.__setitem__(name, box.value))
+
+    def say(self, text: str) -> None:
+        """Show one line to everybody who looks."""
+        rospy.logwarn("viewer: %s", text)
+        for client in self.server.get_clients().values():
+            client.add_notification("applr_ros1", text, auto_close_seconds=8.0, color="orange")
+
+    def spin(self) -> None:
+        """Draw until shutdown, at RATE while a page is open."""
+        report = Throttled(rospy.logerr)
+        while not rospy.is_shutdown():
+            began = time.monotonic()
+            if not self.server.get_clients():
+                self._listener.close()
+                time.sleep(IDLE)
+                continue
+            self._listener.open()
+            try:
+                with self.server.atomic():
+                    self._draw()
+            except Exception as problem:  # one message that cannot be drawn does not end the page
+                report("viewer: %s: %s" % (type(problem).__name__, problem))
+            time.sleep(max(0.0, began + 1.0 / RATE - time.monotonic()))
+
+    def _draw(self) -> None:
+        before = self._scene.pose
+        text = self._panel.look()
+        self._scene.draw(self._panel.speed)
+        if text != self._state.content:
+            self._state.content = text
+        pose = self._scene.pose
+        if self._follow.value and before and pose and before != pose:
+            for client in self.server.get_clients().values():
+                x, y, z = client.camera.position
+                client.camera.position = x + pose[0] - before[0], y + pose[1] - before[1], z
+
+    def close(self) -> None:
+        """End the page."""
+        self.pilot.close()
+        self.server.stop()
+
+
+def main() -> int:
+    """Runs until shutdown. Raises ApplrError, one line, for parameters that cannot be used."""
+    init_node("viewer")
+    robot = load(str(rospy.get_param("~robot", JACKAL.name)))
+    prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
+    fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
+    port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
+    viewer = Viewer(robot, prefix, fixed, str(rospy.get_param("~host", "127.0.0.1")), port)
+    rospy.set_param("~address", viewer.address)
+    rospy.loginfo("viewer: the page is at %s", viewer.address)
+    with until_shutdown():
+        viewer.spin()
+    viewer.close()
+    return 0

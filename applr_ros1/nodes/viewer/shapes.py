@@ -1,0 +1,145 @@
+"""Shapes of the viewer's scene: colours, lines, the robot's model, and a costmap as a texture on the ground."""
+
+from __future__ import annotations
+
+import time
+from typing import Any, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose, quaternion_of
+from applr_ros1.robots import Robot
+from applr_ros1.robots.geometry import wheel_places
+
+RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # from low to high
+
+
+def colours(share: Any) -> np.ndarray:
+    """(n, 3) uint8 for shares (n,) from 0, blue, to 1, red."""
+    share = np.clip(np.asarray(share, np.float64), 0.0, 1.0) * (len(RAMP) - 1)
+    return np.stack([np.interp(share, range(len(RAMP)), RAMP[:, k]) for k in range(3)], axis=1).astype(np.uint8)
+
+
+def lifted(points: np.ndarray, z: float) -> np.ndarray:
+    """(n, 3) float32 of points (n, 2) at height z [m]."""
+    return np.column_stack([points, np.full(len(points), z)]).astype(np.float32)
+
+
+def turned(yaw: float) -> Tuple[float, float, float, float]:
+    """The quaternion (w, x, y, z) of a turn about z."""
+    x, y, z, w = quaternion_of(yaw)
+    return w, x, y, z
+
+
+class Lines:
+    """Line segments that change; nothing is sent while they stay the same."""
+
+    def __init__(self, scene: Any, name: str, colour: Tuple[int, int, int], thickness: float):
+        self.shown = True
+        self._colour = colour
+        self._handle = scene.add_line_segments(
+            name, np.zeros((1, 2, 3), np.float32), np.zeros((1, 2, 3), np.uint8), thickness=thickness, visible=False
+        )
+
+    def path(self, points: np.ndarray, z: float, shades: Optional[np.ndarray] = None) -> None:
+        """Draw a line through points (n, 2) [m] at height z; shades: (n, 3) uint8 for each."""
+        segments = np.stack([lifted(points[:-1], z), lifted(points[1:], z)], axis=1)
+        self.segments(segments, None if shades is None else np.stack([shades[:-1], shades[1:]], axis=1))
+
+    def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
+        """Draw segments (n, 2, 3) [m]; shades: (n, 2, 3) uint8."""
+        if len(points) and self.shown:
+            whole = np.broadcast_to(np.array(self._colour, np.uint8), points.shape)
+            self._handle.points, self._handle.colors = points, np.ascontiguousarray(whole if shades is None else shades)
+        self._handle.visible = bool(len(points)) and self.shown
+
+    def remove(self) -> None:
+        """Take the lines off the scene."""
+        self._handle.remove()
+
+
+class Model:
+    """The robot by its description: body, wheels and laser. opacity below 1 makes a ghost of it."""
+
+    def __init__(self, scene: Any, name: str, robot: Robot, colour: Tuple[int, int, int], opacity: Optional[float]):
+        base, body = robot.base, robot.body
+        self._height = base.wheel_radius - base.axle_height  # of the base frame above the ground
+        self._frame = scene.add_frame(name, show_axes=False, visible=False)
+        look = {"opacity": opacity, "cast_shadow": opacity is None}
+        middle = (*body.centre, body.bottom + body.size[2] / 2)
+        scene.add_box(name + "/body", color=colour, dimensions=body.size, position=middle, **look)
+        aside = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # about x: a cylinder's axis along y
+        for k, (x, y) in enumerate(wheel_places(base)):
+            wheel, place = "%s/wheel%d" % (name, k), (x, y, base.axle_height)
+            size = base.wheel_radius, base.wheel_width
+            scene.add_cylinder(wheel, *size, color=(40, 40, 45), wxyz=aside, position=place, **look)
+        place = (*robot.laser.pose[:2], robot.laser.height)
+        scene.add_cylinder(name + "/laser", 0.04, 0.06, color=(20, 20, 25), position=place, **look)
+
+    def put(self, pose: Optional[Pose]) -> None:
+        """Put it at pose (x, y, yaw), or nowhere."""
+        self._frame.visible = pose is not None
+        if pose is not None:
+            self._frame.position, self._frame.wxyz = (pose[0], pose[1], self._height), turned(pose[2])
+
+    def remove(self) -> None:
+        """Take it off the scene."""
+        self._frame.remove()
+
+
+class Costmap:
+    """A costmap, kept up to date from whole maps and updates, and drawn where anything but free space is."""
+
+    def __init__(self, scene: Any, name: str, z: float, period: float):
+        self.shown, self.frame = False, ""
+        self._scene, self._name, self._z, self._period = scene, name, z, period
+        self._cells, self._info, self._drawn, self._changed = None, None, 0.0, False
+        self._handle: Any = None
+
+    def take(self, message: Any) -> None:
+        """A nav_msgs/OccupancyGrid."""
+        self._info, self.frame, self._changed = message.info, message.header.frame_id, True
+        self._cells = np.array(message.data, np.int8).reshape(message.info.height, message.info.width)
+
+    def update(self, message: Any) -> None:
+        """A map_msgs/OccupancyGridUpdate."""
+        x, y, n, m = message.x, message.y, message.width, message.height
+        if self._cells is not None and y + m <= self._cells.shape[0] and x + n <= self._cells.shape[1]:
+            self._cells[y : y + m, x : x + n] = np.reshape(message.data, (m, n))
+            self._changed = True
+
+    def draw(self, place: Optional[Pose]) -> None:
+        """Draw what is new, at most once in a period. place: of the map's frame."""
+        now = time.monotonic()
+        due = self._changed and now - self._drawn >= self._period
+        if self.shown and place is not None and self._cells is not None and due:
+            self._drawn, self._changed = now, False
+            self._show(place)
+        if self._handle is not None:
+            self._handle.visible = self.shown
+
+    def _show(self, place: Pose) -> None:
+        rows, columns = (np.flatnonzero(self._cells.any(axis=axis)) for axis in (1, 0))
+        if not len(rows):
+            return
+        (y0, y1), (x0, x1) = (rows[0], rows[-1] + 1), (columns[0], columns[-1] + 1)
+        image = SHADES[self._cells[y0:y1, x0:x1]]
+        cell, corner = self._info.resolution, self._info.origin.position
+        wide, high = (x1 - x0) * cell, (y1 - y0) * cell
+        middle = place[0] + corner.x + x0 * cell + wide / 2, place[1] + corner.y + y0 * cell + high / 2
+        if self._handle is None:
+            self._handle = self._scene.add_image(self._name, image, wide, high, cast_shadow=False)
+        self._handle.image, self._handle.render_width, self._handle.render_height = image, wide, high
+        self._handle.position = (*middle, self._z)
+
+
+def _shades() -> np.ndarray:
+    """(256, 4) uint8: the colour of each occupancy, -1 (unknown) last; cheap cells are faint, lethal ones strong."""
+    table = np.zeros((256, 4), np.uint8)
+    table[1:99, :3] = colours(np.linspace(0.1, 0.75, 98))
+    table[1:99, 3] = np.linspace(50, 170, 98)
+    table[99], table[100] = (230, 80, 60, 190), (120, 20, 90, 220)
+    return table
+
+
+SHADES = _shades()

@@ -1,0 +1,104 @@
+"""The viewer without a browser: what does not answer, sliders and methods, and that it is quiet without a page."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rospy
+from nav_msgs.msg import Odometry
+
+from applr_ros1.nodes.viewer.node import Viewer
+from applr_ros1.robots import JACKAL
+from tests.support.fake_jackal import FakeJackal
+from tests.support.ros_harness import free_port, session, wait_for
+
+viser = pytest.importorskip("viser")
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture(scope="module")
+def ros():
+    return session()
+
+
+@pytest.fixture
+def viewer(ros):
+    made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
+    made._listener.open()
+    yield made
+    made._listener.close()
+    made.close()
+
+
+def state(viewer):
+    viewer._draw()
+    return viewer._state.content
+
+
+def by_hand(element, value):
+    """What viser does when a person changes an element on the page."""
+    element.value = value
+    for callback in element._impl.update_cb:
+        callback(SimpleNamespace(client=object(), target=element))
+
+
+def test_what_does_not_answer_is_said(viewer):
+    text = state(viewer)
+    assert "no move_base: nothing on /move_base/status" in text
+    assert "no scan: nothing on /front/scan" in text
+    assert "no applr node" in text
+    said = []
+    viewer._panel._say = said.append
+    by_hand(viewer._panel.sliders["max_vel_x"], 0.8)
+    assert said == ["no move_base: its parameters cannot be set"]
+
+
+def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
+    move_base = ros.python("tests/support/fake_move_base.py")
+    applr = ros.python("-m", "applr_ros1.scripts.applr", "_method:=dwa")
+    try:
+        wait_for(lambda: viewer.pilot.client.connected, 20.0, "the servers")
+        wait_for(lambda: "default parameters" in state(viewer), 20.0, "the method")
+        slider, name = viewer._panel.sliders["inflation_radius"], "inflation_radius"
+        assert slider.value == 0.3
+        by_hand(slider, 0.45)
+        at = viewer.pilot.space.names.index(name)
+        wait_for(lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, 5.0, "the value in move_base")
+        for costmap in ("local", "global"):
+            assert rospy.get_param("/move_base/%s_costmap/inflater_layer/inflation_radius" % costmap) == 0.45
+        assert "parameters by **by hand**" in state(viewer)
+        assert viewer.pilot.client.values()[at] == 0.45  # the applr node's last words have not undone it
+        by_hand(viewer._panel._method, "best single set")
+        best = viewer.pilot.space.theta0
+        wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), 5.0, "its values")
+        wait_for(lambda: "best single set" in state(viewer), 5.0, "the method")
+        wait_for(lambda: state(viewer) and slider.value != 0.45, 5.0, "the slider follows")
+    finally:
+        applr.kill()
+        move_base.kill()
+
+
+def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
+    jackal = FakeJackal([(1.5, 0.8, 0.15)])
+    node = ros.python("applr_ros1/scripts/viewer.py", "_port:=%d" % free_port())
+    made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
+    try:
+        odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
+        wait_for(lambda: "the page is at" in node.text or not node.alive(), 20.0, "the node")
+        assert node.alive(), node.text
+        alone = odometry.get_num_connections()
+        made._listener.open()
+        wait_for(lambda: state(made) and made._scene.pose, 10.0, "the robot")
+        assert odometry.get_num_connections() == alone + 1
+        wait_for(lambda: state(made) and made._scene._scan.visible, 10.0, "the scan")
+        x, y, _ = made._scene._scan.points.T
+        assert np.hypot(x - 1.5, y - 0.8).min() < 0.2
+        assert "no scan" not in state(made)
+        jackal.put((0.2, 0.0, 0.0))
+        wait_for(lambda: state(made) and made._scene.pose[0] > 0.1, 5.0, "the robot has moved")
+        assert len(made._scene._trail) >= 2
+    finally:
+        made._listener.close()
+        made.close()
+        assert node.end() == 0, node.text
+        jackal.close()

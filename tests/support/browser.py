@@ -1,0 +1,151 @@
+"""A page in headless Chromium, driven through the browser's own protocol (Chrome DevTools Protocol).
+
+WebGL is drawn in software. Use `open_page` as a context manager.
+"""
+
+import base64
+import contextlib
+import itertools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from urllib.request import urlopen
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tests.support.ros_harness import INTERRUPTED_WITH_US, wait_for
+
+PROGRAM = shutil.which("chromium-headless-shell")
+OPTIONS = (
+    "--no-sandbox",  # the tests may be root's
+    "--disable-dev-shm-usage",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--remote-debugging-port=0",
+)
+
+
+class Page:
+    """One page. complaints: errors of its console, exceptions of its scripts, requests that failed."""
+
+    def __init__(self, socket):
+        self._socket, self._numbers, self.complaints = socket, itertools.count(1), []
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(domain + ".enable")
+
+    def call(self, method, **parameters):
+        """The answer to one call of the protocol."""
+        number = next(self._numbers)
+        self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
+        while True:
+            message = self._take(30.0)
+            if message.get("id") == number:
+                assert "error" not in message, (method, message["error"])
+                return message["result"]
+
+    def look(self, seconds=0.0):
+        """Hear what the page says for a while; returns its complaints."""
+        end = time.monotonic() + seconds
+        with contextlib.suppress(TimeoutError):
+            while True:
+                self._take(max(0.0, end - time.monotonic()))
+        return self.complaints
+
+    def _take(self, seconds):
+        message = json.loads(self._socket.recv(seconds))
+        what = message.get("params", {})
+        if message.get("method") == "Runtime.exceptionThrown":
+            self.complaints.append(what["exceptionDetails"]["text"])
+        elif message.get("method") == "Log.entryAdded" and what["entry"]["level"] == "error":
+            self.complaints.append("%(text)s %(url)s" % {"url": "", **what["entry"]})
+        elif message.get("method") == "Runtime.consoleAPICalled" and what["type"] in ("error", "assert"):
+            self.complaints.append(" ".join(str(a.get("value", a.get("description"))) for a in what["args"]))
+        return message
+
+    def evaluate(self, expression):
+        """The value of a JavaScript expression."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    @property
+    def text(self):
+        """What can be read on the page."""
+        return self.evaluate("document.body ? document.body.innerText : ''")
+
+    def wait(self, *words, seconds=20.0):
+        """Until all of these can be read on the page."""
+        wait_for(lambda: all(word in self.text for word in words), seconds, "the page says %s" % (words,))
+
+    def place(self, words, kind="button, label, [role=tab], [role=option]"):
+        """(x, y) [pixels] of the middle of the element with exactly this text."""
+        found = self.evaluate(
+            "(() => { const e = [...document.querySelectorAll(%s)].filter("
+            "e => e.textContent.trim() == %s && e.getClientRects().length).at(-1); if (!e) return null;"
+            "e.scrollIntoView({block: 'nearest'}); const r = e.getBoundingClientRect();"
+            "return [r.x + r.width / 2, r.y + r.height / 2]; })()" % (json.dumps(kind), json.dumps(words))
+        )
+        assert found, "no %r on the page: %s" % (words, self.text)
+        return found
+
+    def click(self, x, y):
+        self.press(x, y)
+        self.release(x, y)
+
+    def click_on(self, words, **options):
+        self.click(*self.place(words, **options))
+
+    def press(self, x, y):
+        self._mouse("mouseMoved", x, y, button="none")
+        self._mouse("mousePressed", x, y)
+
+    def release(self, x, y):
+        self._mouse("mouseReleased", x, y)
+
+    def drag(self, x, y, to_x, to_y):
+        self.press(x, y)
+        for k in range(1, 6):
+            self._mouse("mouseMoved", x + (to_x - x) * k / 5, y + (to_y - y) * k / 5)
+        self.release(to_x, to_y)
+
+    def _mouse(self, kind, x, y, button="left"):
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=1, clickCount=1)
+
+    def picture(self, path):
+        """Writes a screenshot (.png)."""
+        data = self.call("Page.captureScreenshot")["data"]
+        path.write_bytes(base64.b64decode(data))
+
+
+@contextlib.contextmanager
+def open_page(url, folder, width=1000, height=640):
+    """A Page at `url`; `folder` (a Path) gets what the browser writes."""
+    command = [*INTERRUPTED_WITH_US, PROGRAM, *OPTIONS, "--window-size=%d,%d" % (width, height)]
+    profile = folder / "profile"
+    with open(folder / "browser.log", "wb") as log:
+        browser = subprocess.Popen(
+            [*command, "--user-data-dir=%s" % profile, "about:blank"], stdout=log, stderr=log, start_new_session=True
+        )
+    try:
+        port = wait_for(lambda: _port(profile / "DevToolsActivePort"), 20.0, "the browser")
+        with urlopen("http://127.0.0.1:%d/json/list" % port) as answer:
+            target = next(page for page in json.load(answer) if page["type"] == "page")
+        with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None) as socket:
+            page = Page(socket)
+            page.call("Page.navigate", url=url)
+            yield page
+    except ConnectionClosed:
+        raise AssertionError("the browser ended: %s" % (folder / "browser.log").read_text()) from None
+    finally:
+        os.killpg(browser.pid, signal.SIGKILL)  # the program is a script, whose children stay when it ends
+        browser.wait(10.0)
+
+
+def _port(file):
+    with contextlib.suppress(OSError, IndexError):
+        return int(file.read_text().splitlines()[0])
+    return None
