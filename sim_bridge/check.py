@@ -95,8 +95,8 @@ def _starts_standing(factory: Factory) -> None:
 
 
 def _drives_as_commanded(factory: Factory) -> None:
-    """command(v, w) drives at v along the robot's x axis and turns at w to the left, within five percent on average."""
-    simulator = factory(slip=0.0)
+    """command(v, w) on plain ground drives at v along the robot's x axis and turns left at w, within five percent."""
+    simulator = factory(slip=0.0, ground=0.0)
     for v, w in ((0.5, 0.0), (0.0, 1.0), (0.0, -1.0), (0.5, 0.5), (-0.5, 0.0)):
         simulator.reset(small_world(), 0)
         drive(simulator, v, w, 1.0)

@@ -161,13 +161,27 @@ def _press(u, s, w, found, n, rims, scalars):
 
 @kernel
 def drive(
-    state, rolling, steps, times, targets, circles, boxes, scalars, supports, parts, table, noise, friction, slip
+    state,
+    rolling,
+    steps,
+    times,
+    targets,
+    circles,
+    boxes,
+    scalars,
+    supports,
+    parts,
+    table,
+    noise,
+    friction,
+    slip,
+    ground,
 ):
     """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
 
     times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 5) x, y,
     radius, velocity, boxes (m, 5): what may be hit. scalars, supports, parts: of Mechanics. table: wheels.rim_table().
-    noise (steps, wheels.noises()) standard normal.
+    noise (steps, wheels.noises()) standard normal. friction, ground: as wheels.tyres() takes them.
     """
     reach = scalars[m.REACH]
     span = reach + _MARGIN + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
@@ -192,10 +206,12 @@ def drive(
     for step in range(steps):
         while k_target + 1 < times.shape[0] and times[k_target + 1] <= step:
             k_target += 1
-        wheels.turn_wheels(rolling, targets[k_target, 0], targets[k_target, 1], table, scalars, noise[step], slip)
+        wheels.turn_wheels(
+            rolling, targets[k_target, 0], targets[k_target, 1], table, scalars, noise[step], slip, ground
+        )
         rims[0], rims[1] = rolling[wheels.LEFT], rolling[wheels.RIGHT]
         rolled += 0.5 * (rims[0] + rims[1])
-        du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift)
+        du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift, ground)
         u, s, w = u + du, s + ds, w + dw
         c, sn = cos(yaw), sin(yaw)
         if n_close > 0 or n_boxes > 0:

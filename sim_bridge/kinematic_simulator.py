@@ -34,8 +34,8 @@ class KinematicSimulator(Simulator):
         self._friction = self.robot.base.wheel_friction
 
     def _place(self, pose, new_world, seed):
-        self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed))
-        self._noise = np.random.default_rng([seed, 1])
+        self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed), self.drawn.odometry)
+        self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
         if new_world:
             self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
             self._circles[:, :3] = self.world.cylinders
@@ -45,7 +45,7 @@ class KinematicSimulator(Simulator):
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
 
     def _move_to(self, pose):
-        self._rolling = wheels.new_drive(self._mechanics.supports)
+        self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._body = np.zeros(kernel.SIZE)
         c, s = cos(pose[2]), sin(pose[2])
         com_x, com_y = self._mechanics.com
@@ -75,6 +75,7 @@ class KinematicSimulator(Simulator):
             self._noise.standard_normal((steps, self._noises)),
             self._friction * self.drawn.friction,
             self.drawn.slip,
+            self._ground(),
         )
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()

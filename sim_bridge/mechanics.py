@@ -23,7 +23,7 @@ MASS, YAW_INERTIA, COM_X, COM_Y, COM_HEIGHT, LEVER_X, LEVER_Y, TRACK, REACH = ra
 MAX_SPEED, ACCELERATION, YAW_ACCELERATION, PER_V, PER_W = range(9, 14)
 KEEP_WHEEL, KEEP_GRIP, DRAW_WHEEL, DRAW_GRIP, WHEEL_NOISE, WHEEL_SHAKE, TYRE_CREEP = range(14, 21)
 AXLE_Z, WHEEL_RADIUS, FULL_LIFT, OFF_X, OFF_Y = range(21, 26)
-WHEEL_RUB, BODY_RUB, UNDO, SCALARS = range(26, 30)
+WHEEL_RUB, BODY_RUB, UNDO, TRACK_MULTIPLIER, WHEEL_WIDTH, EDGE_SHIFT, SCALARS = range(26, 33)
 
 # columns of the supports
 X, Y, LOAD, SIDE, SHARE, SHIFT_X, SHIFT_Y, BASE_X, BASE_Y, COLUMNS = range(10)
@@ -99,6 +99,8 @@ def mechanics(robot: Robot) -> Mechanics:
     scalars[[AXLE_Z, WHEEL_RADIUS, FULL_LIFT]] = base.axle_height - body_com[2], base.wheel_radius, simulation.full_lift
     scalars[[OFF_X, OFF_Y]] = body_com[0], body_com[1]
     scalars[[WHEEL_RUB, BODY_RUB, UNDO]] = simulation.wheel_rub, simulation.body_rub, simulation.undo
+    scalars[[TRACK_MULTIPLIER, WHEEL_WIDTH]] = simulation.track_multiplier or 1.0, base.wheel_width
+    scalars[EDGE_SHIFT] = simulation.edge_shift
     for array in (scalars, supports, parts):
         array.setflags(write=False)
     return Mechanics(mass, yaw_inertia, com, body_com, inertia, wheel, base_height, scalars, supports, parts)

@@ -27,6 +27,7 @@ class Odometry:
         self._gain = 1.0 + scale * errors.scale_error * float(rng.standard_normal())
         self._heading = yaw  # without the noise of a single reading
         self._error = 0.0  # of the heading [rad]; none at the start
+        self._behind, self._rate = 0.0, 0.0  # of the filter: behind the wheels [m], its yaw rate [rad/s]
         self._turned = 0.0  # frame odom against the world
         self._noise, self._next = rng.standard_normal(256).tolist(), 0
 
@@ -40,6 +41,7 @@ class Odometry:
         """From now on the pose is this one."""
         self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]
+        self._behind = self._rate = 0.0
         self._turned = self.pose[2] - true_yaw
 
     def update(self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float) -> None:
@@ -55,11 +57,17 @@ class Odometry:
         x, y, old = self.pose[0], self.pose[1], self._heading
         yaw += self._error + self._turned
         turn = normalize_angle_modulo(yaw - old)
-        ahead = wheel_speed * self._gain * duration
+        wheel_speed *= self._gain
+        ahead, seen_rate = wheel_speed * duration, yaw_rate
+        if errors.lag > 0.0:  # of first order; the heading is the IMU's and does not lag
+            keep, behind = exp(-duration / errors.lag), self._behind
+            self._behind = keep * behind + (1.0 - keep) * errors.lag * wheel_speed
+            ahead, wheel_speed = ahead + behind - self._behind, self._behind / errors.lag
+            seen_rate = self._rate = keep * self._rate + (1.0 - keep) * yaw_rate
         middle = old + 0.5 * turn
         self._heading = normalize_angle_modulo(old + turn)
         seen = self._heading + self.scale * errors.heading_noise * self._normal()
         self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), normalize_angle_modulo(seen))
-        rate = yaw_rate + self.scale * errors.gyro_noise * self._normal()
-        self.twist = (wheel_speed * self._gain + self.scale * errors.speed_noise * self._normal(), rate)
-        self.imu = (acceleration + self.scale * errors.accelerometer_noise * self._normal(), rate)
+        noise = self.scale * errors.gyro_noise * self._normal()
+        self.twist = (wheel_speed + self.scale * errors.speed_noise * self._normal(), seen_rate + noise)
+        self.imu = (acceleration + self.scale * errors.accelerometer_noise * self._normal(), yaw_rate + noise)

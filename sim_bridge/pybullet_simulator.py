@@ -60,9 +60,9 @@ class PybulletSimulator(Simulator):
         self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)
         rng = np.random.default_rng(seed)
-        self._odometry = Odometry(self.robot.odometry, pose[2], rng)
-        self._noise = np.random.default_rng([seed, 1])
-        self._drive_state = wheels.new_drive(self._mechanics.supports)
+        self._odometry = Odometry(self.robot.odometry, pose[2], rng, self.drawn.odometry)
+        self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
+        self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._rims = (0.0, 0.0)
         self._spin(0.0, 0.0)
         self._steps, self._elapsed = 0, 0.0
@@ -70,7 +70,7 @@ class PybulletSimulator(Simulator):
 
     def _move_to(self, pose):
         scene.put_robot(self._p, self._client, self._body, self.robot, pose)
-        self._drive_state = wheels.new_drive(self._mechanics.supports)
+        self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
         self._spin(0.0, 0.0)
 
     def _drive(self, duration):
@@ -82,6 +82,7 @@ class PybulletSimulator(Simulator):
         scalars, supports = self._mechanics.scalars, self._mechanics.supports
         noise = self._noise.standard_normal((steps, wheels.noises(supports)))
         friction, slip = self.robot.base.wheel_friction * self.drawn.friction, self.drawn.slip
+        ground = self._ground()
         position, attitude = p.getBasePositionAndOrientation(body, physicsClientId=client)
         velocity, rate = p.getBaseVelocity(body, physicsClientId=client)
         start_u = self.state.twist[0]
@@ -98,6 +99,7 @@ class PybulletSimulator(Simulator):
                 noise[k],
                 slip,
                 friction,
+                ground,
                 self._lift,
                 *position,
                 *attitude,
@@ -196,7 +198,9 @@ def _axes(qx, qy, qz, qw):
 
 
 @kernel
-def _pull(drive, v, w, table, scalars, supports, noise, slip, friction, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate):
+def _pull(
+    drive, v, w, table, scalars, supports, noise, slip, friction, ground, lift, px, py, pz, qx, qy, qz, qw, vx, vy, rate
+):
     """One step of wheels and tyres.
 
     Returns world-frame force (fx, fy) and torque on the body, the point on the ground below the centre of mass where
@@ -207,10 +211,10 @@ def _pull(drive, v, w, table, scalars, supports, noise, slip, friction, lift, px
         x, y = supports[i, m.BASE_X], supports[i, m.BASE_Y]
         height = pz + up_x * x + up_y * y + up_z * scalars[m.AXLE_Z] - scalars[m.WHEEL_RADIUS]
         lift[i] = min(max(1.0 - height / scalars[m.FULL_LIFT], 0.0), 1.0) if up_z > 0.5 else 0.0
-    wheels.turn_wheels(drive, v, w, table, scalars, noise, slip)
+    wheels.turn_wheels(drive, v, w, table, scalars, noise, slip, ground)
     dx, dy = scalars[m.COM_X] - scalars[m.OFF_X], scalars[m.COM_Y] - scalars[m.OFF_Y]  # to the whole centre of mass
     ahead, aside = c * vx + s * vy - rate * dy, c * vy - s * vx + rate * dx
-    du, ds, dw = wheels.tyres(drive, ahead, aside, rate, scalars, supports, friction, lift)
+    du, ds, dw = wheels.tyres(drive, ahead, aside, rate, scalars, supports, friction, lift, ground)
     fx, fy = scalars[m.MASS] / STEP * du, scalars[m.MASS] / STEP * ds
     return (
         c * fx - s * fy,

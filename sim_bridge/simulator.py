@@ -59,6 +59,8 @@ class Randomisation:
     latency: Span = 0.0  # from command() to the wheels [s]
     friction: Span = 1.0  # multiplies the wheels' friction
     slip: Span = 1.0  # multiplies slip and drift beyond what physics gives
+    ground: Span = 1.0  # share of the robot's own ground, 1 or more all of it; the rest is plain
+    odometry: Span = 1.0  # multiplies the odometry's errors
 
     def __post_init__(self):
         for name, value in vars(self).items():
@@ -77,13 +79,8 @@ class Randomisation:
         def pick(span):
             return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
 
-        return replace(
-            self,
-            scan_noise=pick(self.scan_noise),
-            latency=pick(self.latency),
-            friction=pick(self.friction),
-            slip=pick(self.slip),
-        )
+        names = [name for name in vars(self) if not name.startswith("start_")]  # in this order
+        return replace(self, **{name: pick(getattr(self, name)) for name in names})
 
 
 @dataclass
@@ -156,7 +153,7 @@ class Simulator(ABC):
         base = self.robot.base
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
-        self._command.pending.append((self.state.time + self.drawn.latency, v, w))
+        self._command.pending.append((self.state.time + self.drawn.latency + self.robot.simulation.command_delay, v, w))
 
     def advance(self, duration: float) -> RobotState:
         """Let `duration` seconds pass (rounded to whole physics steps by what has passed in total)."""
@@ -235,6 +232,10 @@ class Simulator(ABC):
     @abstractmethod
     def _drive(self, duration: float) -> None:
         """Move on by `duration` and renew self.state; `_target(time)` says what the wheels are asked for."""
+
+    def _ground(self) -> float:
+        """What wheels.tyres() takes for the ground of this reset."""
+        return min(self.drawn.ground, 1.0) if self.robot.simulation.ground == "gazebo" else 0.0
 
     def _target(self, time: float):
         """(v, w) in force at `time`: latency and time-out included."""

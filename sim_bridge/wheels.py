@@ -3,7 +3,8 @@
 Both simulators call it every physics step, so both drive alike. Bullet's own friction is not used between wheels and
 ground: it is laid along the world's axes, which makes a turn in place run at .9 to 1.3 of the commanded rate depending
 on the heading (its cone variant: .2 to 1.0). Here each tyre pulls against its slip with Coulomb's force, in any
-direction.
+direction. That is ground `plain`; ground `gazebo` is the friction of Gazebo's Jackal (`_pyramid`), which comes and
+goes with the wheels' angles.
 
 With forces opposed to slip a skid-steered turn in place needs wheels faster than the turning body by
 1 + (wheel base / track)^2, 1.49 for the Jackal (Clearpath's separation multiplier: 1.5), less when a fast curve presses
@@ -15,7 +16,8 @@ driven wheels need no more than their track says; casters slide with their own f
 from __future__ import annotations
 
 from functools import lru_cache
-from math import cos, exp, sin, sqrt
+from math import cos, exp, pi, sin, sqrt
+from typing import Sequence
 
 import numpy as np
 
@@ -25,14 +27,18 @@ from applr_ros1.robots import Robot
 from . import mechanics as m
 from .mechanics import STEP
 
-# the state of the drive: the ramped command, rim speeds, pull on the body, then the noise of each side and each support
-RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8
+# the state of the drive: the ramped command, rim speeds, pull on the body, angles of the left and right wheels [rad],
+# then the noise of each side and each support
+RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _KEEP_PULL = exp(-STEP / 0.02)
+_STICK = 0.01  # slip speed below which Gazebo's friction holds less than its full force [m/s]
 
 
-def new_drive(supports: np.ndarray) -> np.ndarray:
-    """The state of a drive that stands."""
-    return np.zeros(GRIP_NOISE + len(supports))
+def new_drive(supports: np.ndarray, seed: Sequence[int]) -> np.ndarray:
+    """The state of a drive that stands; its wheels' angles are drawn from the seed."""
+    drive = np.zeros(GRIP_NOISE + len(supports))
+    drive[ANGLE : ANGLE + 2] = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 2)
+    return drive
 
 
 def noises(supports: np.ndarray) -> int:
@@ -41,11 +47,12 @@ def noises(supports: np.ndarray) -> int:
 
 
 @kernel
-def turn_wheels(drive, v, w, table, scalars, noise, slip):
+def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
     """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits.
 
     Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. table: rim_table(); noise (noises(),) standard normal; `slip`
-    scales all unevenness.
+    scales all unevenness. `ground`: see tyres(); Gazebo's controller knows a constant multiplier of the track instead
+    of the table, and its wheels turn evenly.
     """
     rate = scalars[m.ACCELERATION] * STEP
     drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
@@ -62,8 +69,15 @@ def turn_wheels(drive, v, w, table, scalars, noise, slip):
     ahead, side = _rims(drive[RAMP_V], drive[RAMP_W], table, scalars)
     moving = scalars[m.WHEEL_SHAKE] if drive[RAMP_V] != 0.0 or drive[RAMP_W] != 0.0 else 0.0
     uneven = scalars[m.WHEEL_NOISE]
+    if ground > 0.0:
+        ahead += ground * (drive[RAMP_V] - ahead)
+        side += ground * (0.5 * scalars[m.TRACK] * scalars[m.TRACK_MULTIPLIER] * drive[RAMP_W] - side)
+        moving *= 1.0 - ground
+        uneven *= 1.0 - ground
     drive[LEFT] = ahead - side + (moving + uneven * abs(ahead - side)) * drive[WHEEL_NOISE]
     drive[RIGHT] = ahead + side + (moving + uneven * abs(ahead + side)) * drive[WHEEL_NOISE + 1]
+    for i in range(2):
+        drive[ANGLE + i] += STEP / scalars[m.WHEEL_RADIUS] * drive[LEFT + i]
 
 
 @kernel
@@ -81,25 +95,28 @@ def _rims(v, w, table, scalars):
 
 
 @kernel
-def tyres(drive, u, s, w, scalars, supports, friction, lift):
+def tyres(drive, u, s, w, scalars, supports, friction, lift, ground):
     """Change (du, ds, dw) of the body's velocity by its tyres and casters in one step.
 
     The centre of mass moves at (u, s) ahead and to the left [m/s], the body turns at w [rad/s]. scalars, supports: of
     Mechanics. `friction` of the wheels on the ground; lift (n,): share of its load that each support carries.
+    `ground`: 0 plain, 1 Gazebo's, and the weighted mean of both between.
 
     Coulomb's friction, smooth below the tyres' creep, solved for the velocity at the step's end (two passes), so that
     it is stable and holds a standing robot still. The load shifts between the supports with the acceleration.
     """
     if supports.shape[0] == 4:  # a constant count lets the compiler unroll the loop
-        return _tyres(4, drive, u, s, w, scalars, supports, friction, lift)
-    return _tyres(supports.shape[0], drive, u, s, w, scalars, supports, friction, lift)
+        return _tyres(4, drive, u, s, w, scalars, supports, friction, lift, ground)
+    return _tyres(supports.shape[0], drive, u, s, w, scalars, supports, friction, lift, ground)
 
 
 @kernel(inline="always")
-def _tyres(n, drive, u, s, w, scalars, supports, friction, lift):
+def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
     mass, inertia, creep = scalars[m.MASS], scalars[m.YAW_INERTIA], scalars[m.TYRE_CREEP]
     tip_x = drive[PULL_X] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_X]
     tip_y = drive[PULL_Y] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_Y]
+    left, right = drive[ANGLE], drive[ANGLE + 1]
+    turned = ((cos(left), sin(left)), (cos(right), sin(right)))
     du, ds, dw = 0.0, 0.0, 0.0
     for _ in range(2):
         # (M + sum k J'J) d = -sum k J' slip, for d = (du, ds, dw), with k = step * force / slip of each support
@@ -112,7 +129,32 @@ def _tyres(n, drive, u, s, w, scalars, supports, friction, lift):
             slip_x, slip_y = u - w * y - rim, s + w * x
             end_x, end_y = slip_x + du - dw * y, slip_y + ds + dw * x
             load = supports[i, m.LOAD] + supports[i, m.SHIFT_X] * tip_x + supports[i, m.SHIFT_Y] * tip_y
+            if ground > 0.0:
+                c, sn = turned[int(side)]
+                press = ground * friction * max(load, 0.0) * lift[i]
+                for edge in (-0.5, 0.5):
+                    at_y = y + edge * scalars[m.WHEEL_WIDTH]
+                    share = min(max(0.5 - 2.0 * edge * scalars[m.EDGE_SHIFT] * drive[PULL_Y], 0.0), 1.0)
+                    slip_x, slip_y = u - w * at_y - rim, s + w * x
+                    end_x, end_y = slip_x + du - dw * at_y, slip_y + ds + dw * x
+                    kx, ky = _pyramid(end_x, end_y, c, sn, friction)
+                    kx *= STEP * press * share
+                    ky *= STEP * press * share
+                    a00 += kx
+                    a11 += ky
+                    a22 += kx * at_y * at_y + ky * x * x
+                    a02 -= kx * at_y
+                    a12 += ky * x
+                    b0 -= kx * slip_x
+                    b1 -= ky * slip_y
+                    b2 -= ky * x * slip_y - kx * at_y * slip_x
+                if ground >= 1.0:
+                    continue
             grip = friction * max(0.0, 1.0 + drive[GRIP_NOISE + i]) * max(load, 0.0) * lift[i] * supports[i, m.SHARE]
+            if ground > 0.0:
+                grip *= 1.0 - ground
+                slip_x, slip_y = u - w * y - rim, s + w * x
+                end_x, end_y = slip_x + du - dw * y, slip_y + ds + dw * x
             k = STEP * grip / sqrt(end_x * end_x + end_y * end_y + creep * creep)
             a00 += k
             a11 += k
@@ -130,9 +172,23 @@ def _tyres(n, drive, u, s, w, scalars, supports, friction, lift):
     return du, ds, dw
 
 
+@kernel
+def _pyramid(slip_x, slip_y, c, sn, friction):
+    """Force over slip, ahead and aside, of one edge of a wheel on Gazebo's ground, for a unit of friction times load.
+
+    The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle of cosine c and sine sn). ODE takes it as
+    the first direction of its friction pyramid without laying it on the ground: both directions hold with a share |c|,
+    and a part of the first force presses the wheel down or lifts it.
+    """
+    ahead = slip_x * c
+    over_x, over_y = max(abs(ahead), _STICK), max(abs(slip_y * c), _STICK)
+    press = 1.0 / (1.0 + friction * ahead / over_x * sn)
+    return press * c * c / over_x, press * c * c / over_y
+
+
 @lru_cache(maxsize=64)
 def rim_table(robot: Robot) -> np.ndarray:
-    """Rim speeds that make the robot drive what was commanded on nominal, even ground: (17, 17, 2).
+    """Rim speeds that make the robot drive what was commanded on nominal, even, plain ground: (17, 17, 2).
 
     Entry (i, j) belongs to i/16 of the largest speed and j/16 of the largest yaw rate: what to add to the speed, and
     the multiplier of the track. Curves beyond the tyres' grip (v w above grip_limit) take the multiplier of the
@@ -165,7 +221,7 @@ def _settle(v, w, scalars, supports, friction):
     u, s, turn = v + w * scalars[m.COM_Y], w * scalars[m.COM_X], w
     for _ in range(1200):
         drive[LEFT], drive[RIGHT] = ahead - side, ahead + side
-        du, ds, dw = tyres(drive, u, s, turn, scalars, supports, friction, lift)
+        du, ds, dw = tyres(drive, u, s, turn, scalars, supports, friction, lift, 0.0)
         u, s, turn = u + du, s + ds, turn + dw
         c, sn = cos(turn * STEP), sin(turn * STEP)
         u, s = c * u + sn * s, c * s - sn * u

@@ -118,7 +118,8 @@ class OdometryErrors:
 
     scale_error: of the wheels' scale, drawn at a start. heading_drift: of the heading's slow error, heading_time its
     correlation time, heading_noise what changes from one reading to the next. speed_noise: of the speed given with the
-    pose. gyro_noise, accelerometer_noise: of the IMU. rate: of the messages [Hz].
+    pose. gyro_noise, accelerometer_noise: of the IMU. lag: time constant of the
+    filter that joins them [s]. rate: of the messages [Hz].
     """
 
     rate: float = real(1.0, 240.0, 50.0)
@@ -129,6 +130,7 @@ class OdometryErrors:
     speed_noise: float = real(0.0, 1.0, 0.005)
     gyro_noise: float = real(0.0, 1.0, 0.005)
     accelerometer_noise: float = real(0.0, 5.0, 0.005)
+    lag: float = real(0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -145,16 +147,25 @@ class Monitoring:
 class Simulation:
     """Numbers of both simulators that are chosen or fitted, not measured on the robot.
 
-    grip_limit: the tyres hold curves up to this v w [m/s^2]. tyre_creep: slip speed at which a tyre has .7 of its full
-    friction [m/s]. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's friction and its
-    correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute deviation while
-    it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one wheel against
-    obstacles [N m]. full_lift: a wheel this high above the ground pulls no more [m]. wheel_rub, body_rub, undo: fitted
-    by `python -m training.fit_kinematic`: friction of a wheel and of the body along an obstacle, and the share of an
-    overlap that is undone in a step.
+    ground: plain, where tyres pull against their slip, or gazebo, with the friction of Gazebo's Jackal. There a wheel
+    turns track_multiplier times as fast for a turn as its track says, stands on both edges of its rim, and has
+    edge_shift more of its load on the outer one for each m/s^2 of lateral acceleration. command_delay: from a command
+    to the wheels [s].
+
+    grip_limit: on plain ground the tyres hold curves up to this v w [m/s^2]. tyre_creep: slip speed at which a tyre has
+    .7 of its full friction [m/s]. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's
+    friction and its correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute
+    deviation while it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one
+    wheel against obstacles [N m]. full_lift: a wheel this high above the ground pulls no more [m]. wheel_rub, body_rub,
+    undo: fitted by `python -m training.fit_kinematic`: friction of a wheel and of the body along an obstacle, and the
+    share of an overlap that is undone in a step.
     """
 
     grip_limit: float = real(0.05, 50.0)
+    ground: str = choice("plain", "gazebo", default="plain")
+    track_multiplier: Optional[float] = real(0.5, 5.0, None)
+    edge_shift: float = real(0.0, 2.0, 0.0)
+    command_delay: float = real(0.0, 1.0, 0.0)
     tyre_creep: float = real(1e-4, 0.5, 0.02)
     grip_noise: float = real(0.0, 1.0, 0.10)
     grip_time: float = real(0.01, 60.0, 0.5)

@@ -36,7 +36,7 @@ def whole(low: int, high: int) -> Any:
     return _field(take)
 
 
-def choice(*names: str) -> Any:
+def choice(*names: str, default: Any = MISSING) -> Any:
     """A field that holds one of some words."""
 
     def take(value: Any, label: str) -> str:
@@ -44,7 +44,7 @@ def choice(*names: str) -> Any:
             raise RobotError(f"{label} is {shown(value)}: give {' or '.join(names)}")
         return value
 
-    return _field(take)
+    return _field(take, default)
 
 
 def ros_name(default: Any = MISSING) -> Any:

@@ -29,6 +29,7 @@ def check(robot: Robot) -> None:
 
 def _problems(robot: Robot) -> Iterator[str]:
     yield from _base(robot)
+    yield from _ground(robot)
     yield from _laser(robot)
     yield from _space(robot)
     yield from _files(robot)
@@ -48,6 +49,14 @@ def _base(robot: Robot) -> Iterator[str]:
         yield "base.casters: a skid_steer base has none, leave them out"
     if base.drive == "two_wheel" and not base.casters:
         yield "base.casters is missing: a two_wheel base stands on one at least, give where they touch the ground"
+
+
+def _ground(robot: Robot) -> Iterator[str]:
+    if robot.simulation.ground == "gazebo":
+        if robot.base.drive != "skid_steer":
+            yield "simulation.ground is gazebo: it is for a skid_steer base, give plain"
+        if robot.simulation.track_multiplier is None:
+            yield "simulation.track_multiplier is missing: ground gazebo needs the one of the wheels' controller"
 
 
 def _laser(robot: Robot) -> Iterator[str]:

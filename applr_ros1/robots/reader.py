@@ -6,7 +6,7 @@ Shipped robots lie beside this file and are named after their folders.
 from __future__ import annotations
 
 import os
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, fields, replace
 from functools import lru_cache
 from typing import Any, Dict
 
@@ -51,6 +51,13 @@ def load(name_or_folder: str) -> Robot:
     if not os.path.isdir(folder):
         raise RobotError(f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}")
     return _read(folder)
+
+
+def on_ground(robot: Robot, ground: str) -> Robot:
+    """The robot on another simulated ground (Simulation.ground); RobotError where it cannot stand on that."""
+    changed = replace(robot, simulation=replace(robot.simulation, ground=ground))
+    limits.check(changed)
+    return changed
 
 
 @lru_cache(maxsize=32)

@@ -140,7 +140,7 @@ def test_frames(robot):
     listener = tf2_ros.TransformListener(buffer)
     wait_for(lambda: buffer.can_transform("odom", "front_laser", rospy.Time(0)), 5.0, "tf")
     laser = buffer.lookup_transform("base_link", "front_laser", rospy.Time(0)).transform.translation
-    assert (laser.x, laser.y, laser.z) == (0.12, 0.0, 0.333)
+    assert (laser.x, laser.y, laser.z) == (0.055, 0.0, 0.333)
     start = worlds.load("generated:0").course.start
     wait_for(lambda: buffer.can_transform("world", "odom", rospy.Time(0)), 5.0, "tf of the world")
     origin = buffer.lookup_transform("world", "odom", rospy.Time(0)).transform

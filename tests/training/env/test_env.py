@@ -127,7 +127,7 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     now, pose, twist = base.steps[1]
     assert pose == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
-    assert laser == pytest.approx((0.0, 0.12, math.pi / 2), abs=0.01)
+    assert laser == pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01)
     assert episode.observation().shape == (729,)
     assert episode.observation()[720] == pytest.approx(episode.outcome.phi / math.pi)
 
