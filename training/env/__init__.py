@@ -1,1 +1,9 @@
-"""The learning problem: the Gymnasium environment, the episode that joins planner and simulator, and the reward."""
+"""The learning problem: the Gymnasium environment, the episode that joins planner and simulator, and the reward.
+
+Importing this package makes the environment known to Gymnasium under the name ID.
+"""
+
+from gymnasium.envs.registration import register
+
+ID = "applr_ros1/Navigation-v0"
+register(ID, entry_point="training.env.env:ApplrEnv")

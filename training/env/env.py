@@ -24,8 +24,6 @@ from training.env.episode import Episode, counting_cells, laser_pose
 from training.env.reward import Reward, failed
 from worlds.top_view import top_view
 
-ID = "applr_ros1/Navigation-v0"  # registered below
-
 
 class ApplrEnv(gymnasium.Env):
     """The learning problem as a Gymnasium environment; a step is one decision period.
@@ -178,6 +176,3 @@ class ApplrEnv(gymnasium.Env):
 def load_worlds(spec):
     """The worlds of a specification, several with commas between them; a list of World stays as it is."""
     return worlds_package.Worlds(spec) if isinstance(spec, str) else list(spec)
-
-
-gymnasium.register(ID, entry_point="training.env.env:ApplrEnv")

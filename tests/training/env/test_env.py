@@ -232,7 +232,7 @@ def test_a_failure_pays_for_the_time_it_stands_still():
 def env():
     import training.env.env
 
-    made = gymnasium.make(training.env.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
+    made = gymnasium.make(training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", limit=3)
     yield made
     made.close()
 
@@ -247,7 +247,7 @@ def test_the_picture_shows_the_robot_in_its_size():
     black = []
     for robot in ("jackal", "husky"):
         made = gymnasium.make(
-            "training.env.env:applr_ros1/Navigation-v0", worlds="generated:7", robot=robot, render_mode="rgb_array"
+            "training.env:applr_ros1/Navigation-v0", worlds="generated:7", robot=robot, render_mode="rgb_array"
         )
         made.reset(seed=1)
         black.append((made.render() < 40).all(axis=2).sum())
@@ -258,7 +258,7 @@ def test_the_picture_shows_the_robot_in_its_size():
 def test_made_by_the_packages_name_it_renders_and_passes_the_check():
     from gymnasium.utils.env_checker import check_env
 
-    name = "training.env.env:applr_ros1/Navigation-v0"
+    name = "training.env:applr_ros1/Navigation-v0"
     made = gymnasium.make(name, worlds="generated:7", render_mode="rgb_array", limit=2)
     check_env(made.unwrapped)
     made.reset(seed=1)
