@@ -12,12 +12,16 @@ author = "applr_ros1 contributors"
 copyright = "applr_ros1 contributors, MIT licence"  # noqa: A001 (the name that Sphinx reads)
 release = xml.parse(HERE.parent / "package.xml").findtext("version")
 
-extensions = ["myst_parser", "repository"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "from_code", "repository"]
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
+nitpick_ignore_regex = [("py:.*", ".*")]  # types that docstrings name are no links
 
 myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline"]
 myst_heading_anchors = 4
+
+autodoc_typehints = "none"
+napoleon_use_rtype = False
 
 html_theme = "furo"
 html_title = "applr_ros1"

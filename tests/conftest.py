@@ -7,10 +7,11 @@ the files of a folder whose conftest.py has a stack that they share: rospy knows
 groups tests.support.ros_harness starts a new master and takes this process' topics off it.
 
 Tests marked `long` are left out unless `-m` names them. A file that imports what is not installed (ROS, or torch under
-Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table docs/reference/faults.md` writes
+Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table docs/results/faults.csv` writes
 what tests of faults have measured into that table.
 """
 
+import csv
 import importlib.util
 import os
 import re
@@ -40,7 +41,7 @@ def group_of(path):
 
 def pytest_addoption(parser):
     parser.addoption(
-        "--faults-table", metavar="PAGE", help="Markdown page whose table of faults gets what tests measure."
+        "--faults-table", metavar="CSV", help="Table of faults (docs/results/faults.csv) that gets what tests measure."
     )
 
 
@@ -84,8 +85,8 @@ def measured(request):
     return keep
 
 
-def write_figures(page, reports):
-    """Sets the last column of a page's table of faults: of each row that tests have provoked, what they measured."""
+def write_figures(path, reports):
+    """Sets the column `measured` of the table of faults: of each row that tests have provoked, what they measured."""
     rows = {}  # number: {(what, unit): the largest value}
     for properties in [report.user_properties for report in reports]:
         figures = [value for name, value in properties if name == "figure"]
@@ -93,14 +94,16 @@ def write_figures(page, reports):
             row = rows.setdefault(number, {})
             for what, value, unit in figures:
                 row[what, unit] = max(value, row.get((what, unit), value))
-    lines = Path(page).read_text(encoding="utf-8").split("\n")
-    for at, line in enumerate(lines):
-        cells = line.split(" | ")
-        row = rows.get(cells[0].strip("| "))
-        if row is not None:
-            texts = [("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in row.items()]
-            lines[at] = " | ".join([*cells[:-1], "; ".join(texts) or "passes"]) + " |"
-    Path(page).write_text("\n".join(lines), encoding="utf-8")
+    with open(path, encoding="utf-8", newline="") as file:
+        table = list(csv.DictReader(file))
+    for entry in [entry for entry in table if entry["number"] in rows]:
+        found = rows[entry["number"]].items()
+        texts = [("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in found]
+        entry["measured"] = "; ".join(texts) or "passes"
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(table)
 
 
 def pytest_sessionfinish(session, exitstatus):
