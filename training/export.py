@@ -11,7 +11,7 @@ import io
 import json
 import sys
 from pathlib import Path
-from typing import Dict, List, Optional
+from typing import Dict, List, Optional, Union
 
 import numpy as np
 import torch
@@ -19,17 +19,18 @@ import torch
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes
-from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.actor import Actor, GeneralActor, is_general
 from training.common.command_line import Parser
 from training.common.folders import make_folder
 
 LARGEST_DIFFERENCE = 1e-5
+Policy = Union[Actor, GeneralActor]
 
 
 class Network(torch.nn.Module):
     """An actor's networks as a torch module: observations (n, inputs) to actions (n, outputs)."""
 
-    def __init__(self, actor: Actor):
+    def __init__(self, actor: Policy):
         super().__init__()
         tensors = [torch.tensor(tensor) for layer in actor.layers for tensor in layer]
         self.tensors = torch.nn.ParameterList(torch.nn.Parameter(tensor, requires_grad=False) for tensor in tensors)
@@ -43,7 +44,7 @@ class Network(torch.nn.Module):
         return torch.tanh(x.mean(dim=0) if x.ndim == 3 else x)
 
 
-def to_onnx(actor: Actor) -> bytes:
+def to_onnx(actor: Policy) -> bytes:
     """An ONNX model. The batch size is free."""
     seen = torch.zeros(2, actor.layers[0][0].shape[-1])
     program = torch.onnx.export(
@@ -60,7 +61,7 @@ def to_onnx(actor: Actor) -> bytes:
     return program.model_proto.SerializeToString()
 
 
-def to_torchscript(actor: Actor) -> bytes:
+def to_torchscript(actor: Policy) -> bytes:
     """A TorchScript module; its metadata is the extra file "metadata.json"."""
     script = torch.jit.trace(Network(actor), torch.zeros(2, actor.layers[0][0].shape[-1]))
     buffer = io.BytesIO()
@@ -68,7 +69,7 @@ def to_torchscript(actor: Actor) -> bytes:
     return buffer.getvalue()
 
 
-def difference(actor: Actor, onnx_bytes: Optional[bytes] = None, torchscript_bytes: Optional[bytes] = None) -> float:
+def difference(actor: Policy, onnx_bytes: Optional[bytes] = None, torchscript_bytes: Optional[bytes] = None) -> float:
     """Largest difference to the actor's own actions, over random observations, alone and in a batch."""
     observations = np.random.default_rng(0).uniform(-1, 1, (64, actor.layers[0][0].shape[-1])).astype(np.float32)
     runs = []
@@ -85,7 +86,8 @@ def difference(actor: Actor, onnx_bytes: Optional[bytes] = None, torchscript_byt
 
 def export(path, folder) -> Dict[str, str]:
     """Writes NAME.onnx and NAME.pt beside each other; returns {format: file}."""
-    actor, folder = Actor.load(path, None), make_folder(folder)
+    folder = make_folder(folder)
+    actor = GeneralActor.load(path) if is_general(path) else Actor.load(path, None)
     stem, written = Path(path).stem, {}
     for kind, suffix, data in (("onnx", ".onnx", to_onnx(actor)), ("torchscript", ".pt", to_torchscript(actor))):
         apart = difference(actor, **{kind + "_bytes": data})
@@ -96,7 +98,7 @@ def export(path, folder) -> Dict[str, str]:
     return written
 
 
-def _texts(actor: Actor) -> Dict[str, str]:
+def _texts(actor: Policy) -> Dict[str, str]:
     return {key: value if isinstance(value, str) else json.dumps(value) for key, value in actor.metadata.items()}
 
 

@@ -22,6 +22,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.common.tensors import checksum
 from applr_ros1.policy.actor import Actor, save
+from applr_ros1.policy.network import Mirror
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 from training.actors.tasks import RunnerSpec, Trial
@@ -194,7 +195,9 @@ def _directions(
     if known is not None:
         return known
     print("driving %d worlds for the directions" % len(trials), flush=True)
-    found = Directions.found(weights, _watched(options, trials), actor.layout.beams, components)
+    found = Directions.found(
+        weights, _watched(options, trials), Mirror.of(actor.layout.beams, 1 + len(actor.space)), components
+    )
     write_directions(path, found, origin)
     return found
 

@@ -12,14 +12,15 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from typing import List, Optional
 
-from . import builtin, generator, physical_course, sdf_reader
+from . import builtin, dynamic, generator, physical_course, sdf_reader
 from .world import World, WorldError
 
 GENERATED = "generated:"
 FRESH = "fresh:"  # more worlds of the same recipe, made on the spot
+DYNAMIC = "dynamic:"  # rooms with moving obstacles
 FORMS = (
     "generated:N (0-%d), generated:train, generated:test, generated:validation, generated:learn, fresh:N, "
-    "fresh:N-M (0 on), physical_course, "
+    "fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, "
     "a .world file or a folder of them" % (generator.COUNT - 1)
 )
 MAX_WORLDS = 10_000  # in a folder
@@ -28,13 +29,15 @@ MAX_WORLDS = 10_000  # in a folder
 def load(spec: str) -> World:
     """The one world that `spec` names. Raises WorldError with one line."""
     text = str(spec)
-    if text.startswith((GENERATED, FRESH)):
+    if text.startswith((GENERATED, FRESH, DYNAMIC)):
         names = specs(text)
         if len(names) > 1:
             raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(names)))
         number = int(names[0].split(":")[1])
         if text.startswith(GENERATED):
             return builtin.world(number)
+        if text.startswith(DYNAMIC):
+            return dynamic.generate(number)
         return dataclasses.replace(generator.generate(generator.COUNT + number), name=names[0])
     if text == physical_course.NAME:
         return physical_course.world()
@@ -64,7 +67,7 @@ class Worlds(Sequence):
 
     def __init__(self, spec: str):
         self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
-        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith(FRESH)}
+        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith((FRESH, DYNAMIC))}
         self._fresh: "OrderedDict[int, World]" = OrderedDict()
 
     def __len__(self) -> int:
@@ -96,7 +99,10 @@ def specs(spec: str) -> List[str]:
     if text.startswith(GENERATED):
         return ["%s%d" % (GENERATED, n) for n in _numbers(text)]
     if text.startswith(FRESH):
-        return ["%s%d" % (FRESH, n) for n in _fresh_numbers(text)]
+        return ["%s%d" % (FRESH, n) for n in _range(text, FRESH)]
+    if text.startswith(DYNAMIC):
+        split = dynamic.SPLITS.get(text[len(DYNAMIC) :])
+        return ["%s%d" % (DYNAMIC, n) for n in (_range(text, DYNAMIC) if split is None else split)]
     return folder_files(text) if os.path.isdir(text) else [text]
 
 
@@ -115,11 +121,11 @@ def _natural(name: str):
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
 
 
-def _fresh_numbers(text: str) -> List[int]:
-    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(FRESH) :], re.ASCII)
+def _range(text: str, form: str) -> List[int]:
+    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(form) :], re.ASCII)
     first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
     if not 0 <= last - first < MAX_WORLDS:
-        raise WorldError("%s: give fresh:N or fresh:N-M, %d worlds at most" % (text[:200], MAX_WORLDS))
+        raise WorldError("%s: give %sN or %sN-M, %d worlds at most" % (text[:200], form, form, MAX_WORLDS))
     return list(range(first, last + 1))
 
 

@@ -14,14 +14,17 @@ from . import physical_course
 from .mover import Mover
 from .world import Course, Pose, World
 
-RECIPES = ("generated:", "fresh:")  # how the names of their worlds begin
+RECIPES = ("generated:", "fresh:", "dynamic:")  # how the names of their worlds begin
 
 
 def scaled(world: World, factor: float) -> World:
-    """A world of a recipe (generated:N, fresh:N, physical_course) with all lengths multiplied by `factor`.
+    """A world of a recipe (generated:N, fresh:N, dynamic:N, physical_course) with all lengths multiplied by `factor`.
 
-    Angles and times stay. A world from a file, or a factor of 1, gives the world itself.
+    Angles and times stay. A room of moving obstacles grows no larger: its goal would lie off the planners' maps.
+    A world from a file, or a factor of 1, gives the world itself.
     """
+    if world.movers:
+        factor = min(factor, 1.0)
     if factor == 1.0 or not (world.name.startswith(RECIPES) or world.name == physical_course.NAME):
         return world
     return replace(

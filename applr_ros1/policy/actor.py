@@ -13,9 +13,10 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
+from applr_ros1.policy import encoding
 from applr_ros1.policy.decision import period_of
 from applr_ros1.policy.layout import Layout, ObservationError
-from applr_ros1.policy.network import forward, layers_of, with_mirror_images
+from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space
 
@@ -62,7 +63,7 @@ class Actor:
             layout = Layout.from_dict(_named(path, "layout", metadata.get("layout")), len(space))
             _layers(weights, space, layout, path)
             if metadata.get("with_mirror_images"):
-                weights = with_mirror_images(weights, layout.beams)
+                weights = with_mirror_images(weights, Mirror.of(layout.beams, 1 + len(space)))
             return cls(weights, space, metadata, layout)
         except (ValueError, ObservationError) as e:
             raise ApplrError(f"{path}: {e}") from None
@@ -76,6 +77,48 @@ class Actor:
         return self.space.to_theta(self.action(obs))
 
 
+class GeneralActor:
+    """A deterministic policy in the dimensionless form (encoding.py), for every robot: a network as Actor's."""
+
+    def __init__(self, weights, metadata=None):
+        self.layers = layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), "actor")
+        self.metadata = metadata or {}
+        self.period = period_of(self.metadata)
+
+    @classmethod
+    def load(cls, path):
+        """Reads a file that save_general wrote. Raises ApplrError where it is none, or is damaged."""
+        path = os.fspath(path)
+        weights, metadata = _read(path)
+        if metadata.get("observation") != encoding.NAME:
+            raise ApplrError(
+                f"{path}: its observation is {_short(metadata.get('observation'))}, {encoding.NAME} is needed"
+            )
+        try:
+            layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), path)
+            if metadata.get("with_mirror_images"):
+                weights = with_mirror_images(weights, encoding.MIRROR)
+            return cls(weights, metadata)
+        except ValueError as e:
+            raise ApplrError(f"{path}: {e}") from None
+
+    def action(self, obs):
+        """The action (10,) or (n, 10) float32 in [-1, 1] for observations of encoding.Encoding."""
+        return np.tanh(forward(self.layers, obs))
+
+
+def is_general(path):
+    """Whether a policy file is for every robot: one for GeneralActor. Raises ApplrError where it cannot be read."""
+    return "observation" in _read(os.fspath(path))[1]
+
+
+def save_general(path, weights, metadata=None):
+    """Writes the file of a GeneralActor; arguments and errors as save's."""
+    weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
+    layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), "actor to save")
+    _write(path, weights, metadata, {"observation": json.dumps(encoding.NAME)}, encoding.MIRROR)
+
+
 def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """Writes an actor file, whole or not at all (a temporary file beside it, then renamed).
 
@@ -85,13 +128,17 @@ def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
     _layers(weights, space, layout, "actor to save")
+    described = {"space": space.to_json(), "layout": json.dumps(layout.to_dict(len(space)))}
+    described["robot"] = json.dumps(space.robot)
+    _write(path, weights, metadata, described, Mirror.of(layout.beams, 1 + len(space)))
+
+
+def _write(path, weights, metadata, described, mirror):
     header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
     halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
-    if weights["0.weight"].ndim == 3 and _alike(with_mirror_images(halves, layout.beams), weights):
+    if weights["0.weight"].ndim == 3 and _alike(with_mirror_images(halves, mirror), weights):
         weights, header["with_mirror_images"] = halves, "true"
-    described = json.dumps(layout.to_dict(len(space)))
-    header.update(format=FORMAT, space=space.to_json(), layout=described, sha256=checksum(weights))
-    header["robot"] = json.dumps(space.robot)
+    header.update(described, format=FORMAT, sha256=checksum(weights))
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 

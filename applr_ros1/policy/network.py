@@ -6,7 +6,7 @@ answer is the mean of their outputs.
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -50,22 +50,39 @@ def layers_of(weights: Mapping[str, np.ndarray], inputs: int, outputs: int, name
     return layers
 
 
-def with_mirror_images(weights: Mapping[str, np.ndarray], beams: int) -> Dict[str, np.ndarray]:
-    """Networks side by side, each followed by the network that answers as it does with left and right exchanged.
+class Mirror(NamedTuple):
+    """What exchanging left and right does to an observation x: it becomes x[order] * sign.
+
+    order: (n,) int; sign: (n,) float32, 1 or -1.
+    """
+
+    order: np.ndarray
+    sign: np.ndarray
+
+    @classmethod
+    def of(cls, beams: int, rest: int, scans: int = 1, odd: Tuple[int, ...] = (0,)) -> Mirror:
+        """Of observations of `scans` scans, `beams` numbers together, and `rest` more; odd: those that turn round."""
+        order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
+        order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
+        sign[[beams + i for i in odd]] = -1.0
+        return cls(order, sign)
+
+
+def mirrored(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
+    """The network that answers an observation as the given one answers its mirror image."""
+    return dict(weights, **{"0.weight": (weights["0.weight"] * mirror.sign)[..., mirror.order]})
+
+
+def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
+    """Networks side by side, each followed by the one that answers as it does with left and right exchanged.
 
     Args:
-        weights: One network, or several side by side, whose input is a scan, the angle of the local goal, and more.
-        beams: Numbers of the scan, which reaches as far to the left as to the right.
+        weights: One network, or several side by side.
+        mirror: What exchanging left and right does to their input.
     """
-    found = {}
-    for name, tensor in weights.items():
-        tensor = tensor if weights["0.weight"].ndim == 3 else tensor[None]
-        image = tensor
-        if name == "0.weight":
-            image = np.concatenate([tensor[..., :beams][..., ::-1], tensor[..., beams:]], axis=-1)
-            image[..., beams] *= -1.0
-        found[name] = np.stack([tensor, image], axis=1).reshape(-1, *tensor.shape[1:])
-    return found
+    several = {name: t if weights["0.weight"].ndim == 3 else t[None] for name, t in weights.items()}
+    images = mirrored(several, mirror)
+    return {name: np.stack([t, images[name]], axis=1).reshape(-1, *t.shape[1:]) for name, t in several.items()}
 
 
 def forward(layers: Layers, x: Any) -> np.ndarray:

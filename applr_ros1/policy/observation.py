@@ -64,24 +64,33 @@ def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
     Raises:
         ObservationError: another number of beams, a scan without a valid beam, or a phi that is not finite.
     """
-    ranges = np.asarray(ranges, dtype=np.float32)
     beams, cap = layout.beams, layout.range_cap
-    if ranges.shape != (beams,):
-        raise ObservationError(f"scan has {ranges.size} beams: the policy takes {beams}; resample it to the layout")
+    ranges = without_gaps(ranges, layout)
     if not np.isfinite(phi):
         raise ObservationError(f"angle of the local goal is {phi}: check the pose and the global plan")
-    missing = np.isnan(ranges)
-    if missing.any():
-        if missing.all():
-            raise ObservationError(f"all {beams} beams of the scan are NaN or 0: check the laser")
-        index = np.arange(beams)
-        ranges = np.where(missing, 0.0, np.clip(ranges, 0.0, cap))
-        ranges[missing] = np.interp(index[missing], index[~missing], ranges[~missing])
     result = np.empty(beams + 1 + len(space), dtype=np.float32)
     result[:beams] = np.clip(ranges, 0.0, cap) * (2.0 / cap) - 1.0
     result[beams] = np.clip(phi / pi, -1.0, 1.0)
     result[beams + 1 :] = space.to_action(theta_prev)
     return result
+
+
+def without_gaps(ranges, layout=LAYOUT):
+    """Ranges (beams,) float32 [m] in which beams without a measurement (NaN) have the value between their neighbours.
+
+    Raises ObservationError for another number of beams, and for a scan without a valid one.
+    """
+    ranges = np.asarray(ranges, dtype=np.float32)
+    if ranges.shape != (layout.beams,):
+        raise ObservationError(f"scan has {ranges.size} beams: the policy takes {layout.beams}; resample it")
+    missing = np.isnan(ranges)
+    if missing.any():
+        if missing.all():
+            raise ObservationError(f"all {layout.beams} beams of the scan are NaN or 0: check the laser")
+        index = np.arange(layout.beams)
+        ranges = np.where(missing, 0.0, np.clip(ranges, 0.0, layout.range_cap))
+        ranges[missing] = np.interp(index[missing], index[~missing], ranges[~missing])
+    return ranges
 
 
 def local_goal(plan, pose, lookahead=LAYOUT.lookahead):

@@ -13,6 +13,7 @@ from typing import Any, Dict
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import description as sections
 from applr_ros1.robots import limits, parameter_files, yaml_file
+from applr_ros1.robots.default_space import default_space
 from applr_ros1.robots.description import Robot
 from applr_ros1.robots.field_types import RobotError, mapping, number
 from applr_ros1.robots.space_section import space
@@ -30,7 +31,7 @@ _SECTIONS = {
     "monitor": sections.Monitoring,
     "simulation": sections.Simulation,
 }
-_OPTIONAL = ("topics", "odometry", "monitor")
+_OPTIONAL = ("topics", "odometry", "monitor", "parameter_space")
 _OTHERS = ("world_scale", "move_base", "parameter_space")
 
 
@@ -75,13 +76,18 @@ def _robot(folder: str, given: Dict[str, Any]) -> Robot:
     for key in (*_SECTIONS, *_OTHERS):
         if key not in given and key not in _OPTIONAL:
             raise RobotError(f"{key} is missing: give it")
+    parts = {key: _section(kind, given.get(key, {}), key) for key, kind in _SECTIONS.items()}
+    setup = parameter_files.setup(given["move_base"], folder, "move_base")
+    stated = given.get("parameter_space")
     robot = Robot(
         name=os.path.basename(folder),
         folder=folder,
         world_scale=number(0.05, 20.0)(given["world_scale"], "world_scale"),
-        space=space(given["parameter_space"], "parameter_space"),
-        move_base=parameter_files.setup(given["move_base"], folder, "move_base"),
-        **{key: _section(kind, given.get(key, {}), key) for key, kind in _SECTIONS.items()},
+        space=default_space(parts["base"], parts["body"], setup.without_map)
+        if stated is None
+        else space(stated, "parameter_space"),
+        move_base=setup,
+        **parts,
     )
     limits.check(robot)
     return robot

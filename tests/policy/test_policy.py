@@ -17,7 +17,7 @@ from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor, save
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.network import with_mirror_images
+from applr_ros1.policy.network import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
 from tests.support.weights import make_weights
@@ -361,7 +361,7 @@ def test_unknown_methods_and_missing_files():
 def test_mirror_images_are_stored_once(tmp_path):
     pairs = [make_weights(seed) for seed in (1, 2)]
     pairs = {name: np.stack([pair[name] for pair in pairs]) for name in pairs[0]}
-    weights = with_mirror_images(pairs, 720)
+    weights = with_mirror_images(pairs, Mirror.of(720, 9))
     obs = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
     seen = np.concatenate([obs[719::-1], -obs[720:721], obs[721:]])
     assert Actor(weights).action(obs) == pytest.approx(Actor(weights).action(seen), abs=1e-6)  # left and right
@@ -369,7 +369,9 @@ def test_mirror_images_are_stored_once(tmp_path):
     weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
     save(tmp_path / "b", weights)
     assert (tmp_path / "a").stat().st_size < 0.6 * (tmp_path / "b").stat().st_size
-    assert np.array_equal(Actor.load(tmp_path / "a").action(obs), Actor(with_mirror_images(pairs, 720)).action(obs))
+    assert np.array_equal(
+        Actor.load(tmp_path / "a").action(obs), Actor(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs)
+    )
     assert np.array_equal(Actor.load(tmp_path / "b").action(obs), Actor(weights).action(obs))
 
 

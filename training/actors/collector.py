@@ -87,6 +87,8 @@ class EnvironmentTrials:
 def layout_of(env: gymnasium.Env) -> Layout:
     """How an environment's observations are stored: its `scan_beams` first numbers as a scan, if it has that.
 
+    `scans` and `odd` say what exchanging left and right does to them, as Layout describes it.
+
     Raises:
         ValueError: for observations or actions that are no vectors.
     """
@@ -96,4 +98,4 @@ def layout_of(env: gymnasium.Env) -> Layout:
         raise ValueError("observations and actions must be vectors, these have the shapes %s and %s" % shapes)
     (observation,), (action,) = shapes  # type: ignore[misc]
     beams = getattr(env, "scan_beams", 0)
-    return Layout(beams, observation - beams, action)
+    return Layout(beams, observation - beams, action, getattr(env, "scans", 1), getattr(env, "odd", (0,)))

@@ -17,12 +17,17 @@ import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
+from applr_ros1.policy import encoding
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.robots import JACKAL, Robot, load
 from training.common.options import checked
+from training.env import drawn_robots
+from training.env.drawn_robots import JACKAL_WIDTH
 from training.env.episode import Episode, counting_cells, laser_pose
 from training.env.reward import Reward, failed
 from worlds.top_view import top_view
+
+OBSERVATIONS = PAPER, DIMENSIONLESS = "paper", "dimensionless"
 
 
 class ApplrEnv(gymnasium.Env):
@@ -39,7 +44,9 @@ class ApplrEnv(gymnasium.Env):
         period: decision period [s]; the paper's is 2 s.
         params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
-        robot: the robot that drives, or its name or folder; worlds are at its scale.
+        robot: the robot that drives, or its name or folder; worlds are at its scale. "drawn" draws one at each reset
+            (drawn_robots.py), for the dimensionless form.
+        observation: "paper", or "dimensionless" (applr_ros1/policy/encoding.py): the same numbers for every robot.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
         end_on_collision: a collision ends the episode, terminated, as a failure.
         monitor: the collision monitor stands between the planner and the base.
@@ -68,58 +75,96 @@ class ApplrEnv(gymnasium.Env):
         render_mode: Optional[str] = None,
         robot: Union[Robot, str] = JACKAL,
         monitor: bool = False,
+        observation: str = PAPER,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
-        robot = load(robot) if isinstance(robot, str) else robot
+        if observation not in OBSERVATIONS:
+            raise ApplrError("observation is %r: give %s" % (observation, " or ".join(OBSERVATIONS)))
+        self.draws = robot == drawn_robots.NAME
+        if self.draws and (observation == PAPER or not isinstance(simulator, str) or params is not None):
+            raise ApplrError("robot drawn: it needs the dimensionless observation, a simulator by name, and no params")
+        if self.draws:
+            robot = JACKAL
         self.worlds = load_worlds(worlds)
         self.render_mode = render_mode
-        if isinstance(simulator, str):
-            simulator = sim_bridge.make(simulator, robot=robot, **(randomisation or {}))
         self.reward = reward if isinstance(reward, Reward) else checked(Reward, reward or {}, "reward")
-        params = counting_cells(robot.parameters() if params is None else params)
-        if planner_frequency is not None:
-            params = dict(params, planner_frequency=float(planner_frequency))
-        move_base = MoveBase(params, planner=planner)
-        self.episode = Episode(
-            simulator,
-            move_base,
-            robot,
-            limit=limit,
-            period=period,
-            end_on_collision=end_on_collision,
-            record=record or render_mode is not None,
-            monitor=monitor,
-        )
-        self.space = self.episode.space
-        self.scan_beams = self.episode.layout.beams  # first numbers of an observation; the replay stores them coarser
-        size = self.scan_beams + 1 + len(self.space)
+        self._simulator, self._randomisation = simulator, randomisation or {}
+        self._params, self._planner, self._planner_frequency = params, planner, planner_frequency
+        self._dimensionless = observation == DIMENSIONLESS
+        self._loop: Dict[str, Any] = {
+            "limit": limit,
+            "period": period,
+            "end_on_collision": end_on_collision,
+            "record": record or render_mode is not None,
+            "monitor": monitor,
+        }
+        self._equip(load(robot) if isinstance(robot, str) else robot)
+        actions = len(encoding.PARAMETERS) if self._dimensionless else len(self.space)
+        if self._dimensionless:
+            size, self.scan_beams, self.scans, self.odd = encoding.SIZE, 2 * encoding.SECTORS, 2, encoding.ODD
+        else:  # the first numbers of an observation; the replay stores them coarser
+            self.scan_beams = self.episode.layout.beams
+            size = self.scan_beams + 1 + len(self.space)
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size,), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.space),), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (actions,), np.float32)
+
+    def _equip(self, robot: Robot) -> None:
+        """Makes the simulator, the planner and the loop for a robot."""
+        simulator: Any = self._simulator
+        if isinstance(simulator, str):
+            simulator = sim_bridge.make(simulator, robot=robot, **self._randomisation)
+        params = counting_cells(robot.parameters() if self._params is None else self._params)
+        if self._planner_frequency is not None:
+            params = dict(params, planner_frequency=float(self._planner_frequency))
+        self.episode = Episode(simulator, MoveBase(params, planner=self._planner), robot, **self._loop)
+        self.space = self.episode.space
+        self.encoding = encoding.Encoding(robot, self.episode.period) if self._dimensionless else None
+        if self.encoding is not None:
+            self.episode.layout = self.encoding.layout
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
         super().reset(seed=seed)
         options = options or {}
+        if self.draws:
+            robot = drawn_robots.draw(self.np_random)
+            if robot is not self.episode.robot:
+                self.episode.simulator.close()
+                self._equip(robot)
         world = self._world(options.get("world"))
         draw = int(self.np_random.integers(2**31))
         world = worlds_package.scaled(world, self.episode.robot.world_scale)
         outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
-        return self.episode.observation(), self._info(outcome)
+        if self.encoding is not None:
+            self.encoding.reset()
+        return self._observation(), self._info(outcome)
 
     def step(self, action):
         """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        before = self.space.to_action(self.episode.outcome.theta)
-        outcome = self.episode.decide(self.space.to_theta(action))
-        change = float(np.abs(self.space.to_action(outcome.theta) - before).mean())
-        reward, terms = self.reward(outcome, change, self.episode.limit, self.episode.period)
+        form, scale = self.encoding, 1.0
+        if form is None:
+            before, theta = self.space.to_action(self.episode.outcome.theta), self.space.to_theta(action)
+        else:
+            before, theta, scale = (
+                form.action(self.episode.outcome.theta),
+                form.theta(action),
+                form.width / JACKAL_WIDTH,
+            )
+        outcome = self.episode.decide(theta)
+        after = self.space.to_action(outcome.theta) if form is None else form.action(outcome.theta)
+        change = float(np.abs(after - before).mean())
+        reward, terms = self.reward(outcome, change, self.episode.limit, self.episode.period, scale)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)
         info["reward"] = terms
-        return self.episode.observation(), float(reward), terminated, truncated, info
+        return self._observation(), float(reward), terminated, truncated, info
+
+    def _observation(self) -> np.ndarray:
+        return self.episode.observation() if self.encoding is None else self.encoding.observe(self.episode.context())
 
     def render(self):
         """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""

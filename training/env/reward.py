@@ -57,7 +57,7 @@ class Reward(RewardOptions):
     FARTHEST: ClassVar[float] = 2.0
 
     def __call__(
-        self, outcome: Outcome, change: float, limit: int = DECISION_LIMIT, period: float = PERIOD
+        self, outcome: Outcome, change: float, limit: int = DECISION_LIMIT, period: float = PERIOD, scale: float = 1.0
     ) -> Tuple[float, Dict[str, float]]:
         """The reward of one decision.
 
@@ -66,6 +66,7 @@ class Reward(RewardOptions):
             change: mean |a_t - a_{t-1}| of the parameters in action units.
             limit: decisions until the trial is truncated.
             period: decision period [s]. Terms that count time are scaled with it, so that a course costs the same.
+            scale: lengths are counted in so many metres; a wider robot's courses are longer and its gaps wider.
 
         Returns:
             (R, {term: its weighted part of R}).
@@ -75,10 +76,10 @@ class Reward(RewardOptions):
         if failed(outcome):
             time -= min(MOST_STANDING, (limit - outcome.decisions) * share)
         near = outcome.decision_min if self.lowest else outcome.last_scan_min
-        near = min(max(near, self.NEAREST), self.FARTHEST)
+        near = min(max(near / scale, self.NEAREST), self.FARTHEST)
         terms = {
             "time": self.c_f * time,
-            "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress),
+            "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress) / scale,
             "clearance": -self.c_c * share / near,
             "collision": -self.c_collision * float(outcome.contact),
             "switching": -self.c_switch * change,

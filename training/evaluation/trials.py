@@ -19,6 +19,7 @@ import worlds as worlds_package
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
+from applr_ros1.policy.methods.included import GeneralPolicy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
@@ -131,6 +132,7 @@ class TrialRunner:
         planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
         robot: name or folder of the robot that drives; worlds are at its scale.
         time_limit: time after which a trial ends and counts as failed [s].
+        observation: what a policy that is being learnt sees: "paper" or "dimensionless".
     """
 
     def __init__(
@@ -143,8 +145,9 @@ class TrialRunner:
         planner_frequency: Optional[int] = None,
         robot: str = JACKAL.name,
         time_limit: float = TIME_LIMIT,
+        observation: str = "paper",
     ):
-        self.robot = load(robot)
+        self.robot, self.observation = load(robot), observation
         self.space = space_of(self.robot)
         self.protocol, self.reward, self.monitor = protocol, Reward(**(reward or {})), monitor
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
@@ -219,7 +222,10 @@ class TrialRunner:
         if task.method_spec == POLICY:
             if policy is None:
                 raise ValueError("a trial of the policy came without a policy")
-            return methods.ObservationPolicy(_Learnt(policy, self.robot))
+            learnt = _Learnt(policy, self.robot)
+            return (
+                methods.ObservationPolicy(learnt) if self.observation == "paper" else GeneralPolicy(learnt, self.robot)
+            )
         if task.method_spec not in self._methods:
             self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
         return self._methods[task.method_spec]
@@ -234,6 +240,9 @@ class _Learnt:
 
     def theta(self, observation: np.ndarray) -> np.ndarray:
         return self.space.to_theta(self.policy(observation))
+
+    def action(self, observation: np.ndarray) -> np.ndarray:
+        return self.policy(observation)
 
 
 def pack_trace(trace: Trace) -> bytes:

@@ -19,13 +19,17 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, load
+from applr_ros1.robots import JACKAL, NAMES, load
 from training.common.command_line import Parser
 from training.common.options import Options, add_options, checked, dashed, option
+from training.env import drawn_robots
+from training.env.env import PAPER
 from training.env.reward import RewardOptions
 from training.env.rollout import NAVIGATION
 from training.learner.learner import MOST_ROWS, LearnerOptions
+from training.policy_file import POLICY_FILE
 from worlds.loading import FORMS
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
@@ -90,8 +94,11 @@ class TaskOptions(Options):
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     robot: str = option("jackal",
-        f"Robot that drives: {', '.join(NAMES)}, or a folder with robot.yaml (docs/howto/robots.md). The worlds are at "
-        "its scale.", fixed=True)
+        f"Robot that drives: {', '.join(NAMES)}, a folder with robot.yaml (docs/howto/robots.md), or drawn: "
+        "another one in each episode, the Jackal in a third of them. The worlds are at its scale.", fixed=True)
+    observation: Literal["paper", "dimensionless"] = option("paper",
+        "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
+        "parameter space; or dimensionless, the same for every robot (applr_ros1/policy/encoding.py).", fixed=True)
     worlds: str = option("generated:learn",
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
@@ -132,8 +139,9 @@ class OfflineOptions(Options):
     init_from: str = option("",
         "What learning begins with: the folder of another run, whose policy, critics and optimisers are taken over "
         "without its experience (period, reward and worlds may be others); or a parameter set that the policy first "
-        "answers with, static for the robot's own best single set or a JSON file. Without it the policy begins near "
-        "the middle of the ranges.", fixed=True)
+        "answers with, static for the robot's own best single set or a JSON file; or a policy in the dimensionless "
+        "form, applr for the shipped one or its file. Without it the policy begins near the middle of the ranges.",
+        fixed=True)
     refine: int = option(0,
         "Number of steps in which the last policy is refined after the training, as training.refine_policy does it: "
         "each drives 500 fresh worlds twice, and the result is refined.safetensors in the folder of the run. The "
@@ -166,7 +174,9 @@ class TrainConfig(
 
     @model_validator(mode="after")
     def _check(self) -> "TrainConfig":
-        load(self.robot)
+        if self.robot == drawn_robots.NAME and self.observation == PAPER:
+            raise ApplrError("--robot drawn: a policy for all robots needs --observation dimensionless")
+        load(self.eval_robot)
         if not sim_bridge.is_name(self.simulator):
             known = " or ".join(sim_bridge.NAMES)
             raise ApplrError(f"--simulator is {self.simulator!r}: give {known}, or MODULE:CLASS")
@@ -184,8 +194,20 @@ class TrainConfig(
 
     # -- what the parts need
     @property
+    def eval_robot(self) -> str:
+        """The robot of the evaluations: the Jackal where each episode has another one."""
+        return JACKAL.name if self.robot == drawn_robots.NAME else self.robot
+
+    @property
+    def robot_name(self) -> str:
+        """What data are labelled with."""
+        return self.robot if self.robot == drawn_robots.NAME else load(self.robot).name
+
+    @property
     def start_run(self) -> str:
-        """Folder of the run that --init-from names; "" where it names a method, a JSON file, or nothing."""
+        """Run or policy file that --init-from names; "" where it names a parameter set, or nothing."""
+        if self.init_from == "applr":
+            return methods.shipped(robot=load(self.eval_robot))
         return "" if self.init_from in methods.METHODS or self.init_from.endswith(".json") else self.init_from
 
     def start_action(self) -> Tuple[float, ...]:
@@ -195,16 +217,24 @@ class TrainConfig(
         """
         if not self.init_from or self.resume and (Path(self.out) / "checkpoint.json").exists():
             return ()
-        known = "static, a JSON file with a parameter set, or the folder of a training run that has saved a checkpoint"
+        known = (
+            "static, applr, a JSON file with a parameter set, the file of a policy, or the folder of a training "
+            "run that has saved a checkpoint"
+        )
         if self.start_run:
+            if self.start_run.endswith(POLICY_FILE):
+                if self.observation == PAPER:
+                    raise ApplrError(f"--init-from is {self.init_from!r}: a policy needs --observation dimensionless")
+                return ()
             if not self.resume and not (Path(self.start_run) / "checkpoint.json").exists():
                 raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
             return ()
-        robot = load(self.robot)
+        robot = load(self.eval_robot)
         method = methods.make(self.init_from, robot)
         if not isinstance(method, methods.FixedParameters):
             raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
-        return tuple(space_of(robot).to_action(method.values).tolist())
+        form = space_of(robot).to_action if self.observation == PAPER else Encoding(robot).action
+        return tuple(form(method.values).tolist())
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""

@@ -7,7 +7,6 @@ that was killed goes on from its last checkpoint, through the store, to the very
 from __future__ import annotations
 
 import os
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Dict, Optional, Sequence
 
@@ -22,6 +21,7 @@ from applr_ros1.common.tensors import unpack
 from training.common.folders import make_folder
 from training.common.options import option
 from training.learner.batch import draw_batch
+from training.policy_file import POLICY_FILE, begun_policy
 from training.replay.buffer import Replay
 from training.replay.store import Store
 from training.replay.trajectory import Layout, Trajectory, TrajectoryError
@@ -66,7 +66,8 @@ class Learner:
         options: how it learns.
         folder: of the run; checkpoint.json, learner-*.safetensors and replay.sqlite lie in it.
         begin_at: the action at which the policy begins; (): that of its random first weights.
-        begin_with: folder of a run whose networks and optimisers this one begins with; "": random weights.
+        begin_with: folder of a run whose networks and optimisers this one begins with, or file of a policy that it
+            begins with; "": random weights.
     """
 
     def __init__(
@@ -78,13 +79,15 @@ class Learner:
         begin_with: str = "",
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
-        self.td3 = TD3(layout.size, layout.action, options, options.seed, options.device, layout.scan)
+        self.td3 = TD3(layout.size, layout.action, options, options.seed, options.device, layout.scan, layout.mirror)
         self.replay = Replay(layout, options.buffer_size)
         self.rng = np.random.default_rng([options.seed, 1])
         if self.saved(folder) is None:
             if begin_at:
                 self.td3.begin_at(begin_at)
-            if begin_with:
+            if begin_with.endswith(POLICY_FILE):
+                self.td3.begin_with(begun_policy(begin_with), begin_with)
+            elif begin_with:
                 self._begin_with(Path(begin_with))
         self.store = Store(self.folder / "replay.sqlite", layout)
         self.refused = Tally()  # trajectories, by reason
@@ -164,7 +167,7 @@ class Learner:
                 "number": number,
                 "learner": {"file": name, "sha256": sha256(data)},
                 "episodes": self.store.last,
-                "layout": asdict(self.layout),
+                "layout": self.layout.to_dict(),
                 "layer_norm": self.options.layer_norm,
                 "pace": [self._pace, [getattr(self.options, name) for name in PACE]],
                 "rng": self.rng.bit_generator.state,
@@ -227,7 +230,7 @@ class Learner:
 
         Raises ApplrError where it is of other networks, StorageError where it is damaged.
         """
-        if checkpoint["layout"] != asdict(self.layout):
+        if checkpoint["layout"] != self.layout.to_dict():
             raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
         path = folder / checkpoint["learner"]["file"]
         data = read_bytes(path)

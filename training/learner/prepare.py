@@ -11,7 +11,6 @@ import torch
 
 import sim_bridge
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import load
 from training.actors.collector import layout_of
 from training.actors.tasks import RunnerSpec, WorkerSettings
@@ -48,11 +47,11 @@ def prepare(config: TrainConfig) -> Preparation:
         except Exception as error:  # whatever a person's environment raises
             raise ApplrError(f"--env {config.env} cannot be made: {type(error).__name__}: {reason(error)}") from None
         return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
-    robot, worlds = load(config.robot), load_worlds(config.worlds)
+    robot, worlds = load(config.eval_robot), load_worlds(config.worlds)
     held_out = [world[:2] for world in world_list(config.eval_worlds, "paper", robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
     common = {
-        "robot": config.robot,
+        "robot": config.eval_robot,
         "simulator": config.simulator,
         "reward": config.reward(),
         "period": config.decision_period,
@@ -60,6 +59,8 @@ def prepare(config: TrainConfig) -> Preparation:
     }
     options = {
         **common,
+        "robot": config.robot,
+        "observation": config.observation,
         "worlds": config.worlds,
         "planner": config.planner,
         "randomisation": config.randomisation(),
@@ -68,16 +69,16 @@ def prepare(config: TrainConfig) -> Preparation:
     env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
         env.reset(seed=0)
-        env.step(-np.ones(len(env.space)))
+        env.step(-np.ones(layout_of(env).action, np.float32))
     env.close()
     return Preparation(
         WorkerSettings(
             RunnerSpec("training.actors.collector:Collector", {"env": config.env, "options": options}),
-            RunnerSpec(TRIAL_RUNNER, common),
+            RunnerSpec(TRIAL_RUNNER, dict(common, observation=config.observation)),
         ),
         len(worlds),
         held_out,
-        Layout(*sizes_of(robot)),
+        layout_of(env),
     )
 
 
@@ -94,7 +95,7 @@ def driven_with(config: TrainConfig) -> Dict[str, Any]:
     """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
     if config.env != NAVIGATION:
         return {"decision_period": config.decision_period}
-    return {"decision_period": config.decision_period, "robot": load(config.robot).name, **config.reward()}
+    return {"decision_period": config.decision_period, "robot": config.robot_name, **config.reward()}
 
 
 def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Store]:

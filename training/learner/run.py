@@ -32,6 +32,7 @@ from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import Answer, Trial
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
+from training.env.env import PAPER
 from training.env.rollout import NAVIGATION
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.score import CONTACT_SECONDS
@@ -58,7 +59,7 @@ class TrainingRun:
         if self.dataset is not None:
             config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
         self.config = config
-        config.check_sizes(made.layout.size, made.layout.action, made.layout.scan)
+        config.check_sizes(made.layout.scan, made.layout.mirror)
         begin_at = config.start_action()
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
@@ -298,7 +299,9 @@ class TrainingRun:
             "result": result,
             "default": self.evaluation.default if result else None,
         }
-        if self.config.env == NAVIGATION:
+        if self.config.env == NAVIGATION and self.config.observation != PAPER:
+            actor.save_general(path, weights, metadata)
+        elif self.config.env == NAVIGATION:
             robot = load(self.config.robot)
             actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
         else:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from applr_ros1.policy import network
-from training.td3.symmetry import Weights, mirrored
+from applr_ros1.policy.network import Mirror, mirrored
+from training.td3.networks import Weights
 
 
 class Directions:
@@ -27,7 +28,7 @@ class Directions:
         self.mean, self.basis = np.asarray(mean, np.float32), np.asarray(basis, np.float32)
 
     @classmethod
-    def found(cls, weights: Weights, observations: np.ndarray, beams: int, components: int) -> "Directions":
+    def found(cls, weights: Weights, observations: np.ndarray, mirror: Mirror, components: int) -> "Directions":
         """The leading components over observations.
 
         Left and right are treated alike: each observation counts with its mirror image, as a mean of the two. In a
@@ -36,10 +37,10 @@ class Directions:
         Args:
             weights: the policy's tensors.
             observations: (m, inputs) of drives; m is greater than `components`.
-            beams: numbers of the scan in an observation.
+            mirror: what exchanging left and right does to an observation.
             components: how many to take.
         """
-        units = 0.5 * (hidden(weights, observations) + hidden(mirrored(weights, beams), observations))
+        units = 0.5 * (hidden(weights, observations) + hidden(mirrored(weights, mirror), observations))
         mean = units.mean(axis=0)
         _, singular, axes = np.linalg.svd(units - mean, full_matrices=False)
         deviation = singular[:components, None] / np.sqrt(len(units))

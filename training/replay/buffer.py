@@ -39,7 +39,7 @@ class Replay:
     def __init__(self, layout: Layout, capacity: int):
         if capacity < 2:
             raise ApplrError("a replay of %d rows holds no transition; give a --buffer-size of at least 2" % capacity)
-        self.layout, self.capacity = layout, int(capacity)
+        self.layout, self.capacity, self.mirror = layout, int(capacity), layout.mirror
         _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
         self.rest = np.zeros((capacity, layout.rest), np.float32)
@@ -141,13 +141,12 @@ class Replay:
     def _observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
         """Observations as (scan, rest), the first `mirrored` of them with left and right exchanged.
 
-        The beams are reversed and the angle of the local goal is negated. The parameters stay, since robot and planner
-        are symmetric.
+        The beams are reversed and angles are negated. The parameters stay, since robot and planner are symmetric.
         """
-        scan, rest = self.scan[rows], self.rest[rows]
-        if mirrored:
-            scan[:mirrored] = scan[:mirrored, ::-1].copy()
-            rest[:mirrored, 0] *= -1.0
+        scan, rest, mirror, beams = self.scan[rows], self.rest[rows], self.mirror, self.layout.scan
+        if mirrored and mirror is not None:
+            scan[:mirrored] = scan[:mirrored][:, mirror.order[:beams]]
+            rest[:mirrored] *= mirror.sign[beams:]
         return scan, rest
 
 

@@ -15,7 +15,6 @@ import json
 import os
 import sqlite3
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
@@ -69,11 +68,11 @@ class Store:
                 self._db.execute("PRAGMA journal_mode = WAL")
                 self._db.execute("PRAGMA synchronous = NORMAL")  # survives a kill; sync() survives a loss of power
                 if not version and not self._number("SELECT COUNT(*) FROM sqlite_master"):
-                    self._db.executescript(TABLES.replace(":layout", json.dumps(asdict(layout))))
+                    self._db.executescript(TABLES.replace(":layout", json.dumps(layout.to_dict())))
                     version = VERSION
         try:
-            self.layout = Layout(**self.about("layout"))
-        except TypeError:
+            self.layout = Layout.from_dict(self.about("layout"))
+        except (TypeError, KeyError):
             version = 0
         if version != VERSION:
             raise StorageError(f"{self.path}: not a store of trajectories of this version")

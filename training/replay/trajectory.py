@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import Any, Dict
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 import safetensors.numpy
@@ -15,6 +15,7 @@ import safetensors.numpy
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
 from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.network import Mirror
 
 MAX_TRANSITIONS = 10_000  # of one trajectory; more is refused
 MAX_NAME = 255  # characters in the name of an actor
@@ -33,13 +34,22 @@ class Layout:
             2 m that is 7.8 mm, a sixth of a costmap cell)
     rest    further numbers (phi, theta), stored as float32
     action  numbers in [-1, 1], float32
+    scans   how many scans the beams are of, one behind the other
+    odd     places in the rest of the numbers that turn round where left and right are exchanged
     """
 
     scan: int = 720
     rest: int = 9
     action: int = 8
+    scans: int = 1
+    odd: Tuple[int, ...] = (0,)
 
     LEVELS = 255
+
+    @property
+    def mirror(self) -> Optional[Mirror]:
+        """What exchanging left and right does to an observation; None for one without a scan."""
+        return Mirror.of(self.scan, self.rest, self.scans, self.odd) if self.scan and self.rest else None
 
     @property
     def size(self) -> int:
@@ -50,6 +60,15 @@ class Layout:
     def step(self) -> float:
         """Resolution of a stored beam, in units of the observation."""
         return 2.0 / self.LEVELS
+
+    def to_dict(self) -> Dict[str, Any]:
+        """Its fields as JSON values; from_dict() is the inverse."""
+        return dict(vars(self), odd=list(self.odd))
+
+    @classmethod
+    def from_dict(cls, values: Dict[str, Any]) -> Layout:
+        """Raises KeyError or TypeError for values that describe none."""
+        return cls(**dict(values, odd=tuple(values["odd"])))
 
     def quantise(self, observations: np.ndarray) -> np.ndarray:
         """(n, size) → (n, scan) uint8."""
@@ -97,7 +116,8 @@ class Trajectory:
     @property
     def layout(self) -> Layout:
         """The layout that its arrays have by their last dimensions; check() says whether the rest fits it."""
-        return Layout(*(array.shape[-1] if array.ndim else 0 for array in (self.scan, self.rest, self.action)))
+        scan, rest, action = (array.shape[-1] if array.ndim else 0 for array in (self.scan, self.rest, self.action))
+        return Layout(scan, rest, action)
 
     def check(self, layout: Layout) -> None:
         """Raises TrajectoryError unless shapes, types and values are what the replay stores."""

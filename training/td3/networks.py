@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import List, Sequence
+from typing import Dict, List, Sequence
 
 import numpy as np
 import torch
 from torch import nn
 from torch.nn import functional
 
-from training.td3.symmetry import Weights
+Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
 
 
 class MLP(nn.ModuleList):

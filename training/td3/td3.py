@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import json
 from dataclasses import dataclass
-from typing import Annotated, Dict, List, Sequence, Tuple
+from typing import Annotated, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 import torch
@@ -21,10 +21,9 @@ from pydantic import ConfigDict, Field
 from torch.nn import functional
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.network import with_mirror_images
+from applr_ros1.policy.network import Mirror, with_mirror_images
 from training.common.options import Options, option
-from training.td3.networks import MLP, parameters
-from training.td3.symmetry import Weights
+from training.td3.networks import MLP, Weights, parameters
 
 INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
 SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
@@ -50,6 +49,9 @@ class TD3Options(Options):
     target_noise_clip: float = option(0.5,
         "Largest absolute value of the smoothing noise on target actions.", ge=0, le=2)
     policy_delay: int = option(2, "Number of critic updates per policy update.", ge=1, le=100)
+    policy_starts: int = option(0,
+        "Number of gradient steps in which the critics learn alone, before the first one of the policy. It keeps fresh "
+        "critics from spoiling a policy that --init-from names.", ge=0, le=10**9)
     policy_ema_decay: float = option(0.0,
         "Decay per policy step of a running average of the policy, such as 0.999; actors and actor files then hold the "
         "average. 0 uses the policy itself.", ge=0, le=0.999999)
@@ -70,11 +72,11 @@ class TD3Options(Options):
         "authors use 2.5. Online it keeps it close to what it has driven with. 0 is plain TD3.", ge=0, le=1000)
     # fmt: on
 
-    def check_sizes(self, observations: int, actions: int, scan: int) -> None:
-        """Raises ApplrError if networks of these inputs and outputs cannot be built (arguments as for TD3)."""
+    def check_sizes(self, scan: int, mirror: Optional[Mirror]) -> None:
+        """Raises ApplrError if networks of these inputs cannot be built (arguments as for TD3)."""
         if self.scan_pool > 1 and (scan < self.scan_pool or scan % self.scan_pool):
             raise ApplrError(f"--scan-pool is {self.scan_pool}: give a divisor of the scan's {scan} beams")
-        if self.symmetric and not 0 < scan < observations:
+        if self.symmetric and mirror is None:
             raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
 
 
@@ -109,6 +111,7 @@ class TD3:
         seed: of the networks' first weights.
         device: "cpu", "cuda" or "auto".
         scan: how many of the observation's first numbers are a scan.
+        mirror: what exchanging left and right does to an observation; None where that is not known.
 
     Raises:
         ApplrError: for an unknown device, a scan that scan_pool does not divide, or a symmetric policy of observations
@@ -123,9 +126,10 @@ class TD3:
         seed: int = 0,
         device: str = "cpu",
         scan: int = 0,
+        mirror: Optional[Mirror] = None,
     ):
-        options.check_sizes(observations, actions, scan)
-        self.options, self.actions, self.scan, self.device = options, actions, scan, _device(device)
+        options.check_sizes(scan, mirror)
+        self.options, self.actions, self.mirror, self.device = options, actions, mirror, _device(device)
         hidden, pooled = options.net_arch, (scan, options.scan_pool)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
@@ -166,13 +170,23 @@ class TD3:
             weight.mul_(SMALL_START)
             bias.copy_(torch.atanh(nearly))
 
+    @torch.no_grad()
+    def begin_with(self, weights: Weights, what: str) -> None:
+        """Takes a policy over, as actor_weights() names it. Raises ApplrError where it has other layers."""
+        for network in {self.actor, self.actor_target, self.policy}:
+            theirs = {name: tensor.shape for name, tensor in weights.items()}
+            if theirs != {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}:
+                raise ApplrError(f"{what}: its layers have the shapes {theirs}; give the same --net-arch")
+            network.load_state_dict({name: torch.from_numpy(tensor) for name, tensor in weights.items()})
+
     # -- learning ----------------------------------------------------------------------------------
     def update(self, batch: Batch) -> None:
         """One gradient step of the critics; every policy_delay-th also of the policy and the targets."""
         self.updates += 1
         self._update_critics(batch)
         if self.updates % self.options.policy_delay == 0:
-            self._update_actor(batch)
+            if self.updates > self.options.policy_starts:
+                self._update_actor(batch)
             self._update_targets()
 
     def _update_critics(self, batch: Batch) -> None:
@@ -235,7 +249,9 @@ class TD3:
         With options.symmetric it is two networks side by side, along the first axis of each tensor.
         """
         weights = self.policy.weights()
-        return with_mirror_images(weights, self.scan) if self.options.symmetric else weights
+        return (
+            weights if not self.options.symmetric or self.mirror is None else with_mirror_images(weights, self.mirror)
+        )
 
     # -- checkpoints -------------------------------------------------------------------------------
     def state(self) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:

@@ -10,8 +10,10 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, sha256
 from applr_ros1.policy.decision import PERIOD, Context, period_of
+from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.robots import Robot
 
 
 class FixedParameters(Method):
@@ -89,6 +91,39 @@ class ObservationPolicy(Method):
         if not self.path:
             return kind
         return dict(kind, file=os.path.basename(self.path), sha256=sha256(read_bytes(self.path)))
+
+
+class GeneralPolicy(Method):
+    """A policy in the dimensionless form (policy/encoding.py) on one robot.
+
+    Args:
+        policy: Has action(observation) and, where it states one, a period [s].
+        robot: The robot that it drives.
+        path: The file that it was read from; "" for none.
+    """
+
+    per_cell = True
+
+    def __init__(self, policy: Any, robot: Robot, path: str = ""):
+        self.policy, self.path = policy, path
+        self.period = float(getattr(policy, "period", PERIOD))
+        self.encoding = Encoding(robot, self.period)
+        self.space, self.layout = self.encoding.space, self.encoding.layout
+
+    def reset(self, seed: int) -> None:
+        """Begin a course: there was no decision before."""
+        self.encoding.reset()
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The policy's parameters, within the robot's ranges."""
+        if context is None:
+            raise ApplrError("a policy needs an observation to decide on")
+        return self.encoding.theta(self.policy.action(self.encoding.observe(context)))
+
+    def describe(self) -> Dict[str, Any]:
+        """The policy's class and its file with checksum."""
+        kind = {"class": type(self.policy).__name__}
+        return dict(kind, file=os.path.basename(self.path), sha256=sha256(read_bytes(self.path))) if self.path else kind
 
 
 class FrozenParameter(Method):

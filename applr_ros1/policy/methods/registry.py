@@ -7,11 +7,12 @@ import re
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.actor import Actor, GeneralActor, is_general
 from applr_ros1.policy.appld import Appld, Published
 from applr_ros1.policy.methods.included import (
     FixedParameters,
     FrozenParameter,
+    GeneralPolicy,
     ObservationPolicy,
     RandomParameters,
     at_period,
@@ -44,6 +45,8 @@ def shipped(name: str = "applr.safetensors", robot: Robot = JACKAL) -> str:
 
 
 def _actor(path: str, robot: Robot) -> Method:
+    if is_general(path):
+        return GeneralPolicy(GeneralActor.load(path), robot, path)
     return ObservationPolicy(Actor.load(path, space_of(robot)), path)
 
 

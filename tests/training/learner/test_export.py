@@ -6,6 +6,7 @@ import pytest
 
 from applr_ros1.policy import actor as actors
 from applr_ros1.policy import methods
+from applr_ros1.policy.network import Mirror
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.trial_tables import kept
 from training import export
@@ -15,7 +16,7 @@ from training import export
 def actor_file(tmp_path, request):
     from training.td3.td3 import TD3, TD3Options
 
-    td3 = TD3(729, 8, TD3Options(symmetric="two" in request.param), seed=4, scan=720)
+    td3 = TD3(729, 8, TD3Options(symmetric="two" in request.param), seed=4, mirror=Mirror.of(720, 9))
     actors.save(tmp_path / "some.safetensors", td3.actor_weights(), {"training": {"steps": 3}, "result": None})
     return tmp_path / "some.safetensors"
 

@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 from safetensors.numpy import save_file
 
 from applr_ros1.policy.actor import Actor, save
-from applr_ros1.policy.network import forward, layers_of, with_mirror_images
+from applr_ros1.policy.network import Mirror, forward, layers_of, mirrored, with_mirror_images
 from tests.support.trial_tables import kept
 from training import refine_policy
 from training.actors.tasks import Trial, TrialResult
@@ -20,9 +20,9 @@ from training.refinement.directions import Directions, hidden
 from training.refinement.driving import ShiftedRunner
 from training.refinement.search import SearchOptions, search, towards
 from training.refinement.slopes import CURVATURE, fit
-from training.td3.symmetry import mirrored
 
 BEAMS, INPUTS, PARAMETERS = 720, 729, 8
+MIRROR = Mirror.of(BEAMS, 9)
 
 
 def network(rng, units=12):
@@ -42,9 +42,9 @@ def answers(weights, observations):
 @pytest.mark.parametrize("networks", [1, 2])
 def test_a_shift_adds_constants_and_multiples_of_the_components(networks):
     rng = np.random.default_rng(networks)
-    weights = with_mirror_images(network(rng), BEAMS) if networks > 1 else network(rng)
+    weights = with_mirror_images(network(rng), MIRROR) if networks > 1 else network(rng)
     observations = rng.uniform(-1.0, 1.0, (50, INPUTS)).astype(np.float32)
-    directions = Directions.found(weights, observations, BEAMS, 2)
+    directions = Directions.found(weights, observations, MIRROR, 2)
     coefficients = rng.normal(size=(PARAMETERS, 3))
     components = (hidden(weights, observations) - directions.mean) @ directions.basis.T
     expected = answers(weights, observations) + coefficients[:, 0] + components @ coefficients[:, 1:].T
@@ -55,20 +55,20 @@ def test_a_shift_adds_constants_and_multiples_of_the_components(networks):
 
 def test_components_have_a_variance_of_one_and_leave_a_symmetric_policy_symmetric():
     rng = np.random.default_rng(3)
-    weights = with_mirror_images(network(rng), BEAMS)
+    weights = with_mirror_images(network(rng), MIRROR)
     seen = rng.uniform(-1.0, 1.0, (80, INPUTS)).astype(np.float32)
-    directions = Directions.found(weights, seen, BEAMS, 3)
+    directions = Directions.found(weights, seen, MIRROR, 3)
     components = (hidden(weights, seen) - directions.mean) @ directions.basis.T
     np.testing.assert_allclose(np.cov(components.T, bias=True), np.eye(3), atol=1e-3)
     shifted = directions.shifted(weights, rng.normal(size=(PARAMETERS, 4)))
-    np.testing.assert_allclose(answers(shifted, seen), answers(mirrored(shifted, BEAMS), seen), atol=1e-5)
+    np.testing.assert_allclose(answers(shifted, seen), answers(mirrored(shifted, MIRROR), seen), atol=1e-5)
 
 
 def test_no_component_leaves_the_biases():
     rng = np.random.default_rng(4)
     weights, seen = network(rng), rng.uniform(-1.0, 1.0, (20, INPUTS)).astype(np.float32)
     added = rng.normal(size=(PARAMETERS, 1))
-    shifted = Directions.found(weights, seen, BEAMS, 0).shifted(weights, added)
+    shifted = Directions.found(weights, seen, MIRROR, 0).shifted(weights, added)
     np.testing.assert_allclose(answers(shifted, seen), answers(weights, seen) + added[:, 0], atol=1e-5)
 
 

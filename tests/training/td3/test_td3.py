@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.network import Mirror
 from training.learner.batch import draw_batch
 from training.replay.buffer import Replay
 from training.replay.trajectory import Layout, Trajectory
@@ -255,7 +256,9 @@ def test_pooled_scan_becomes_an_actor_that_takes_every_beam():
 def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image():
     from applr_ros1.policy.actor import Actor
 
-    td3 = TD3(729, 8, TD3Options(net_arch=[32, 16], scan_pool=5, symmetric=True), seed=3, scan=720)
+    td3 = TD3(
+        729, 8, TD3Options(net_arch=[32, 16], scan_pool=5, symmetric=True), seed=3, scan=720, mirror=Mirror.of(720, 9)
+    )
     observation = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
     mirrored = np.concatenate((observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1)
     before = [np.arctanh(td3.action(seen).astype(float)) for seen in (observation, mirrored)]

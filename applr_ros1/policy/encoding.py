@@ -1,0 +1,225 @@
+"""The dimensionless form of the learning problem: what one network sees and says, whatever robot it drives.
+
+Lengths are in padded widths of the robot, speeds in shares of what its base allows, and the planner's distance biases
+in cost per padded width. So an observation and an action mean the same to every robot, and a policy that was learnt on
+many of them drives one that it has never met. The paper's own form, for one robot, is observation.py.
+
+Only the parameters of PARAMETERS are chosen, as far as the robot's parameter space has them and within its ranges; the
+others keep their default values.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Dict, NamedTuple, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import branch
+from applr_ros1.planner.costmap import footprint
+from applr_ros1.planner.parameters import check
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.layout import TURN, Layout
+from applr_ros1.policy.network import Mirror
+from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import Robot
+
+NAME = "dimensionless-1"  # of this form, in the files of policies
+SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
+CAP, NEAR_POINT, FAR_POINT, GOAL_CAP = 8.0, 2.0, 5.0, 30.0  # [padded widths]
+DWA = "DWAPlannerROS"
+
+
+class Scale(NamedTuple):
+    """Between which two values, in the unit named, a parameter lies; on a logarithmic scale where that fits it."""
+
+    low: float
+    high: float
+    unit: str  # "speed", "turn", "weight", "width", "per_width", or "" for the planner's own
+    logarithmic: bool = False
+
+
+PARAMETERS: Dict[str, Scale] = {
+    "max_vel_x": Scale(0.1, 1.0, "speed"),
+    "max_vel_theta": Scale(0.1, 1.0, "turn"),
+    "vx_samples": Scale(4.0, 20.0, ""),
+    "vtheta_samples": Scale(4.0, 60.0, ""),
+    "sim_time": Scale(0.8, 3.0, ""),
+    "occdist_scale": Scale(0.005, 1.0, "", True),
+    "path_distance_bias": Scale(0.4, 25.0, "weight", True),
+    "goal_distance_bias": Scale(0.4, 25.0, "weight", True),
+    "inflation_radius": Scale(0.18, 1.8, "width", True),
+    "cost_scaling_factor": Scale(0.5, 12.0, "per_width", True),
+}
+ALIASES = {"vth_samples": "vtheta_samples", "pdist_scale": "path_distance_bias", "gdist_scale": "goal_distance_bias"}
+MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
+ODD = (0, 2, 4, 7, 9, 11)  # of the numbers behind the scans: those that a mirror turns round
+REST = MOVING + len(PARAMETERS) + DESCRIBED
+SIZE = 2 * SECTORS + REST
+MIRROR = Mirror.of(2 * SECTORS, REST, 2, ODD)
+
+
+class Encoding:
+    """Observations and actions of one robot in the dimensionless form.
+
+    An observation has SIZE numbers in [-1, 1]: the scan now and at the decision before; direction of two points of the
+    global plan and of the goal, distance of the goal; speed, turn rate and their changes since the last decision, the
+    way driven since then; the parameters in force; and what describes the robot.
+
+    Args:
+        robot: Its description.
+        period: Decision period [s], to which the way driven since the last decision is related.
+
+    Attributes:
+        layout: How Context.ranges has to see the scan.
+        space: The robot's parameter space.
+        width: The robot's padded width [m].
+    """
+
+    def __init__(self, robot: Robot, period: float = PERIOD):
+        self.robot, self.space, self.period = robot, space_of(robot), period
+        tree = check.complete(robot.parameters())
+        self.width = _padded_width(tree["local_costmap"])
+        self.layout = _layout(robot, self.width)
+        planner = str(tree["base_local_planner"]).rpartition("/")[2]
+        resolution = float(tree["local_costmap"]["resolution"])
+        by_planner = 1.0 / resolution if planner == DWA else 1.0  # DWAPlannerROS multiplies its biases with it
+        units = {
+            "": 1.0,
+            "speed": robot.base.max_speed,
+            "turn": robot.base.max_yaw_rate,
+            "weight": by_planner * resolution / self.width,
+            "width": self.width,
+            "per_width": 1.0 / self.width,
+        }
+        scales = list(PARAMETERS.values())
+        unit = np.array([units[scale.unit] for scale in scales])
+        self._low, self._high = (unit * np.array([getattr(s, end) for s in scales]) for end in ("low", "high"))
+        self._logarithmic = np.array([scale.logarithmic for scale in scales])
+        names = [ALIASES.get(name, name) for name in self.space.names]
+        self._place = [(names.index(name), i) for i, name in enumerate(PARAMETERS) if name in names]
+        self._fixed = np.array([_start(tree, planner, name) for name in PARAMETERS], dtype=np.float64)
+        self._described = _description(robot, tree, planner, self.width, resolution)
+        self.reset()
+
+    def reset(self) -> None:
+        """A new course begins: there is no decision before."""
+        self._before: Optional[Tuple[np.ndarray, Context]] = None
+
+    def action(self, theta: Any) -> np.ndarray:
+        """The action (10,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        values = self._fixed.copy()
+        for i, place in self._place:
+            values[place] = theta[i]
+        low, high = self._low, self._high
+        linear = (values - low) / (high - low)
+        by_log = np.log(np.maximum(values, 1e-9) / low) / np.log(high / low)
+        return np.clip(2.0 * np.where(self._logarithmic, by_log, linear) - 1.0, -1.0, 1.0)
+
+    def theta(self, action: Any) -> np.ndarray:
+        """The parameters (n,) of the robot's space for an action (10,), within the robot's ranges.
+
+        Raises ApplrError for NaN, infinity and another length.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (len(PARAMETERS),) or not np.isfinite(action).all():
+            raise ApplrError(f"action {action!r:.80}: {len(PARAMETERS)} finite numbers are needed")
+        share, low, high = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0), self._low, self._high
+        values = np.where(self._logarithmic, low * (high / low) ** share, low + share * (high - low))
+        theta = self.space.theta0.copy()
+        for i, place in self._place:
+            theta[i] = values[place]
+        return self.space.clip(theta)
+
+    def observe(self, context: Context) -> np.ndarray:
+        """The observation (SIZE,) float32 of a decision; the next one is told what changed since.
+
+        Raises ObservationError as observation.observe does.
+        """
+        scan = self._scan(context.ranges)
+        earlier, then = self._before or (scan, context)
+        self._before = scan, context
+        base, pose = self.robot.base, context.pose
+        v, w = context.twist[0] / base.max_speed, context.twist[1] / base.max_yaw_rate
+        was_v, was_w = then.twist[0] / base.max_speed, then.twist[1] / base.max_yaw_rate
+        away = math.hypot(context.goal[0] - pose[0], context.goal[1] - pose[1]) / (GOAL_CAP * self.width)
+        bearing = math.atan2(context.goal[1] - pose[1], context.goal[0] - pose[0]) - pose[2]
+        far = bearing
+        if len(context.plan):
+            far = goal_angle(local_goal(context.plan, pose, FAR_POINT * self.width))
+        driven = math.hypot(pose[0] - then.pose[0], pose[1] - then.pose[1]) / (base.max_speed * self.period)
+        moving = [
+            *(math.sin(context.phi), math.cos(context.phi)),
+            *(math.sin(far), math.cos(far)),
+            *(math.sin(bearing), math.cos(bearing), 2.0 * min(away, 1.0) - 1.0),
+            *(w, v, 0.5 * (w - was_w), 0.5 * (v - was_v)),
+            *(context.phi / math.pi, 2.0 * driven - 1.0),
+        ]
+        rest = np.concatenate([moving, self.action(context.theta), self._described])
+        return np.concatenate([scan, earlier, np.clip(rest, -1.0, 1.0)]).astype(np.float32)
+
+    def _scan(self, ranges: np.ndarray) -> np.ndarray:
+        """Ranges (beams,) [m] in all sectors of a turn (SECTORS,), in [-1, 1], finer where they are short."""
+        cap = self.layout.range_cap
+        seen = 2.0 * np.sqrt(np.clip(without_gaps(ranges, self.layout), 0.0, cap) / cap) - 1.0
+        unseen = (SECTORS - self.layout.beams) // 2
+        return np.concatenate([np.ones(unseen), seen, np.ones(SECTORS - self.layout.beams - unseen)])
+
+
+def _layout(robot: Robot, width: float) -> Layout:
+    laser, step = robot.laser, TURN / SECTORS
+    first, last = laser.first_angle + laser.pose[2], laser.last_angle + laser.pose[2]
+    half = math.pi if last - first + 1.5 * laser.increment >= TURN else min(-first, last)
+    beams = 2 * min(SECTORS // 2, int(half / step + 0.5))
+    if beams < 2:
+        raise ApplrError(f"robot {robot.name}: its laser looks from {first:.3f} to {last:.3f} rad, not ahead")
+    outer = 0.5 * (beams - 1) * step
+    return Layout(beams, -outer, outer, CAP * width, NEAR_POINT * width)
+
+
+def _padded_width(costmap: Dict[str, Any]) -> float:
+    """Width [m] of the footprint with its padding, as the planner keeps clear of obstacles."""
+    outline = footprint.circle(costmap["robot_radius"])
+    if costmap.get("footprint") not in (None, "", "[]", []):
+        outline = footprint.parse(costmap["footprint"])
+    sides = footprint.pad(outline, costmap["footprint_padding"])[:, 1]
+    return float(sides.max() - sides.min())
+
+
+def _start(tree: Dict[str, Any], planner: str, name: str) -> float:
+    """The value in the robot's files of a parameter that its space may lack."""
+    values = branch(tree, planner)
+    for known in (name, *(alias for alias, of in ALIASES.items() if of == name)):
+        if known in values:
+            return float(values[known])
+    layers = [part for part in branch(tree, "local_costmap").values() if isinstance(part, dict) and name in part]
+    return float(layers[0][name]) if layers else 0.0
+
+
+def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float, resolution: float) -> np.ndarray:
+    """What a policy is told of the robot (DESCRIBED,), each about -1 to 1; logarithms of base 2 where it spans much."""
+    base, laser, values = robot.base, robot.laser, branch(tree, planner)
+    sides = branch(tree, "local_costmap")
+    acceleration = min(base.max_acceleration, values["acc_lim_x"])
+    turning = min(base.max_yaw_acceleration, values["acc_lim_theta"])
+    view = min(laser.last_angle - laser.first_angle + laser.increment, TURN) / TURN
+    return np.array(
+        [
+            math.log2(width / 0.5),
+            robot.body.size[0] / width - 1.2,
+            0.5 * math.log2(base.max_speed / 0.8),
+            0.5 * math.log2(base.max_speed / width / 2.0),
+            base.max_yaw_rate / 2.0 - 1.0,
+            0.3 * math.log2(base.max_speed / acceleration),
+            0.3 * math.log2(base.max_yaw_rate / turning),
+            0.5 * math.log2(tree["controller_frequency"] / 10.0),
+            0.4 * math.log2(laser.rate / 15.0),
+            2.0 * view - 1.0,
+            0.5 * math.log2(width / resolution / 8.0),
+            0.5 * math.log2(sides["width"] / width / 10.0),
+            1.0 if base.drive == "two_wheel" else -1.0,
+            1.0 if planner == DWA else -1.0,
+        ]
+    )

@@ -1,0 +1,68 @@
+"""The parameter space of a robot whose robot.yaml states none: what the shipped policy sets, within wide ranges.
+
+reader.py calls `default_space`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Tuple
+
+from applr_ros1.common.trees import branch
+from applr_ros1.robots.description import Base, Body, Setting, SpaceParameter, find
+
+DWA = "DWAPlannerROS"
+
+
+def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
+    """Ten parameters of the local planner and the inflation layers; ranges include what the parameter files start with.
+
+    Args:
+        base: The robot's base, whose limits bound the speeds.
+        body: Its body, whose width is the measure of the inflation radius.
+        tree: Its move_base parameters.
+    """
+    server = str(tree.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
+    dwa, speed, turn = server == DWA, base.max_speed, base.max_yaw_rate
+    width = max(body.size[1], base.track)
+    weight = (0.5, 64.0) if dwa else (0.05, 3.0)
+    fast, side = ("max_vel_trans", "vth_samples") if dwa else ("", "vtheta_samples")
+    mirrored = [] if dwa else [Setting(server, ("min_vel_theta",), True)]
+    inflation = _inflation_layers(tree)
+    ranges: List[Tuple[str, float, float, bool, List[Setting]]] = [
+        ("max_vel_x", 0.1 * speed, speed, False, [Setting(server, (fast,))] if fast else []),
+        ("max_vel_theta", 0.1 * turn, turn, False, mirrored),
+        ("vx_samples", 4.0, 20.0, True, []),
+        (side, 4.0, 60.0, True, []),
+        ("sim_time", 0.8, 3.0, False, []),
+        ("occdist_scale", 0.005, 1.0, False, []),
+        ("path_distance_bias", *weight, False, []),
+        ("goal_distance_bias", *weight, False, []),
+    ]
+    aliases = {} if dwa else {"path_distance_bias": ("pdist_scale",), "goal_distance_bias": ("gdist_scale",)}
+    found = [
+        _with_start(tree, name, low, high, whole, (Setting(server, (name, *aliases.get(name, ()))), *more))
+        for name, low, high, whole, more in ranges
+    ]
+    for name, low, high in (("inflation_radius", 0.15 * width, 1.8 * width), ("cost_scaling_factor", 1.0, 20.0)):
+        settings = tuple(Setting(layer, (name,)) for layer in inflation)
+        found.append(_with_start(tree, name, low, high, False, settings))
+    return tuple(found)
+
+
+def _with_start(
+    tree: Dict[str, Any], name: str, low: float, high: float, integer: bool, settings: Tuple[Setting, ...]
+) -> SpaceParameter:
+    start = find(tree, settings[0].server, settings[0].names)
+    if start is not None:
+        low, high = min(low, start), max(high, start)
+    return SpaceParameter(name, low, high, integer, settings)
+
+
+def _inflation_layers(tree: Dict[str, Any]) -> List[str]:
+    """Their servers, the local costmap's first: the layers named as such, or the one that move_base itself makes."""
+    found = []
+    for costmap in ("local_costmap", "global_costmap"):
+        plugins = branch(tree, costmap).get("plugins", [{"name": "inflation_layer", "type": "InflationLayer"}])
+        listed = [entry for entry in plugins if isinstance(entry, dict)] if isinstance(plugins, list) else []
+        found += ["%s/%s" % (costmap, e.get("name")) for e in listed if str(e.get("type")).endswith("InflationLayer")]
+    return found

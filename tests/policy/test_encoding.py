@@ -1,0 +1,98 @@
+"""The dimensionless form: one set of numbers for every robot, mirrored as the robot is, and its parameters."""
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy import methods
+from applr_ros1.policy.actor import GeneralActor, save, save_general
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.encoding import MIRROR, PARAMETERS, SIZE, Encoding
+from applr_ros1.policy.network import with_mirror_images
+from applr_ros1.robots import JACKAL, NAMES, load
+from training.env.drawn_robots import draw_another
+
+DRAWN = [draw_another(np.random.default_rng(seed)) for seed in range(6)]
+ROBOTS = [load(name) for name in NAMES] + DRAWN
+
+
+def context(robot, rng, side=1.0):
+    """A scene; side -1: its mirror image."""
+    form = Encoding(robot)
+    ranges = rng.uniform(0.1, 6.0, form.layout.beams).astype(np.float32)[:: int(side)]
+    yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
+    plan = np.column_stack([np.linspace(x, x + 5.0, 60), np.linspace(y, 2.0, 60)]) * (1.0, side)
+    goal = (plan[-1, 0], plan[-1, 1], 0.0)
+    moving = (0.4 * robot.base.max_speed, side * turn)
+    pose = (x, side * y, side * yaw)
+    return Context(np.zeros(1), ranges, side * phi, form.space.theta0, 0.0, pose, moving, goal, plan, form.space)
+
+
+def network(rng):
+    sizes = (SIZE, 16, len(PARAMETERS))
+    found = {}
+    for i, (width, out) in enumerate(zip(sizes, sizes[1:])):
+        found["%d.weight" % i] = rng.normal(0.0, 0.1, (out, width)).astype(np.float32)
+        found["%d.bias" % i] = np.zeros(out, np.float32)
+    return found
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
+def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
+    form, rng = Encoding(robot), np.random.default_rng(0)
+    for action in rng.uniform(-1.0, 1.0, (50, len(PARAMETERS))):
+        theta = form.theta(action)
+        assert np.array_equal(theta, form.space.clip(theta))
+        if robot in DRAWN:  # whose ranges hold all that can be said
+            inside = [i for i, name in enumerate(PARAMETERS) if "samples" not in name and "inflation" not in name]
+            back = form.action(theta)[inside]
+            free = (theta > form.space.low + 1e-9) & (theta < form.space.high - 1e-9)
+            kept = [free[form.space.names.index(n)] if n in form.space.names else False for n in PARAMETERS]
+            same = np.abs(back - action[inside]) < 1e-6
+            assert (same | ~np.array(kept)[inside]).all()
+    with pytest.raises(ApplrError, match="finite"):
+        form.theta(np.full(len(PARAMETERS), np.nan))
+
+
+@pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
+def test_an_observation_is_mirrored_as_the_scene_is(robot):
+    form, image = Encoding(robot), Encoding(robot)
+    for seed in range(3):  # the later ones also hold what changed
+        seen = form.observe(context(robot, np.random.default_rng(seed)))
+        mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
+        assert seen.shape == (SIZE,)
+        assert np.abs(seen).max() <= 1.0
+        np.testing.assert_allclose(seen[MIRROR.order] * MIRROR.sign, mirrored, atol=2e-6)
+    form.reset()
+    first = form.observe(context(robot, np.random.default_rng(5)))
+    np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -240)[: SIZE // 4])  # no decision before: twice
+
+
+def test_a_scene_of_twice_the_size_looks_alike():
+    form = Encoding(JACKAL)
+    near = context(JACKAL, np.random.default_rng(0))
+    small = form.observe(near)[:240]
+    form.layout = form.layout.__class__(
+        180, form.layout.angle_min, form.layout.angle_max, 2 * form.layout.range_cap, 1.0
+    )
+    large = form._scan(2.0 * near.ranges)
+    np.testing.assert_allclose(small, large, atol=1e-6)
+
+
+def test_one_file_drives_every_robot(tmp_path):
+    rng = np.random.default_rng(0)
+    weights, path = network(rng), str(tmp_path / "general.safetensors")
+    save_general(path, with_mirror_images(weights, MIRROR), {"period_s": 1.0})
+    assert len(GeneralActor.load(path).layers[0][0]) == 2
+    size = (tmp_path / "general.safetensors").stat().st_size
+    assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored
+    for robot in ROBOTS[: len(NAMES)]:
+        method = methods.make(path, robot)
+        method.reset(0)
+        theta = method.theta(context(robot, rng))
+        assert method.period == 1.0
+        assert theta.shape == (len(method.space),)
+        assert np.array_equal(theta, method.space.clip(theta))
+    save(tmp_path / "own.safetensors", {"0.weight": np.zeros((8, 729)), "0.bias": np.zeros(8)})
+    with pytest.raises(ApplrError, match="dimensionless-1 is needed"):
+        GeneralActor.load(tmp_path / "own.safetensors")
