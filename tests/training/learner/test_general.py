@@ -1,0 +1,25 @@
+"""One policy for every robot: a run over drawn robots, and a run for one robot that begins with its policy."""
+
+import numpy as np
+
+from applr_ros1.policy.actor import GeneralActor
+from tests.support.toy_training import one_line
+from training.policy_file import begun_policy
+from training.train import main
+
+FORM = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-period", "1", "--device", "cpu"]
+SHORT = ["--total-timesteps", "12", "--batch-size", "8", "--utd-ratio", "1", "--worlds", "generated:7,dynamic:100"]
+
+
+def test_a_policy_over_drawn_robots_and_a_specialist_that_begins_with_it(tmp_path, capsys):
+    run, own = tmp_path / "general", tmp_path / "own"
+    learning = [*FORM, *SHORT, "--symmetric", "--mirror", "--learning-starts", "4"]
+    assert main([*learning, "--robot", "drawn", "--eval-worlds", "none", "--out", str(run)]) == 0
+    policy = str(run / "actor.safetensors")
+    assert GeneralActor.load(policy).period == 1.0
+    alone = [*learning, "--robot", "husky", "--init-from", policy, "--policy-starts", "1000"]
+    assert main([*alone, "--eval-worlds", "generated:1", "--eval-freq", "12", "--out", str(own)]) == 0
+    before, after = begun_policy(policy), begun_policy(str(own / "actor.safetensors"))
+    assert all(np.array_equal(before[name], after[name]) for name in before)  # the critics have learnt alone
+    one_line(capsys, [*FORM, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"], "the same --net-arch")
+    one_line(capsys, ["--robot", "drawn", "--out", tmp_path / "d"], "needs --observation dimensionless")
