@@ -9,7 +9,7 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -24,6 +24,16 @@ from worlds import builtin
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
+NUMBERS = {  # fields of a Cell by the columns of the files
+    "time": "time_s",
+    "decisions": "decisions",
+    "path_length": "path_length_m",
+    "route": "route_m",
+    "clearance": "min_clearance_m",
+    "jerk": "mean_jerk",
+    "turn": "mean_turn",
+    "switching": "switching",
+}
 # what joined evaluations must have in common
 SAME = ("simulator", "protocol", "planner", "monitor", "robot", "seed")
 
@@ -154,6 +164,13 @@ class Results:
     def _set_of(self, world: str) -> str:
         return "Other" if world in self._moving else set_of(world)  # DynaBARN's numbers are BARN's too
 
+    def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, List[str], str]]:
+        """(name of the set, its worlds, method) of each of SETS that has worlds, and each of the methods, or all."""
+        for name in SETS:
+            worlds = self.of_set(name)
+            for method in (self.methods if methods is None else methods) if worlds else []:
+                yield name, worlds, method
+
     def both(self, method: str, worlds: List[str], other: str = "") -> List[str]:
         """Those of `worlds` that both `method` and the other method, or the baseline, have driven."""
         return [w for w in worlds if w in self.cells[method] and w in self.cells[other or self.baseline]]
@@ -180,26 +197,9 @@ def _settings(folder: Path) -> Dict[str, Any]:
 
 
 def _cell(trials: List[Dict[str, str]]) -> Cell:
-    def flags(column: str) -> np.ndarray:
-        return np.array([flag(trial[column]) for trial in trials])
-
-    def numbers(column: str) -> np.ndarray:
-        return np.array([float(trial[column]) for trial in trials])
-
-    return Cell(
-        success=flags("success"),
-        collided=flags("collided"),
-        timeout=flags("timeout"),
-        time=numbers("time_s"),
-        decisions=numbers("decisions"),
-        path_length=numbers("path_length_m"),
-        reason=[trial["reason"] for trial in trials],
-        route=numbers("route_m"),
-        clearance=numbers("min_clearance_m"),
-        jerk=numbers("mean_jerk"),
-        turn=numbers("mean_turn"),
-        switching=numbers("switching"),
-    )
+    flags = {name: np.array([flag(trial[name]) for trial in trials]) for name in ("success", "collided", "timeout")}
+    numbers = {name: np.array([float(trial[column]) for trial in trials]) for name, column in NUMBERS.items()}
+    return Cell(reason=[trial["reason"] for trial in trials], **flags, **numbers)
 
 
 def set_of(world: str) -> str:

@@ -20,10 +20,9 @@ from training.common.provenance import sentences
 from training.evaluation.trials import PROTOCOLS
 from training.report import drives, figures, paper
 from training.report.data import Results
-from training.report.planners import planners
 from training.report.table import Table
 from training.report.tables import PAPER
-from training.report.tables_more import MORE
+from training.report.tables_more import MORE, planners
 
 FOLDER = "report"
 CURVES = ("learning_curves.png", "curves.png")  # what a training run calls its picture

@@ -54,26 +54,17 @@ def count(verdicts: Sequence[Verdict], corrected: bool = False) -> Tuple[int, in
 
     With `corrected`, Holm's step-down procedure over all tested worlds keeps the chance of any false one below .05.
     """
-    tested = [v for v in verdicts if not np.isnan(v.p)]
-    p = np.array([v.p for v in tested])
-    significant = holm(p) if corrected else p < LEVEL
-    faster, slower = (sum(1 for v, s in zip(tested, significant) if s and v.sign == sign) for sign in (-1, 1))
+    p = np.array([v.p for v in verdicts])
+    significant = (holm_adjusted(p) if corrected else p) < LEVEL
+    faster, slower = (sum(1 for v, s in zip(verdicts, significant) if s and v.sign == sign) for sign in (-1, 1))
     return faster, slower
-
-
-def holm(p: np.ndarray) -> np.ndarray:
-    """(n,) bool: which hypotheses Holm's procedure rejects at .05."""
-    return holm_adjusted(p) < LEVEL
 
 
 def holm_adjusted(p: np.ndarray) -> np.ndarray:
     """(n,) p-values adjusted by Holm's procedure: under .05 the procedure rejects at .05. NaN stays and counts not."""
     adjusted = np.full(len(p), np.nan)
-    order = [i for i in np.argsort(p, kind="stable") if not np.isnan(p[i])]
-    largest = 0.0
-    for rank, index in enumerate(order):
-        largest = max(largest, min(1.0, (len(order) - rank) * p[index]))
-        adjusted[index] = largest
+    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # NaN comes last
+    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
     return adjusted
 
 
@@ -99,14 +90,10 @@ def paired(results: Results, method: str, other: str, worlds: List[str]) -> Pair
     """The paired comparison of two methods; a negative difference means that `method` is faster."""
     cells = [(results.cells[method][w], results.cells[other][w]) for w in results.both(method, worlds, other)]
     differences = np.array([a.counted.mean() - b.counted.mean() for a, b in cells])
-    if not len(differences):
-        return Paired(0, np.nan, np.nan, np.nan, np.nan)
-    value, low, high = over_worlds([differences, np.ones(len(differences))], ratio)
-    if len(differences) < 2:
-        p = float("nan")
-    else:
-        p = 1.0 if not differences.any() else float(stats.wilcoxon(differences).pvalue)
-    return Paired(len(differences), value, low, high, p)
+    p = np.nan
+    if len(differences) > 1:
+        p = float(stats.wilcoxon(differences).pvalue) if differences.any() else 1.0
+    return Paired(len(differences), *over_worlds([differences, np.ones(len(differences))], ratio), p)
 
 
 def wilson(successes: int, n: int) -> Tuple[float, float]:
@@ -124,6 +111,8 @@ def over_worlds(parts: Sequence[np.ndarray], statistic: Callable[..., np.ndarray
     statistic  takes the sums (resamples, ...), in order, and returns (resamples,)
     """
     n = len(parts[0])
+    if not n:
+        return np.nan, np.nan, np.nan
     value = float(statistic(*[part.sum(axis=0)[None] for part in parts])[0])
     if n < 2:
         return value, np.nan, np.nan
@@ -137,20 +126,19 @@ def over_worlds(parts: Sequence[np.ndarray], statistic: Callable[..., np.ndarray
 def mean_time(results: Results, method: str, worlds: List[str]) -> Tuple[float, float, float]:
     """Mean over the successful trials [s], with its interval."""
     cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
-    totals, n = np.array([c.times.sum() for c in cells]), np.array([len(c.times) for c in cells], dtype=float)
-    return over_worlds([totals, n], ratio) if len(cells) else (np.nan, np.nan, np.nan)
+    return over_worlds(_sums(cells), ratio)
 
 
 def gain(results: Results, method: str, worlds: List[str]) -> Tuple[float, float, float]:
     """Share of the baseline's mean time that `method` saves, over successful trials, with its interval."""
     worlds = results.both(method, worlds)
-    parts = []
-    for name in (method, results.baseline):
-        cells = [results.cells[name][w] for w in worlds]
-        parts += [np.array([c.times.sum() for c in cells]), np.array([float(len(c.times)) for c in cells])]
-    if not worlds:
-        return np.nan, np.nan, np.nan
+    parts = [part for name in (method, results.baseline) for part in _sums([results.cells[name][w] for w in worlds])]
     return over_worlds(parts, lambda a, n, b, m: 1.0 - ratio(a, n) / ratio(b, m))
+
+
+def _sums(cells: Sequence[Cell]) -> List[np.ndarray]:
+    """Of each cell the sum of the successful trials' times, and how many they are."""
+    return [np.array([c.times.sum() for c in cells]), np.array([float(len(c.times)) for c in cells])]
 
 
 def ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:

@@ -6,7 +6,11 @@ import csv
 import html
 import io
 from dataclasses import dataclass, field
-from typing import List
+from typing import Dict, List, Sequence
+
+import numpy as np
+
+NONE = "–"
 
 
 @dataclass
@@ -18,6 +22,11 @@ class Table:
     columns: List[str]
     rows: List[List[str]] = field(default_factory=list)
     notes: List[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, name: str, title: str, rows: Sequence[Dict[str, str]], *notes: str) -> Table:
+        """A table of rows that name their columns, all the same ones in the same order."""
+        return cls(name, title, list(rows[0]) if rows else [], [list(row.values()) for row in rows], list(notes))
 
     def csv(self) -> str:
         """The table as CSV with a header line."""
@@ -71,27 +80,28 @@ class Table:
         )
 
 
+_MATH = {"±": r"\pm", "θ": r"\theta", "<": "<", ">": ">", "×": r"\times", "²": "^2", "³": "^3"}
 _LATEX = {
-    "\\": "\\textbackslash{}",
-    "&": "\\&",
-    "%": "\\%",
-    "#": "\\#",
-    "_": "\\_",
-    "$": "\\$",
-    "{": "\\{",
-    "}": "\\}",
-    "±": "$\\pm$",
-    "θ": "$\\theta$",
-    "–": "--",
-    "<": "$<$",
-    ">": "$>$",
-    "~": "\\textasciitilde{}",
-    "^": "\\textasciicircum{}",
-    "×": "$\\times$",
-    "²": "$^2$",
-    "³": "$^3$",
+    **{c: "\\" + c for c in "&%#_${}"},
+    **{c: "$%s$" % code for c, code in _MATH.items()},
+    **{"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--"},
 }
 
 
 def _latex(text: str) -> str:
     return "".join(_LATEX.get(c, c) for c in text)
+
+
+def number(value: float, digits: int = 2) -> str:
+    """A number with so many decimals, NONE where there is none."""
+    return "%.*f" % (digits, value) if np.isfinite(value) else NONE
+
+
+def span(low: float, high: float, digits: int = 2) -> str:
+    """An interval with so many decimals, NONE where there is none."""
+    return "%.*f to %.*f" % (digits, low, digits, high) if np.isfinite(low) else NONE
+
+
+def share(n: int, total: int) -> str:
+    """How many of all, also in percent; NONE of nothing."""
+    return "%d (%.0f %%)" % (n, 100.0 * n / total) if total else NONE

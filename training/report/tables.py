@@ -2,204 +2,144 @@
 
 from __future__ import annotations
 
-from typing import List
-
 import numpy as np
 
 from applr_ros1.policy.decision import PERIOD
 from training.report import paper, statistics
-from training.report.data import SETS, THIRDS, Results
-from training.report.table import Table
-
-NONE = "–"
+from training.report.data import SETS, Results
+from training.report.table import NONE, Table, number, share, span
 
 
 def table_1(results: Results) -> Table:
     """Average traversal times, in seconds and in two-second decisions."""
-    table = Table(
+    rows = []
+    for name, worlds, method in results.groups():
+        mean, low, high = statistics.mean_time(results, method, worlds)
+        success = results.pooled(method, worlds, "success")
+        both = results.both(method, worlds)
+        base, own = (statistics.mean_time(results, m, both)[0] for m in (results.baseline, method))
+        gain, least, most = statistics.gain(results, method, worlds)
+        rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
+        rows.append(
+            {
+                "worlds": name,
+                "method": method,
+                "time [s]": number(mean),
+                "95 % interval": span(low, high),
+                "two-second decisions": number(mean / PERIOD),
+                "successes": "%d of %d" % (success.sum(), len(success)),
+                "faster than %s [s]" % results.baseline: number(base - own) if rival else NONE,
+                "faster [%]": number(100 * gain, 1) if rival else NONE,
+                "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
+                "paper [decisions]": number(stated),
+                "paper [s]": number(stated * PERIOD),
+            }
+        )
+    return Table.of(
         "table_1",
         "Table I: average traversal time",
-        [
-            "worlds",
-            "method",
-            "time [s]",
-            "95 % interval",
-            "two-second decisions",
-            "successes",
-            "faster than %s [s]" % results.baseline,
-            "faster [%]",
-            "95 % interval [%]",
-            "paper [decisions]",
-            "paper [s]",
-        ],
-    )
-    for name in SETS:
-        worlds = results.of_set(name)
-        for method in results.methods if worlds else []:
-            mean, low, high = statistics.mean_time(results, method, worlds)
-            success = results.pooled(method, worlds, "success")
-            row = [
-                name,
-                method,
-                _number(mean),
-                _span(low, high),
-                _number(mean / PERIOD),
-                "%d of %d" % (success.sum(), len(success)),
-            ]
-            if method == results.baseline:
-                row += [NONE] * 3
-            else:
-                share, low, high = statistics.gain(results, method, worlds)
-                both = results.both(method, worlds)
-                base, own = (statistics.mean_time(results, m, both)[0] for m in (results.baseline, method))
-                row += [
-                    _number(base - own),
-                    _number(100 * share, 1),
-                    _span(100 * low, 100 * high, 1),
-                ]
-            stated = paper.TIME.get((name, method))
-            table.rows.append(row + ([_number(stated), _number(stated * PERIOD)] if stated else [NONE] * 2))
-    table.notes = [
+        rows,
         "Means over the successful trials of all worlds, differences over the worlds that both have driven; intervals "
-        "by bootstrap over worlds. In "
-        "two-second decisions: seconds / 2, as the paper's numbers are to be read.",
+        "by bootstrap over worlds. In two-second decisions: seconds / 2, as the paper's numbers are to be read.",
         paper.UNIT,
         "The paper's improvement: training %s, test %s. %s"
         % (paper.GAIN["Training"], paper.GAIN["Test"], paper.GAIN_SLIP),
-    ]
-    return table
+    )
 
 
 def table_2(results: Results) -> Table:
     """Welch tests per world."""
-    base = results.baseline
-    table = Table(
+    base, rows = results.baseline, []
+    for name, worlds, method in results.groups(results.rivals):
+        verdicts = statistics.welch(results, method, worlds)
+        counts = statistics.count(verdicts) + statistics.count(verdicts, corrected=True)
+        shares = [share(n, len(verdicts)) for n in counts]
+        stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
+        rows.append(
+            {
+                "worlds": name,
+                "method": method,
+                "tested": "%d of %d" % (sum(not np.isnan(v.p) for v in verdicts), len(verdicts)),
+                "method better": shares[0],
+                "%s better" % base: shares[1],
+                "method better (Holm)": shares[2],
+                "%s better (Holm)" % base: shares[3],
+                "paper: applr better": stated[0],
+                "paper: dwa better": stated[1],
+            }
+        )
+    return Table.of(
         "table_2",
         "Table II: worlds in which one method is significantly faster",
-        [
-            "worlds",
-            "method",
-            "tested",
-            "method better",
-            "%s better" % base,
-            "method better (Holm)",
-            "%s better (Holm)" % base,
-            "paper: applr better",
-            "paper: dwa better",
-        ],
-    )
-    for name in SETS:
-        worlds = results.of_set(name)
-        for method in results.rivals if worlds else []:
-            verdicts = statistics.welch(results, method, worlds)
-            tested = sum(not np.isnan(v.p) for v in verdicts)
-            plain, strict = statistics.count(verdicts), statistics.count(verdicts, corrected=True)
-            stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
-            table.rows.append(
-                [name, method, "%d of %d" % (tested, len(verdicts))]
-                + [_share(n, len(verdicts)) for n in plain + strict]
-                + list(stated)
-            )
-    table.notes = [
+        rows,
         "Two-sided Welch t-test of the successful trials' times at .05, in each world; a world with "
         "fewer than two successes on a side cannot be tested and counts for neither.",
         "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
-    ]
-    return table
+    )
 
 
 def table_3(results: Results) -> Table:
     """The same by thirds of difficulty."""
-    base, thirds = results.baseline, results.thirds()
-    table = Table(
+    base, thirds, rows = results.baseline, results.thirds(), []
+    parts = {part: set(results.of_set(part)) for part in SETS[:2]}
+    for third, part in paper.THIRDS:
+        worlds = [w for w in thirds[third] if w in parts.get(part, thirds[third])]
+        for method in results.rivals if worlds else []:
+            both = results.both(method, worlds)
+            better, worse = statistics.count(statistics.welch(results, method, both))
+            stated = (NONE, NONE)
+            if (method, base) == ("applr", "dwa"):
+                mark = " (*)" if (third, part) in paper.SWAPPED else ""
+                stated = ("%d %%" % paper.THIRDS[third, part][0], "%d %%%s" % (paper.THIRDS[third, part][1], mark))
+            rows.append(
+                {
+                    "worlds": "%s %s" % (third, part),
+                    "method": method,
+                    "n": str(len(both)),
+                    "method better": share(better, len(both)),
+                    "%s better" % base: share(worse, len(both)),
+                    "%s mean time, all trials [s]" % base: number(results.pooled(base, worlds, "counted").mean()),
+                    "paper: applr better": stated[0],
+                    "paper: dwa better": stated[1],
+                }
+            )
+    return Table.of(
         "table_3",
         "Table III: the same by difficulty",
-        [
-            "worlds",
-            "method",
-            "n",
-            "method better",
-            "%s better" % base,
-            "%s mean time, all trials [s]" % base,
-            "paper: applr better",
-            "paper: dwa better",
-        ],
-    )
-    for third in THIRDS:
-        for part in ("Training", "Test", "All"):
-            worlds = [w for w in thirds[third] if part == "All" or w in set(results.of_set(part))]
-            for method in results.rivals if worlds else []:
-                both = results.both(method, worlds)
-                better, worse = statistics.count(statistics.welch(results, method, both))
-                stated = paper.THIRDS[third, part] if (method, base) == ("applr", "dwa") else None
-                mark = " (*)" if (third, part) in paper.SWAPPED else ""
-                table.rows.append(
-                    [
-                        "%s %s" % (third, part),
-                        method,
-                        str(len(both)),
-                        _share(better, len(both)),
-                        _share(worse, len(both)),
-                        _number(results.pooled(base, worlds, "counted").mean()),
-                        "%d %%" % stated[0] if stated else NONE,
-                        "%d %%%s" % (stated[1], mark) if stated else NONE,
-                    ]
-                )
-    table.notes = [
+        rows,
         "Thirds of all training and test worlds of this evaluation, by %s's mean time over all trials "
         "(a failed one counts as the limit)." % base,
         "(*) " + paper.SWAP_SLIP,
-    ]
-    return table
+    )
 
 
 def table_4(results: Results) -> Table:
     """The physical course, with failures named."""
-    table = Table(
-        "table_4",
-        "Table IV: traversal time on the physical course",
-        ["method", "time [s] (mean ± sd)", "successes", "failures", "contacts", "paper [s]"],
-    )
+    rows = []
     for method in results.methods:
         cell = results.cells[method].get("physical_course")
         if cell is None:
             continue
-        failures = [r or "failed" for r, good in zip(cell.reason, cell.success) if not good]
-        named = "; ".join("%d: %s" % (failures.count(r), r) for r in dict.fromkeys(failures)) or "none"
-        table.rows.append(
-            [
-                method,
-                _with_deviation(cell.times),
-                "%d of %d" % (cell.success.sum(), len(cell.success)),
-                named,
-                "%d of %d" % (cell.collided.sum(), len(cell.collided)),
-                paper.PHYSICAL.get(method, NONE),
-            ]
+        times, failures = cell.times, [r or "failed" for r, good in zip(cell.reason, cell.success) if not good]
+        deviation = times.std(ddof=1) if len(times) > 1 else 0.0
+        rows.append(
+            {
+                "method": method,
+                "time [s] (mean ± sd)": "%.1f ± %.1f" % (times.mean(), deviation) if len(times) else NONE,
+                "successes": "%d of %d" % (cell.success.sum(), len(cell.success)),
+                "failures": "; ".join("%d: %s" % (failures.count(r), r) for r in dict.fromkeys(failures)) or "none",
+                "contacts": "%d of %d" % (cell.collided.sum(), len(cell.collided)),
+                "paper [s]": paper.PHYSICAL.get(method, NONE),
+            }
         )
-    table.notes = [
+    return Table.of(
+        "table_4",
+        "Table IV: traversal time on the physical course",
+        rows,
         "A simulated course of cardboard boxes after the paper's description, not the authors' own; "
         "mean and standard deviation over the successful trials. The paper's numbers are from the "
-        "real robot, five trials each."
-    ]
-    return table
+        "real robot, five trials each.",
+    )
 
 
-def _with_deviation(times: np.ndarray) -> str:
-    if not len(times):
-        return NONE
-    return "%.1f ± %.1f" % (times.mean(), times.std(ddof=1) if len(times) > 1 else 0.0)
-
-
-def _number(value: float, digits: int = 2) -> str:
-    return "%.*f" % (digits, value) if np.isfinite(value) else NONE
-
-
-def _span(low: float, high: float, digits: int = 2) -> str:
-    return "%.*f to %.*f" % (digits, low, digits, high) if np.isfinite(low) else NONE
-
-
-def _share(n: int, total: int) -> str:
-    return "%d (%.0f %%)" % (n, 100.0 * n / total) if total else NONE
-
-
-PAPER: List = [table_1, table_2, table_3, table_4]
+PAPER = [table_1, table_2, table_3, table_4]

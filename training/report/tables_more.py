@@ -1,4 +1,4 @@
-"""Tables beyond the paper's: rates with intervals, BARN's metric in both versions, smoothness, ablation, methods.
+"""Tables beyond the paper's: rates with intervals, BARN's metric, smoothness, ablation, methods, other planners.
 
 page.py writes them.
 """
@@ -6,48 +6,35 @@ page.py writes them.
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Sequence
 
 import numpy as np
 
+from applr_ros1.common.errors import ApplrError
 from training.report import statistics
 from training.report.data import SETS, Results
-from training.report.table import Table
-from training.report.tables import NONE, _number, _share, _span
+from training.report.table import NONE, Table, number, share, span
 
 
 def rates(results: Results) -> Table:
     """What share succeeds, touches something, runs out of time; BARN's metric."""
-    table = Table(
+    rows = []
+    for name, worlds, method in results.groups():
+        success, collided, timeout = (results.pooled(method, worlds, f) for f in ("success", "collided", "timeout"))
+        row = {"worlds": name, "method": method, "trials": str(len(success))}
+        row.update({"success [%]": _rate(success), "collided [%]": _rate(collided), "timed out [%]": _rate(timeout)})
+        for lower in (2, 4):
+            cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
+            scores = [statistics.barn_metric(c, float(lower)) for c in cells]
+            sums, counts = np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])
+            value, low, high = statistics.over_worlds([sums, counts], statistics.ratio)
+            row["metric, %d OT" % lower] = number(value, 3)
+            row["95 %% interval, %d OT" % lower] = span(low, high, 3)
+        rows.append(row)
+    return Table.of(
         "rates",
         "Success, collisions, time-outs, and BARN's metric",
-        [
-            "worlds",
-            "method",
-            "trials",
-            "success [%]",
-            "collided [%]",
-            "timed out [%]",
-            "metric, 2 OT",
-            "95 % interval",
-            "metric, 4 OT",
-            "95 % interval",
-        ],
-    )
-    for name in SETS:
-        worlds = results.of_set(name)
-        for method in results.methods if worlds else []:
-            row = [name, method, str(len(results.pooled(method, worlds, "success")))]
-            row += [_rate(results.pooled(method, worlds, field)) for field in ("success", "collided", "timeout")]
-            cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
-            for lower in (2.0, 4.0):
-                scores = [statistics.barn_metric(c, lower) for c in cells]
-                value, low, high = statistics.over_worlds(
-                    [np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])],
-                    statistics.ratio,
-                )
-                row += [_number(value, 3), _span(low, high, 3)]
-            table.rows.append(row)
-    table.notes = [
+        rows,
         "Rates with Wilson's 95 % interval; collided: touched anything at any time, also where the "
         "trial went on and succeeded.",
         "BARN's metric: success × OT / clip(AT, 2 OT, 8 OT) (since 2025, at most .5; before, the "
@@ -55,70 +42,40 @@ def rates(results: Results) -> Table:
         "over worlds; a trial with a contact scores 0. It is comparable with the Challenge's numbers "
         "only under --protocol barn-challenge: default DWA there has .16 (2 OT), success .88, "
         "collision .048, time-out .072, 33.5 s.",
-    ]
-    return table
+    )
 
 
 def smoothness(results: Results) -> Table:
     """How smooth, how near, how restless."""
-    table = Table(
+    rows = []
+    for name, worlds, method in results.groups():
+        success = results.pooled(method, worlds, "success").astype(bool)
+        fields = ("jerk", "turn", "clearance", "switching", "path_length", "route")
+        good = {field: results.pooled(method, worlds, field)[success] for field in fields}
+        values = {
+            "mean |jerk| [m/s³]": good["jerk"],
+            "mean |yaw acceleration| [rad/s²]": good["turn"],
+            "median smallest range [m]": good["clearance"],
+            "change of parameters per decision": good["switching"],
+            "driven / reference route": good["path_length"] / good["route"],
+        }
+        known = {column: value[~np.isnan(value)] for column, value in values.items()}
+        average = {column: np.median if column.startswith("median") else np.mean for column in known}
+        told = {column: number(float(average[column](v)), 3) if len(v) else NONE for column, v in known.items()}
+        rows.append({"worlds": name, "method": method, **told})
+    return Table.of(
         "smoothness",
         "Smoothness, clearance and switching",
-        [
-            "worlds",
-            "method",
-            "mean |jerk| [m/s³]",
-            "mean |yaw acceleration| [rad/s²]",
-            "median smallest range [m]",
-            "change of parameters per decision",
-            "driven / reference route",
-        ],
-    )
-    for name in SETS:
-        worlds = results.of_set(name)
-        for method in results.methods if worlds else []:
-            success = results.pooled(method, worlds, "success")
-
-            def good(field, method=method, worlds=worlds, success=success):
-                return results.pooled(method, worlds, field)[success]
-
-            if success.any():
-                values = [
-                    np.nanmean(good("jerk")),
-                    np.nanmean(good("turn")),
-                    np.nanmedian(good("clearance")),
-                    np.nanmean(good("switching")),
-                    np.nanmean(good("path_length") / good("route")),
-                ]
-            else:
-                values = [np.nan] * 5
-            table.rows.append([name, method] + [_number(float(v), 3) for v in values])
-    table.notes = [
+        rows,
         "Over successful trials; true speeds at 20 Hz. The smallest range is the laser's (its sensor "
         "sits .12 m ahead of the robot's middle). Change of parameters: mean |difference| of the "
-        "eight, each scaled to [-1, 1]."
-    ]
-    return table
+        "eight, each scaled to [-1, 1].",
+    )
 
 
 def pairs(results: Results) -> Table:
     """Every method against every other: paired over worlds, and world by world."""
-    table = Table(
-        "pairs",
-        "Between any two methods",
-        [
-            "worlds",
-            "method",
-            "other",
-            "n",
-            "difference, all trials [s]",
-            "95 % interval",
-            "p",
-            "p (Holm)",
-            "method faster in",
-            "other faster in",
-        ],
-    )
+    rows = []
     whole = [m for m in results.methods if "-without-" not in m]  # the ablation has a table of its own
     for name in SETS:
         worlds = results.of_set(name)
@@ -127,27 +84,37 @@ def pairs(results: Results) -> Table:
         adjusted = statistics.holm_adjusted(np.array([f.p for f in found]))
         for (a, b), f, p in zip(couples, found, adjusted):
             verdicts = statistics.welch(results, a, worlds, b)
-            better = [_share(n, len(verdicts)) for n in statistics.count(verdicts, corrected=True)]
-            row = [name, a, b, str(f.worlds), _number(f.difference), _span(f.low, f.high), _p(f.p), _p(p)]
-            table.rows.append(row + better)
-    table.notes = [
+            faster, slower = (share(n, len(verdicts)) for n in statistics.count(verdicts, corrected=True))
+            rows.append(
+                {
+                    "worlds": name,
+                    "method": a,
+                    "other": b,
+                    "n": str(f.worlds),
+                    "difference, all trials [s]": number(f.difference),
+                    "95 % interval": span(f.low, f.high),
+                    "p": _p(f.p),
+                    "p (Holm)": _p(p),
+                    "method faster in": faster,
+                    "other faster in": slower,
+                }
+            )
+    return Table.of(
+        "pairs",
+        "Between any two methods",
+        rows,
         "Difference: the method's mean time less the other's, over worlds, with a failed trial counting as the limit; "
         "negative where the method is faster. Interval by bootstrap over worlds. The trials of both have the same "
         "seeds, and p is of Wilcoxon's signed-rank test of the worlds' differences.",
         "Holm: p corrected for all pairs of the same worlds, so that the chance of any false difference among them is "
         "at most .05 where p (Holm) < .05 is taken for a difference. Faster in: worlds by Welch's test of the "
         "successful trials' times at .05, corrected by Holm over the worlds of the row.",
-    ]
-    return table
+    )
 
 
 def ablation(results: Results) -> Table:
     """Methods X-without-P beside X: what share of X's gain goes when P stays at theta_0."""
-    table = Table(
-        "ablation",
-        "Ablation: one parameter at a time held at θ₀",
-        ["method", "parameter held", "time [s]", "success [%]", "share of the gain lost [%]"],
-    )
+    rows = []
     for name in results.methods:
         method, found, parameter = name.partition("-without-")
         if not found or method not in results.methods:
@@ -155,30 +122,69 @@ def ablation(results: Results) -> Table:
         worlds = results.both(method, results.both(name, results.worlds))
         base, whole, without = (statistics.mean_time(results, m, worlds)[0] for m in (results.baseline, method, name))
         lost = 100.0 * (without - whole) / (base - whole) if base != whole else np.nan
-        table.rows.append(
-            [method, parameter, _number(without), _rate(results.pooled(name, worlds, "success")), _number(lost, 0)]
+        rows.append(
+            {
+                "method": method,
+                "parameter held": parameter,
+                "time [s]": number(without),
+                "success [%]": _rate(results.pooled(name, worlds, "success")),
+                "share of the gain lost [%]": number(lost, 0),
+            }
         )
-    table.notes = [
+    return Table.of(
+        "ablation",
+        "Ablation: one parameter at a time held at θ₀",
+        rows,
         "Means over successful trials in all worlds that all three have driven. Shares need not add up to "
-        "100: parameters act together, and one that is held may be made up for by the others."
-    ]
-    return table
+        "100: parameters act together, and one that is held may be made up for by the others.",
+    )
 
 
 def methods(results: Results) -> Table:
     """What each method is, as recorded when it was driven."""
-    table = Table("methods", "Methods", ["method", "what it is"])
+    rows = []
     for name in results.methods:
-        told = results.settings.get("methods", {}).get(name, {})
         parts = []
-        for key, value in told.items():
+        for key, value in results.settings.get("methods", {}).get(name, {}).items():
             if isinstance(value, dict):
-                value = ", ".join(
-                    "%s %g" % item if isinstance(item[1], (int, float)) else "%s %s" % item for item in value.items()
-                )
+                items = value.items()
+                value = ", ".join(("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items)
             parts.append("%s: %s" % (key, value))
-        table.rows.append([name, "; ".join(parts) or NONE])
-    return table
+        rows.append({"method": name, "what it is": "; ".join(parts) or NONE})
+    return Table.of("methods", "Methods", rows)
+
+
+def planners(evaluations: Sequence[Results]) -> Table:
+    """Several evaluations side by side: a row for each planner, set of worlds and method.
+
+    Raises:
+        ApplrError: where the evaluations were driven under different protocols or in different simulators.
+    """
+    for name in ("protocol", "simulator"):
+        values = {str(results.settings.get(name)) for results in evaluations}
+        if len(values) > 1:
+            raise ApplrError("evaluations of different %ss do not compare: %s" % (name, ", ".join(sorted(values))))
+    rows = []
+    for results in evaluations:
+        for name, worlds, method in results.groups():
+            mean, low, high = statistics.mean_time(results, method, worlds)
+            success, collided = (results.pooled(method, worlds, field) for field in ("success", "collided"))
+            gain = statistics.gain(results, method, worlds)[0] if method != results.baseline else np.nan
+            rows.append(
+                {
+                    "planner": results.planner,
+                    "worlds": name,
+                    "method": method,
+                    "time [s]": number(mean),
+                    "95 % interval": span(low, high),
+                    "gain [%]": number(100 * gain, 1),
+                    "success [%]": number(100 * success.mean(), 1),
+                    "collided [%]": number(100 * collided.mean(), 1),
+                    "trials": str(len(success)),
+                }
+            )
+    note = "Times are means over the successful trials; the gain is over the baseline with the same planner."
+    return Table.of("planners", "All planners", rows, note)
 
 
 def _p(value: float) -> str:
