@@ -15,6 +15,7 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.policy import methods
 from training.common.command_line import (
     Parser,
+    add_ground,
     add_monitor,
     add_planner,
     add_robot,
@@ -76,6 +77,7 @@ def parse(arguments: Optional[Sequence[str]] = None) -> Tuple[EvaluationOptions,
     )
     add_planner(p)
     add_monitor(p)
+    add_ground(p)
     add_workers(p, defaults.workers, ", in processes or Ray actors")
     p.add_argument(
         "--ray-address",

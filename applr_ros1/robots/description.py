@@ -14,6 +14,8 @@ from typing import Any, Dict, Optional, Tuple
 from applr_ros1.common.trees import branch
 from applr_ros1.robots.field_types import RobotError, choice, points, real, ros_name, vector, whole
 
+GROUNDS = ("plain", "gazebo")  # of Simulation
+
 
 @dataclass(frozen=True)
 class Base:
@@ -162,7 +164,7 @@ class Simulation:
     """
 
     grip_limit: float = real(0.05, 50.0)
-    ground: str = choice("plain", "gazebo", default="plain")
+    ground: str = choice(*GROUNDS, default="plain")
     track_multiplier: Optional[float] = real(0.5, 5.0, None)
     edge_shift: float = real(0.0, 2.0, 0.0)
     command_delay: float = real(0.0, 1.0, 0.0)

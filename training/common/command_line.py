@@ -10,7 +10,7 @@ from typing import Any, Callable, Iterator, NoReturn
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.variant import DRAWN, OURS, PLANNERS
-from applr_ros1.robots import JACKAL, NAMES, Robot, load
+from applr_ros1.robots import GROUNDS, JACKAL, NAMES, Robot, load
 from worlds.loading import FORMS
 
 
@@ -172,6 +172,17 @@ def add_monitor(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="Put the collision monitor between the planner and the base, as the launch file does. Without it the base "
         "gets every command of the planner as it is.",
+    )
+
+
+def add_ground(parser: argparse.ArgumentParser) -> None:
+    """Declares --ground."""
+    parser.add_argument(
+        "--ground",
+        choices=GROUNDS,
+        default="",
+        help="Simulated ground to drive on: plain, where tyres grip alike in all directions, or gazebo, with the "
+        "friction of Gazebo's Jackal. Default: the robot's own.",
     )
 
 

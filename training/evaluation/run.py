@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
-from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots import JACKAL, Robot, on_ground
 from training.actors.tasks import RunnerSpec, Trial, TrialResult
 from training.common.provenance import provenance
 from training.evaluation.remembered import RememberedTrials
@@ -37,6 +37,7 @@ class EvaluationOptions:
     seed: int = 0
     planner: str = OURS
     monitor: bool = False
+    ground: str = ""  # the robot's own where empty
     traces: int = 1
     runner: str = TRIAL_RUNNER
     robot: Robot = JACKAL
@@ -87,6 +88,7 @@ def settings(
         "protocol": options.protocol,
         "planner": options.planner,
         "monitor": options.monitor,
+        "ground": options.ground or options.robot.simulation.ground,
         "seed": options.seed,
     }
 
@@ -104,6 +106,9 @@ def drive(store: Store, options: EvaluationOptions) -> None:
     arguments: Dict[str, Any] = {"simulator": options.simulator, "protocol": options.protocol}
     if options.monitor:
         arguments["monitor"] = True
+    if options.ground:
+        on_ground(options.robot, options.ground)  # refused here, not by every worker
+        arguments["ground"] = options.ground
     if options.robot is not JACKAL:  # a worker of one's own need not know of robots
         arguments["robot"] = options.robot.folder
     kind = "ray" if options.ray_address else "processes"

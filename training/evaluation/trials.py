@@ -22,7 +22,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.methods.included import GeneralPolicy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.robots import JACKAL, Robot, load, on_ground
 from training.actors.tasks import POLICY, Answer, Trial, TrialResult
 from training.actors.worker import PolicyWeights
 from training.env.episode import TIME_LIMIT, Episode, counting_cells
@@ -133,6 +133,7 @@ class TrialRunner:
         robot: name or folder of the robot that drives; worlds are at its scale.
         time_limit: time after which a trial ends and counts as failed [s].
         observation: what a policy that is being learnt sees: "paper" or "dimensionless".
+        ground: what it drives on (robots.GROUNDS), instead of the robot's own.
     """
 
     def __init__(
@@ -146,8 +147,10 @@ class TrialRunner:
         robot: str = JACKAL.name,
         time_limit: float = TIME_LIMIT,
         observation: str = "paper",
+        ground: str = "",
     ):
-        self.robot, self.observation = load(robot), observation
+        self.robot = on_ground(load(robot), ground) if ground else load(robot)
+        self.observation = observation
         self.space = space_of(self.robot)
         self.protocol, self.reward, self.monitor = protocol, Reward(**(reward or {})), monitor
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period

@@ -36,6 +36,7 @@ RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
 PAPER_STEPS = 5_000_000
 Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between which each episode draws
+SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
 
 
 class RunOptions(Options):
@@ -123,6 +124,16 @@ class TaskOptions(Options):
     slip: Span = option([1.0],
         "Factor on the slip and drift of the base. Two numbers: drawn between them at each reset.",
         min_length=1, max_length=2)
+    friction: Span = option([1.0],
+        "Factor on the wheels' friction. Two numbers: drawn between them at each reset.",
+        min_length=1, max_length=2)
+    ground: Span = option([1.0],
+        "Share of the robot's own ground, 1 or more all of it; the rest is plain. Two numbers: drawn between them at "
+        "each reset, so that 0 2 gives half of the episodes the robot's own ground and the others one in between.",
+        min_length=1, max_length=2)
+    odometry: Span = option([1.0],
+        "Factor on the odometry's errors. Two numbers: drawn between them at each reset.",
+        min_length=1, max_length=2)
     # fmt: on
 
 
@@ -180,7 +191,7 @@ class TrainConfig(
         if not sim_bridge.is_name(self.simulator):
             known = " or ".join(sim_bridge.NAMES)
             raise ApplrError(f"--simulator is {self.simulator!r}: give {known}, or MODULE:CLASS")
-        for name in ("scan_noise", "latency", "slip"):
+        for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")
         if self.actors and 0 < self.max_policy_lag < self.broadcast_interval:  # all episodes would soon be too old
@@ -253,7 +264,7 @@ class TrainConfig(
 
     def randomisation(self) -> Dict[str, Any]:
         """Fields of the simulators' Randomisation."""
-        spans = {name: getattr(self, name) for name in ("scan_noise", "latency", "slip")}
+        spans = {name: getattr(self, name) for name in SPANS}
         drawn = {name: span if len(span) == 2 else span[0] for name, span in spans.items()}
         return dict(start_xy=self.start_xy, start_yaw=self.start_yaw, **drawn)
 

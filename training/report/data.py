@@ -35,7 +35,7 @@ NUMBERS = {  # fields of a Cell by the columns of the files
     "switching": "switching",
 }
 # what joined evaluations must have in common
-SAME = ("simulator", "protocol", "planner", "monitor", "robot", "seed")
+SAME = ("simulator", "protocol", "planner", "monitor", "ground", "robot", "seed")
 
 
 @dataclass(frozen=True)

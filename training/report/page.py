@@ -120,13 +120,14 @@ def _facts(results: Results) -> Tuple[str, List[str]]:
     per = sorted({len(c.success) for cells in results.cells.values() for c in cells.values()})
     trials = str(per[0]) if len(per) == 1 else "%d to %d" % (per[0], per[-1])
     facts = [
-        "%d trials: %d worlds × %d methods × %s trials. Simulator: %s. Planner: %s."
+        "%d trials: %d worlds × %d methods × %s trials. Simulator: %s, ground %s. Planner: %s."
         % (
             results.count,
             len(results.worlds),
             len(results.methods),
             trials,
             s.get("simulator", "not recorded"),
+            s.get("ground", "not recorded"),
             results.planner,
         ),
     ]

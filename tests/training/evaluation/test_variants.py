@@ -9,6 +9,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PATH, NO_PLAN, OSCILLATING
 from applr_ros1.planner.variant import Variant
 from tests.support.toy_robot import ToyRobot, quick, ring, run
+from training import evaluate
 
 
 def biases(made):
@@ -145,7 +146,12 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     from training.learner.prepare import prepare
 
     config = TrainConfig(
-        worlds="generated:0", eval_worlds="generated:1", planner="drawn", end_on_collision=True, monitor=True
+        worlds="generated:0",
+        eval_worlds="generated:1",
+        planner="drawn",
+        end_on_collision=True,
+        monitor=True,
+        ground=[0, 2],
     )
     made = prepare(config)
     env = ApplrEnv(**made.settings.collect.options["options"])
@@ -156,6 +162,7 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     assert {v.planner for v in kinds} == {"ours", "cpp-like"}
     env.reset(seed=0)
     assert env.episode.move_base.variant == kinds[0]
+    assert 0.0 < env.episode.simulator.drawn.ground < 2.0
     held_out.reset(worlds.load("generated:1"), 0)
     assert held_out.move_base.variant.planner == "ours"
     assert TrainConfig(planner="cpp-like").eval_planner == "cpp-like"
@@ -164,3 +171,18 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     assert not held_out.end_on_collision
     assert env.episode.monitor
     assert held_out.monitor
+
+
+def test_the_ground_is_part_of_the_task(tmp_path, capsys):
+    drive = ["--worlds", "generated:0", "--methods", "dwa", "--trials", "1", "--workers", "0", "--no-report"]
+    drive += ["--simulator", "kinematic", "--out"]
+    assert evaluate.main([*drive, str(tmp_path / "own")]) == 0
+    assert evaluate.main([*drive, str(tmp_path / "gazebo"), "--ground", "gazebo"]) == 0
+    assert evaluate.main([*drive, str(tmp_path / "plain"), "--ground", "plain"]) == 0
+    own, gazebo, plain = ((tmp_path / name / "trials.csv").read_text() for name in ("own", "gazebo", "plain"))
+    assert own == gazebo != plain
+    capsys.readouterr()
+    assert evaluate.main([*drive, str(tmp_path / "own"), "--ground", "plain"]) == 1
+    assert "another ground" in capsys.readouterr().err
+    assert evaluate.main([*drive, str(tmp_path / "none"), "--ground", "gazebo", "--robot", "turtlebot3_burger"]) == 1
+    assert "simulation.ground is gazebo: it is for a skid_steer base" in capsys.readouterr().err
