@@ -52,12 +52,16 @@ class ObstacleMemory:
         self._count = _update(self._points, self._count, ranges, beams, (x, y, yaw), (pose[0], pose[1]), limits)
 
     def around(self, pose, reach):
-        """(k, 2) points in the frame of a robot at pose (x, y, yaw) [m], those at most `reach` [m] from its origin."""
+        """The points at most `reach` [m] from a robot at pose (x, y, yaw) [m].
+
+        Returns:
+            (k, 2) in the robot's frame [m], and (k,) the times at which they were measured [s].
+        """
         dx, dy = self._points[: self._count, 0] - pose[0], self._points[: self._count, 1] - pose[1]
         near = dx * dx + dy * dy <= reach * reach
-        dx, dy = dx[near], dy[near]
+        dx, dy, stamps = dx[near], dy[near], self._points[: self._count, 2][near]
         c, s = math.cos(pose[2]), math.sin(pose[2])
-        return np.column_stack((c * dx + s * dy, c * dy - s * dx))
+        return np.column_stack((c * dx + s * dy, c * dy - s * dx)), stamps
 
 
 @kernel

@@ -20,6 +20,8 @@ PASS, SLOW, STOP = "pass", "slow", "stop"
 IMPOSSIBLE = 2.0  # a measured speed above this many times the fastest command is rejected
 AHEAD = 2.0  # [m]: commands from which the base needs a longer way to stop are reduced
 HELD_V, HELD_W = 0.05, 0.15  # m/s, rad/s: a command that is slowed to less counts as held back
+PATIENCE = 5.0  # [s] for which what is only remembered may hold a robot that stands
+CREEP_V, CREEP_W = 0.1, 0.4  # m/s, rad/s: to so much it may slow it from then on
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,11 @@ class Verdict:
     @property
     def held(self) -> bool:
         """Whether next to nothing of a command was let through."""
-        return self.action != PASS and abs(self.command[0]) < HELD_V and abs(self.command[1]) < HELD_W
+        return self.action != PASS and _next_to_nothing(*self.command)
+
+
+def _next_to_nothing(v, w):
+    return abs(v) < HELD_V and abs(w) < HELD_W
 
 
 class CollisionMonitor:
@@ -74,6 +80,8 @@ class CollisionMonitor:
         self.matcher.clear()
         self._stamp = None
         self._fault = "no scan has come yet"
+        self._held_since = None  # by what is only remembered
+        self._doubted = -math.inf  # what was measured last before this time does not hold the robot any more
 
     def see(self, scan, pose):
         """Takes a scan.
@@ -92,6 +100,8 @@ class CollisionMonitor:
             self._stamp = scan.stamp
             if not self.scanner.repeats:  # an old image at a new place would move what is remembered along
                 self.matcher.see(scan)
+                if self.matcher.lost:
+                    self.memory.clear()
                 place = self.matcher.corrected
                 self.memory.update(replace(scan, sensor_pose=place(scan.sensor_pose)), place(pose))
         return self._fault
@@ -119,18 +129,19 @@ class CollisionMonitor:
         v, w = most * v, most * w
         speed, turn = max(abs(v), abs(twist[0])), max(abs(w), abs(twist[1]))
         longest = settings.reaction_time + max(speed / settings.deceleration, turn / settings.yaw_deceleration)
-        points = self.memory.around(
+        points, stamps = self.memory.around(
             self.matcher.corrected(pose), self._radius + settings.margin + speed * longest + 0.05
         )
-        scale, free = safe_scale(
-            points,
-            self._planes,
-            settings.margin,
-            (float(twist[0]), float(twist[1])),
-            (v, w),
-            settings.reaction_time,
-            (settings.deceleration, settings.yaw_deceleration),
-        )
+        scale, free = self._scale(points, twist, (v, w))
+        since = self._believed_since(now, twist, _next_to_nothing(scale * v, scale * w))
+        doubted = stamps < since
+        if scale < 1.0 and doubted.any():
+            by_the_others, free_of_them = self._scale(points[~doubted], twist, (v, w))
+            creep = min(by_the_others, CREEP_V / max(abs(v), CREEP_V), CREEP_W / max(abs(w), CREEP_W))
+            if not _next_to_nothing(creep * v, creep * w):
+                self._doubted = since
+            if creep > scale:
+                scale, free = creep, free_of_them
         if scale >= 1.0 and most >= 1.0:
             return Verdict((v, w))
         if scale >= 1.0:
@@ -145,6 +156,23 @@ class CollisionMonitor:
         return Verdict(
             (scale * v, scale * w), SLOW, most * scale, "slowed for an obstacle within the stopping distance"
         )
+
+    def _scale(self, points, twist, command):
+        """safe_scale before points (k, 2) [m] in the robot's frame."""
+        s = self.settings
+        brake = s.deceleration, s.yaw_deceleration
+        twist = float(twist[0]), float(twist[1])
+        return safe_scale(points, self._planes, s.margin, twist, command, s.reaction_time, brake)
+
+    def _believed_since(self, now, twist, held):
+        """Time [s]; what was measured last before it may slow the robot, and does not hold it."""
+        if not held:
+            self._held_since = None
+        elif self._held_since is None or not _next_to_nothing(*twist):
+            self._held_since = now
+        elif now - self._held_since > PATIENCE:
+            return self._held_since
+        return self._doubted
 
     def _problem(self, now, pose, twist, command):
         if not all(math.isfinite(value) for value in (*pose, *twist, *command)):

@@ -30,10 +30,15 @@ BETTER = 0.05  # by so much the mean weight of a match that does not begin at th
 LONGEST = 0.5  # [s]: over more between two scans nothing goes on as before
 ENOUGH = 20  # points that must have found a line ...
 FITTING = 0.5  # ... and the mean weight that they must have then
+GONE = 0.15  # share of the points of a scan that the next one, which does not fit, must see through: it is elsewhere
 
 
 class ScanMatcher:
-    """Corrects poses of the odometry frame by a slowly changing transform, found from scans."""
+    """Corrects poses of the odometry frame by a slowly changing transform, found from scans.
+
+    Attributes:
+        lost: whether the newest scan contradicts the one before: the robot, or its odometry, was set to another place.
+    """
 
     def __init__(self):
         self.clear()
@@ -42,7 +47,8 @@ class ScanMatcher:
         """Begins anew: poses are the odometry's until two scans have come."""
         self.correction = (0.0, 0.0, 0.0)
         self._references = []  # (ranges, beams, corrected pose) of scans all along the way
-        self._last = None  # stamp [s] and corrected pose of the newest scan
+        self.lost = False
+        self._last = None  # stamp [s], corrected pose, and (ranges, beams, corrected pose) of the newest scan
         self._speed = (0.0, 0.0, 0.0)  # from the last two: forwards, to the left [m/s], turning [rad/s]
 
     def corrected(self, pose):
@@ -52,31 +58,39 @@ class ScanMatcher:
     def see(self, scan):
         """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and corrects the transform.
 
-        It is laid over the nearest of the earlier ones, so that the robot comes back to a place where it left it.
+        It is laid over the nearest of the earlier ones, so that the robot comes back to a place where it left it, and
+        where it does not fit there over the one before. A scan that makes it `lost` is the first of new ones.
 
         Returns:
-            Whether the scan fits onto the earlier one; without that the transform stays as it was.
+            Whether the scan fits onto an earlier one; without that the transform stays as it was.
         """
         pose = self.corrected(scan.sensor_pose)
-        ranges = np.asarray(scan.ranges, dtype=np.float32)
+        measured = np.asarray(scan.ranges, dtype=np.float32)
         ranges = np.where(
-            (ranges >= scan.range_min) & (ranges < min(scan.range_max, REACH)), ranges, np.float32(np.nan)
+            (measured >= scan.range_min) & (measured < min(scan.range_max, REACH)), measured, np.float32(np.nan)
         )
         beams = float(scan.angle_min), float(scan.angle_increment)
         nearest = min(range(len(self._references)), key=lambda i: sum(self._apart(i, pose)), default=None)
-        fits = False
+        guesses = self._guesses(pose, scan.stamp)
+        found, self.lost = None, False
         if nearest is not None:
-            tried = [self._match(nearest, ranges, beams, guess) for guess in self._guesses(pose, scan.stamp)]
-            found, _, fits = max(tried, key=lambda match: (match[2], match[1] - BETTER * (match is not tried[0])))
-            if fits:
-                pose = found
-                self.correction = compose(pose, inverse(scan.sensor_pose))
-            else:
+            found = self._lay_over(self._references[nearest], ranges, beams, guesses)
+            if found is None:
                 del self._references[nearest]
-        if not fits or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART)):
-            self._references = [*self._references[1 - KEPT :], (ranges, beams, pose)]
-        self._remember(scan.stamp, pose)
-        return fits
+                nearest = None
+                found = self._lay_over(self._last[2], ranges, beams, guesses)
+                seen, gone = _seen_through(*self._last[2], measured, beams, pose)
+                self.lost = found is None and seen >= ENOUGH and gone > GONE * seen
+        if self.lost:
+            self._references.clear()
+        if found is not None:
+            pose = found
+            self.correction = compose(pose, inverse(scan.sensor_pose))
+        newest = ranges, beams, pose
+        if nearest is None or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART)):
+            self._references = [*self._references[1 - KEPT :], newest]
+        self._remember(scan.stamp, newest)
+        return found is not None
 
     def _guesses(self, pose, stamp):
         """[pose, and where the base would be had it gone on as between the last two scans, if that is elsewhere]."""
@@ -85,19 +99,24 @@ class ScanMatcher:
         gone_on = compose(self._last[1], tuple(speed * (stamp - self._last[0]) for speed in self._speed))
         return [pose, gone_on] if _difference(pose, gone_on)[0] > NARROW else [pose]
 
-    def _remember(self, stamp, pose):
+    def _remember(self, stamp, newest):
+        pose = newest[2]
         since = stamp - self._last[0] if self._last is not None else 0.0
         self._speed = (0.0, 0.0, 0.0)
         if 0.0 < since <= LONGEST:
             self._speed = tuple(value / since for value in compose(inverse(self._last[1]), pose))
-        self._last = stamp, pose
+        self._last = stamp, pose, newest
 
-    def _match(self, reference, ranges, beams, guess):
-        """Pose, mean weight of the points that found a line, and whether that is a fit."""
-        pose, lines, weight = _match(*self._references[reference], ranges, beams, guess)
-        moved, turned = _difference(pose, guess)
-        fits = lines >= ENOUGH and weight >= FITTING * lines and moved <= MOST and turned <= MOST_TURN
-        return pose, weight / max(lines, 1), fits
+    def _lay_over(self, earlier, ranges, beams, guesses):
+        """The pose at which a scan fits onto an earlier one, or None."""
+        tried = []
+        for guess in guesses:
+            pose, lines, weight = _match(*earlier, ranges, beams, guess)
+            moved, turned = _difference(pose, guess)
+            fits = lines >= ENOUGH and weight >= FITTING * lines and moved <= MOST and turned <= MOST_TURN
+            tried.append((fits, weight / max(lines, 1) - BETTER * bool(tried), pose))
+        fits, _, pose = max(tried, key=lambda match: match[:2])
+        return pose if fits else None
 
     def _apart(self, reference, pose):
         return _difference(self._references[reference][2], pose)
@@ -149,6 +168,23 @@ def _match(old, old_beams, old_pose, new, new_beams, guess):
         if iteration >= COARSE and abs(dx) + abs(dy) + abs(dyaw) < 1e-5:
             break
     return (x, y, yaw), found, weights
+
+
+@kernel
+def _seen_through(old, old_beams, old_pose, new, beams, pose):
+    """How many points of an earlier scan lie in the new one's field of view, and behind how many of them it sees."""
+    seen = gone = 0
+    for i in range(old.shape[0]):
+        if math.isnan(old[i]):
+            continue
+        x, y = _point(old, old_beams, old_pose, i)
+        dx, dy = x - pose[0], y - pose[1]
+        place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
+        j = int(place + 0.5)
+        if 0 < j < new.shape[0] - 1:
+            seen += 1
+            gone += min(new[j - 1], new[j], new[j + 1]) > math.sqrt(dx * dx + dy * dy) + WIDE
+    return seen, gone
 
 
 @kernel

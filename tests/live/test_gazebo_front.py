@@ -9,7 +9,9 @@ from gazebo_msgs.srv import GetModelState, SetModelState
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
 
+from applr_ros1.common.angles import yaw_of
 from tests.support.gazebo_client import GazeboSimulation, Training, goal, model_state
 from tests.support.ros_harness import ROOT, session, wait_for
 
@@ -86,6 +88,35 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     assert (after.position.x, after.position.y) == pytest.approx((before.position.x, before.position.y), abs=0.03)
     assert heard.next("clock").clock > clock
     publisher.unregister()
+
+
+def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gazebo):
+    """Odometry does not jump with it: what stood around it would hold it for ever where it stands now."""
+    monitor = session().python(
+        ROOT / "applr_ros1/scripts/collision_monitor.py", "scan:=front/scan", "odom:=odometry/filtered"
+    )
+    publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
+    wait_for(lambda: publisher.get_num_connections() or not monitor.alive(), 60.0, "the collision monitor")
+    set_state, simulation = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState), GazeboSimulation(START)
+
+    def send(v, w):
+        command = Twist()
+        command.linear.x, command.angular.z = v, w
+        publisher.publish(command)
+        time.sleep(0.05)
+        return simulation.state()
+
+    actions = []
+    subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    assert set_state(model_state(-3.97, 3.0, 0.0, math.pi)).success  # before the side wall, which it turns away from
+    wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, 20.0, "a turn by 180 degrees")
+    wait_for(lambda: send(-0.5, 0.0) and "stop: an obstacle" in actions[-1], 20.0, "the wall behind the robot")
+    assert simulation.reset().success
+    wait_for(lambda: send(-0.5, 0.0).twist.linear.y < -0.3, 3.0, "motion in free space")
+    subscriber.unregister()
+    publisher.unregister()
+    monitor.end()
+    assert "Traceback" not in monitor.text
 
 
 def test_refuses_in_words_what_it_cannot_do(gazebo):

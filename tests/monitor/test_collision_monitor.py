@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from applr_ros1.common.angles import compose
 from applr_ros1.monitor.memory import ObstacleMemory
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.scanner import FROZEN_SCANS
@@ -304,3 +305,46 @@ def test_an_episode_has_the_robots_monitor_or_the_one_that_it_is_given():
     ]
     assert monitors[0].settings == MonitorSettings.of(husky)
     assert monitors[1:] == [own, None]
+
+
+def posts(seed):
+    """Places (n, 2) [m] of posts, none of them at the robot."""
+    places = np.random.default_rng(seed).uniform(-4.0, 4.0, (40, 2))
+    return places[np.hypot(*places.T) > 0.8]
+
+
+def turned_away_from(behind):
+    """A monitor that has seen posts at these places (n, 2) [m] before the robot turned to yaw 0, at time 3.9 s."""
+    monitor = CollisionMonitor()
+    for step, yaw in enumerate(np.linspace(-math.pi, 0.0, 40)):
+        monitor.see(scan_of(behind, (0.0, 0.0, yaw), 0.1 * step), (0.0, 0.0, yaw))
+    assert monitor.filter(3.9, (0, 0, 0), (0, 0), (-0.5, 0.0)).held
+    return monitor
+
+
+CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
+
+
+@pytest.mark.parametrize("odometry_jumps", [False, True])
+def test_another_place_begins_the_memory_afresh(odometry_jumps):
+    """The robot is set to another place, or only its odometry is."""
+    monitor = turned_away_from(before := [*posts(0), *CLOSE_BEHIND])
+    place, after = ((1.9, 0.3, 0.5), before) if odometry_jumps else ((0.0, 0.0, 0.0), posts(1))
+    scan = scan_of(after, (0.01, 0.0, 0.0), 4.0, sensor_pose=compose(place, (LASER, 0.0, 0.0)))
+    monitor.see(scan, place)
+    only = ObstacleMemory()
+    only.update(scan, place)
+    assert len(monitor.memory.points) == len(only.points)
+    assert monitor.filter(4.0, place, (0, 0), (-0.5, 0.0)).action == PASS
+
+
+def test_what_is_only_remembered_slows_a_robot_that_has_stood_and_what_is_seen_holds_it():
+    monitor, pose = turned_away_from(obstacles := [*posts(0), *CLOSE_BEHIND, (0.32, 0.0)]), (0.0, 0.0, 0.0)
+    scan, verdicts = scan_of(obstacles, pose), []
+    for now in np.arange(4.0, 12.0, 0.05):
+        monitor.see(replace(scan, stamp=now), pose)
+        backwards, forwards = (monitor.filter(now, pose, (0, 0), (v, 0.0)) for v in (-0.5, 0.5))
+        assert forwards.held
+        verdicts.append(backwards)
+    assert all(verdict.held for verdict in verdicts[:90])
+    assert verdicts[-1].command == pytest.approx((-0.1, 0.0))
