@@ -99,7 +99,7 @@ def test_cited_pages_and_sections_exist():
 
 
 def test_links_between_pages_lead_somewhere():
-    for path in files("*.md"):
+    for path in [path for path in files("*.md") if path.relative_to(ROOT).parts[0] != "docs"]:  # test_docs.py has those
         for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")):
             page = path.parent / target if target else path
             assert page.exists(), "%s links to %s" % (path, target)

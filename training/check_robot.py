@@ -1,8 +1,8 @@
 """Checks the description of a robot and says in short what the package makes of it.
 
 Started as `rosrun applr_ros1 check_robot.py` or `python -m training.check_robot`. Lines that begin with "remark" name
-what is given in vain or looks like a slip; the description can be used all the same. docs/howto/robots.md says how to
-write one.
+what is given in vain or looks like a slip; the description can be used all the same. docs/tutorials/your_robot.md says
+how to write one.
 """
 
 from __future__ import annotations

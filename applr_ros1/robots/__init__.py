@@ -1,7 +1,7 @@
 """Descriptions of robots: one folder per robot with robot.yaml and the parameter files of its move_base.
 
 `load` reads a shipped robot by name, or a folder of one's own. The simulators, the policy's parameter space, training
-and the launch file take what it returns. docs/howto/robots.md says how to describe another robot.
+and the launch file take what it returns. docs/tutorials/your_robot.md says how to describe another robot.
 """
 
 from __future__ import annotations

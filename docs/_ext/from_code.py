@@ -116,6 +116,21 @@ def robot_sections():
     return "\n\n".join(_section(name, kind) for name, kind in _SECTIONS.items())
 
 
+def jackal_space():
+    """The Jackal's parameter space, with the declared meaning of each parameter."""
+    from applr_ros1.planner.parameters.declarations import SERVERS
+    from applr_ros1.policy.parameter_space import SPACE
+    from applr_ros1.robots import JACKAL
+
+    declared = {name: p for parameters in SERVERS.values() for p in parameters for name in (p.name, *p.aliases)}
+    rows = []
+    for parameter, start in zip(JACKAL.space, SPACE.theta0):
+        meaning = next(declared[name] for name in parameter.settings[0].names if name in declared)
+        bounds = "%g to %g" % (parameter.low, parameter.high)
+        rows.append(["`%s`" % parameter.name, "%g" % start, bounds, meaning.unit or "", meaning.doc])
+    return table(["parameter", "default", "range", "unit", "meaning"], rows)
+
+
 def _section(name, kind):
     """One section: the class's docstring, which has sentences `field: text.`, and a row for each field."""
     lines = inspect.getsource(kind).split("\n")
@@ -137,7 +152,7 @@ def _taken(call):
     """(what the field takes, its default or "required") of a declaration such as real(0.01, 20.0)."""
     kind, given = call.func.id, [ast.unparse(argument) for argument in call.args]
     bounds = {"real": 2, "whole": 2, "vector": 3, "choice": len(given), "ros_name": 0, "points": 0}[kind]
-    low_high, default = given[:bounds], given[bounds:]
+    low_high, default = given[:bounds], given[bounds:] + [ast.unparse(word.value) for word in call.keywords]
     text = {
         "real": "number, %s to %s",
         "whole": "whole number, %s to %s",
@@ -154,7 +169,7 @@ def _taken(call):
 FUNCTIONS = {
     f.__name__: f for f in (csv_table, comparison, faults, messages, launch_arguments, applr_usage, recipes, methods)
 }
-FUNCTIONS.update({f.__name__: f for f in (robot_sections, commands, parameters)})
+FUNCTIONS.update({f.__name__: f for f in (robot_sections, jackal_space, commands, parameters)})
 
 
 def _read(app, page, source):

@@ -1,4 +1,4 @@
-"""Drives one trial, reads its trace, and draws the path over the map with the speed and a parameter over time.
+"""Drives two methods, reads their traces, and draws the course with both paths, speed and parameters over time.
 
 evaluate.py keeps the traces of the first trial of each world and method in OUT/traces (`--traces N` for more). A trace
 has an instant every 50 ms: `time` (n,) s, `pose` (n, 3) x, y [m], yaw [rad], `twist` (n, 2) v [m/s], w [rad/s]; and for
@@ -16,23 +16,35 @@ import worlds
 from applr_ros1.policy.parameter_space import SPACE
 from training.evaluation.store import read_trace
 
+SHOWN = ["max_vel_x", "inflation_radius", "pdist_scale"]
+COLOURS = ("#cc3311", "#228833", "#0077bb", "#ee7733")
 
-def picture(trace: dict, world, parameter: str, path: str) -> None:
-    """Left the path, coloured by speed; right speed and parameter over time."""
+
+def picture(traces: dict, world, parameters, path: str) -> None:
+    """Above the course with the path of each method, below speed and parameters over time. traces: {method: trace}."""
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(11, 5))
-    for x, y, radius in world.cylinders:
-        left.add_patch(pyplot.Circle((x, y), radius, color="0.6"))
-    points = left.scatter(trace["pose"][:, 0], trace["pose"][:, 1], c=trace["twist"][:, 0], s=4)
-    figure.colorbar(points, ax=left, label="speed [m/s]")
-    left.set_aspect("equal")
-    right.plot(trace["time"], trace["twist"][:, 0], label="speed [m/s]")
-    values = trace["theta"][:, SPACE.names.index(parameter)]
-    right.step(trace["decided"], values, where="post", label=parameter)
-    right.set_xlabel("time [s]")
-    right.legend()
+    rows = 2 + len(parameters)
+    figure, (course, speed, *rest) = pyplot.subplots(
+        rows, figsize=(9, 3.4 + 1.3 * rows), height_ratios=[3.4] + [1] * (rows - 1), layout="constrained"
+    )
+    for x, y, radius in world.cylinders:  # turned, so that the robot drives to the right
+        course.add_patch(pyplot.Circle((y, -x), radius, color="0.6"))
+    for colour, (method, trace) in zip(COLOURS, traces.items()):
+        x, y = trace["pose"][:, :2].T
+        course.plot(y, -x, color=colour, label="%s, %.1f s" % (method, trace["time"][-1] - trace["time"][0]))
+        speed.plot(trace["time"], trace["twist"][:, 0], color=colour)
+        for axes, name in zip(rest, parameters):
+            axes.step(trace["decided"], trace["theta"][:, SPACE.names.index(name)], where="post", color=colour)
+    course.set_aspect("equal")
+    course.set_axis_off()
+    course.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(traces), frameon=False)
+    for axes, name in zip((speed, *rest), ("speed [m/s]", *parameters)):
+        axes.set_title(name, loc="left", fontsize="medium")
+        axes.sharex(speed)
+        axes.tick_params(labelbottom=axes is (speed, *rest)[-1])
+    (speed, *rest)[-1].set_xlabel("time [s]")
     figure.savefig(path, dpi=100)
 
 
@@ -40,21 +52,34 @@ def main() -> None:
     """Drive, read, draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--world", default="generated:0", help="course to drive (default %(default)s)")
-    parser.add_argument("--method", default="applr", help="whose trial (default %(default)s)")
-    parser.add_argument("--parameter", default="max_vel_x", choices=SPACE.names, help="to show (default %(default)s)")
+    parser.add_argument("--methods", default="dwa,applr", help="whose trials (default %(default)s)")
+    parser.add_argument("--parameters", nargs="+", default=SHOWN, choices=SPACE.names, help="to show")
+    parser.add_argument("--simulator", default="kinematic", help="kinematic or pybullet (default %(default)s)")
     parser.add_argument("--out", default="results_trace", help="folder to write (default %(default)s)")
     options = parser.parse_args()
 
-    command = [sys.executable, "-m", "training.evaluate", "--worlds", options.world, "--methods", options.method]
-    command += ["--trials", "1", "--simulator", "kinematic", "--workers", "1", "--no-report", "--out", options.out]
+    command = [sys.executable, "-m", "training.evaluate", "--worlds", options.world, "--methods", options.methods]
+    command += [
+        "--trials",
+        "1",
+        "--simulator",
+        options.simulator,
+        "--workers",
+        "1",
+        "--no-report",
+        "--out",
+        options.out,
+    ]
     subprocess.run(command, check=True)
     world = worlds.load(options.world)
-    trace = read_trace(options.out, world.name, options.method, 0)
-    if trace is None:
-        sys.exit("%s holds no trace of %s in %s: give another --out" % (options.out, options.method, options.world))
-    picture(trace, world, options.parameter, "%s/trace.png" % options.out)
-    length = np.hypot(*np.diff(trace["pose"][:, :2], axis=0).T).sum()
-    print("%.1f m in %.1f s; %s/trace.png" % (length, trace["time"][-1] - trace["time"][0], options.out))
+    traces = {method: read_trace(options.out, world.name, method, 0) for method in options.methods.split(",")}
+    if None in traces.values():
+        sys.exit("%s lacks traces in %s: give another --out" % (options.out, options.world))
+    picture(traces, world, options.parameters, "%s/trace.png" % options.out)
+    for method, trace in traces.items():
+        length = np.hypot(*np.diff(trace["pose"][:, :2], axis=0).T).sum()
+        print("%s: %.1f m in %.1f s" % (method, length, trace["time"][-1] - trace["time"][0]))
+    print("%s/trace.png" % options.out)
 
 
 if __name__ == "__main__":

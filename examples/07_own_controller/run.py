@@ -1,7 +1,7 @@
 """Evaluates a controller of one's own (pursuit.py), which commands velocities, beside the default parameters.
 
 The same as `evaluate.py --methods dwa,pursuit=pursuit.py:Pursuit:0.8 ...` in this folder.
-docs/tutorials/barn_challenge.md says how the same class drives over ROS.
+docs/tutorials/own_method.md says how the same class drives over ROS.
 """
 
 import argparse

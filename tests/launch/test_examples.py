@@ -63,8 +63,8 @@ def test_own_reward(tmp_path):
 
 
 def test_reading_a_trace(tmp_path):
-    lines = run("05_reading_a_trace", tmp_path, "--method", "dwa", "--out", "out")
-    metres, seconds = map(float, re.match(r"([\d.]+) m in ([\d.]+) s", lines[-1]).groups())
+    lines = run("05_reading_a_trace", tmp_path, "--methods", "dwa", "--out", "out")
+    metres, seconds = map(float, re.match(r"dwa: ([\d.]+) m in ([\d.]+) s", lines[-2]).groups())
     assert 5.0 < metres < 20.0
     assert seconds > 10.0
     assert (tmp_path / "out" / "trace.png").stat().st_size > 5000

@@ -139,7 +139,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
         default=JACKAL,
         metavar="NAME",
         help="Robot that drives, at whose scale the worlds are: %s, or a folder with robot.yaml "
-        "(docs/howto/robots.md). Default: jackal." % ", ".join(NAMES),
+        "(docs/tutorials/your_robot.md). Default: jackal." % ", ".join(NAMES),
     )
 
 

@@ -28,8 +28,8 @@ class Outcome:
       success, flipped, collided (touched anything), aborted (the planner gave up, or stopped off the goal),
       timeout (the limit; also set for an abort, which stands until the limit), over
       time_s                seconds since the goal was sent; the full limit where it timed out
-      decisions, path_length_m, min_clearance_m (lowest range), mean_jerk (mean |change of acceleration|
-      of the true speed [m/s^3]), mean_turn (mean |yaw acceleration|)
+      decisions, path_length_m, min_clearance_m (lowest range), mean_jerk (mean magnitude of the
+      change of acceleration [m/s^3]), mean_turn (the same of the yaw acceleration)
     """
 
     ranges: np.ndarray

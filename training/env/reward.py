@@ -17,7 +17,7 @@ MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit
 class RewardOptions(Options):
     """The coefficients. The paper publishes none: those of its terms are ours, the rest are off by default."""
 
-    model_config = ConfigDict(title="Reward (docs/howto/training.md, training/env/reward.py)")
+    model_config = ConfigDict(title="Reward (docs/explanation/learning_problem.md, training/env/reward.py)")
 
     # fmt: off
     c_f: float = option(1.0, "Coefficient of the time term: what each 2 s before the goal cost.")
@@ -42,15 +42,15 @@ class RewardOptions(Options):
 class Reward(RewardOptions):
     """The reward with its coefficients.
 
-    R_f = 1(at the goal) - 1: each 2 s before the goal cost 1; with exact_time - seconds / 2 s, the last decision's
-        included, so that a course finished a second earlier is worth more. A trial that fails for good (the planner
-        gave up, the robot lies on its side) stands still until the limit: what that costs is paid at its end, as at
-        most MOST_STANDING decisions.
-    R_p = metres driven towards the goal, (p' - p) . (goal - p) / |goal - p|, or along the world's y.
-    R_c = -1 / d with d the smallest range. d is at least .1 m (what the Jackal's laser can tell), so R_c >= -10, and at
-        most the observation's 2 m, so R_c <= -.5.
-    c_collision is charged for a decision in which the robot touched something, c_switch the mean change of the
-    parameters, in action units (paper's future work).
+    - R_f = 1(at the goal) - 1: each 2 s before the goal cost 1; with exact_time - seconds / 2 s, the last decision's
+      included, so that a course finished a second earlier is worth more. A trial that fails for good (the planner gave
+      up, the robot lies on its side) stands still until the limit: what that costs is paid at its end, as at most
+      MOST_STANDING decisions.
+    - R_p = metres driven towards the goal, `(p' - p) . (goal - p) / |goal - p|`, or along the world's y.
+    - R_c = -1 / d with d the smallest range. d is at least .1 m (what the Jackal's laser can tell), so R_c >= -10, and
+      at most the observation's 2 m, so R_c <= -.5.
+    - c_collision is charged for a decision in which the robot touched something, c_switch for the mean change of the
+      parameters, in action units (paper's future work).
     """
 
     NEAREST: ClassVar[float] = 0.1

@@ -1,7 +1,7 @@
 """The options of train.py: their groups in one class, the command line, recipes, and what a run stored.
 
 Defaults are the paper's; where the paper is silent, those of its authors' code. Deviations are named in
-training/td3/td3.py and docs/howto/training.md.
+training/td3/td3.py and docs/explanation/learning_problem.md.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class TaskOptions(Options):
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     robot: str = option("jackal",
-        f"Robot that drives: {', '.join(NAMES)}, a folder with robot.yaml (docs/howto/robots.md), or drawn: "
+        f"Robot that drives: {', '.join(NAMES)}, a folder with robot.yaml (docs/tutorials/your_robot.md), or drawn: "
         "another one in each episode, the Jackal in a third of them. The worlds are at its scale.", fixed=True)
     observation: Literal["paper", "dimensionless"] = option("paper",
         "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
@@ -322,8 +322,8 @@ def parser() -> Parser:
         "train.py",
         "Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in\nsimulation, "
         "or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.",
-        "Defaults are the paper's; where the paper is silent, those of its authors' code. docs/howto/training.md\n"
-        "describes the learning problem, the files of a run, and each deviation.",
+        "Defaults are the paper's; where the paper is silent, those of its authors' code.\n"
+        "docs/explanation/learning_problem.md describes the learning problem and each deviation.",
     )
     made.add_argument(
         "--recipe",

@@ -5,7 +5,7 @@ Defaults are the paper's; where it is silent, the authors' code's. Deviations, n
   batch_size 256 (authors' 128): as fast on our machines, less noise.
   n_step 4 (the paper says nothing; the authors' code began with 1 and ended at 4): returns are summed by the replay.
 Time limits are bootstrapped, target noise is in action units; the authors' code did neither
-(docs/howto/training.md#where-this-differs-from-the-paper).
+(docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
 """
 
 from __future__ import annotations

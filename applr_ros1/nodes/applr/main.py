@@ -3,7 +3,7 @@
 Run by scripts/applr.py. What the node does is in node.py. Parameters: ~method (applr), ~robot (jackal; name or folder
 of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring (auto, true or
 false: see meter_scoring.py), ~move_base (its name), ~scan_topic, ~odom_topic and ~plan_topic;
-docs/explanation/architecture.md
+docs/reference/topics.md
 """
 
 import gc

@@ -1,7 +1,7 @@
 """The applr node: every second or two of ROS time observation → method → parameters (Algorithm 1 of the paper).
 
 Started by main.py beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. It decides while a goal is
-active; between goals the planner has theta_0, on which every course starts. docs/explanation/architecture.md lists its
+active; between goals the planner has theta_0, on which every course starts. docs/reference/topics.md lists its
 topics.
 """
 

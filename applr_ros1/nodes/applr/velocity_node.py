@@ -2,8 +2,8 @@
 
 Run by scripts/velocity.py beside a move_base whose own commands go nowhere; launch/velocity_method.launch starts both.
 It commands while move_base pursues a goal, and stands otherwise. A command holds until the method's next one: since the
-base stops by itself when commands cease, it is sent again and again. docs/howto/extending.md describes such methods.
-Parameters: ~method (my_file.py:Class or module:Class) and ~seed.
+base stops by itself when commands cease, it is sent again and again. docs/tutorials/own_method.md describes such
+methods. Parameters: ~method (my_file.py:Class or module:Class) and ~seed.
 """
 
 import rospy

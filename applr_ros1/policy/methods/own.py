@@ -36,7 +36,7 @@ class OwnMethod(Method):
         self.commands = callable(getattr(made, "command", None))
         if not self.commands and not callable(getattr(made, "theta", None)):
             raise ApplrError(
-                "method %s has no theta(context) and no command(context); see docs/howto/extending.md for examples"
+                "method %s has no theta(context) and no command(context); see docs/tutorials/own_method.md for examples"
                 % spec
             )
         self.static = not self.commands and bool(getattr(made, "static", False))
