@@ -56,19 +56,13 @@ def load_pybullet() -> Any:
     return pybullet
 
 
-def build_world(p: Any, client: int, world: World, step: float, window: bool = False) -> Tuple[List[int], np.ndarray]:
-    """An empty scene with ground and the world's static obstacles.
+def clear(p: Any, client: int, step: float) -> None:
+    """An empty scene with ground.
 
     Args:
         p: the pybullet module.
         client: its connection.
-        world: what stands there.
         step: of the physics [s].
-        window: whether there is a window in which the obstacles are to be seen.
-
-    Returns:
-        The ids of the bodies, each of several obstacles, and a circle around every obstacle, (n, 4): x, y, radius [m],
-        and the index of its body in that list.
     """
     on = {"physicsClientId": client}
     p.resetSimulation(**on)
@@ -78,6 +72,22 @@ def build_world(p: Any, client: int, world: World, step: float, window: bool = F
     )
     ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE, **on), **on)
     p.changeDynamics(ground, -1, lateralFriction=0.0, **on)  # wheels.py pulls instead
+
+
+def build_obstacles(p: Any, client: int, world: World, window: bool = False) -> Tuple[List[int], np.ndarray]:
+    """The world's static obstacles.
+
+    Args:
+        p: the pybullet module.
+        client: its connection.
+        world: what stands there.
+        window: whether there is a window in which the obstacles are to be seen.
+
+    Returns:
+        The ids of the bodies, each of several obstacles, and a circle around every obstacle, (n, 4): x, y, radius [m],
+        and the index of its body in that list.
+    """
+    on = {"physicsClientId": client}
     parts = _parts(world)
     circles = [(x, y, _radius(shape), k) for k, part in enumerate(parts) for x, y, _, shape in part]
     look = -1 if window else p.createVisualShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1), **on)

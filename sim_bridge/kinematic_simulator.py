@@ -37,12 +37,15 @@ class KinematicSimulator(Simulator):
         self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed), self.drawn.odometry)
         self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
         if new_world:
-            self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
-            self._circles[:, :3] = self.world.cylinders
-            self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
+            self._stand()
         self._steps, self._elapsed = 0, 0.0
         self._move_to(pose)
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
+
+    def _stand(self):
+        self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
+        self._circles[:, :3] = self.world.cylinders
+        self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
 
     def _move_to(self, pose):
         self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)

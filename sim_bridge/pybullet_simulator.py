@@ -55,9 +55,9 @@ class PybulletSimulator(Simulator):
 
     def _place(self, pose, new_world, seed):
         # Built anew every time: Bullet keeps contacts and solver state over a mere change of position.
-        self._obstacles, self._circles = scene.build_world(self._p, self._client, self.world, STEP, self._window)
-        self._near = np.zeros(len(self._obstacles), np.bool_)
-        self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
+        scene.clear(self._p, self._client, STEP)
+        self._obstacles, self._movers = [], []
+        self._stand()
         self._body = scene.build_robot(self._p, self._client, self.robot, pose)
         rng = np.random.default_rng(seed)
         self._odometry = Odometry(self.robot.odometry, pose[2], rng, self.drawn.odometry)
@@ -67,6 +67,13 @@ class PybulletSimulator(Simulator):
         self._spin(0.0, 0.0)
         self._steps, self._elapsed = 0, 0.0
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
+
+    def _stand(self):
+        for body in self._obstacles + self._movers:
+            self._p.removeBody(body, physicsClientId=self._client)
+        self._obstacles, self._circles = scene.build_obstacles(self._p, self._client, self.world, self._window)
+        self._near = np.zeros(len(self._obstacles), np.bool_)
+        self._movers = [scene.add_mover(self._p, self._client, mover) for mover in self.world.movers]
 
     def _move_to(self, pose):
         scene.put_robot(self._p, self._client, self._body, self.robot, pose)

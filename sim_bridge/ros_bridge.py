@@ -7,10 +7,11 @@ rate; odometry/filtered, /tf, /tf_static, imu/data, joint_states, collision, ~co
 the odometry's; ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_vel and ROBOT_velocity_controller/cmd_vel
 (the newest command counts), set_pose (sets the odometry's estimate, as on the Jackal; the robot stays where it is),
 ~world (changes the world). Services: ~reset (robot and odometry back to the start, costmaps cleared), ~load_world (the
-world that the parameter ~world names). Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed,
-~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the world, instead of the course's), ~paused (begin with
-the time standing), ~gazebo (Gazebo's services too: ros_gazebo.py); ~odom_frame, ~base_frame, ~tf_prefix
-(in front of the names of all frames of the robot), ~map (publish a map of the world on map, latched, and its frame).
+world that the parameter ~world names). ros_changes.py has more, for changes during a drive. Parameters: ~robot (name or
+folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the
+world, instead of the course's), ~paused (begin with the time standing), ~gazebo (Gazebo's services too:
+ros_gazebo.py); ~odom_frame, ~base_frame, ~tf_prefix (in front of the names of all frames of the robot), ~map (publish a
+map of the world on map, latched, and its frame).
 For several robots in one world: ~clock (false follows the /clock that another one makes), ~others (namespaces of robots
 that this one detects and can touch: ros_others.py).
 
@@ -40,6 +41,7 @@ from applr_ros1.robots import load
 
 from . import make
 from .real_time_rate import RealTimeRate
+from .ros_changes import Changes
 from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
 from .simulator import SimulatorError, warm_up
@@ -84,6 +86,7 @@ class Bridge:
         self.refused = 0
         self.touched = False
         self.running = threading.Event()  # simulated time goes on
+        self.single_ticks = 0  # that are simulated while it does not
         if not rospy.get_param("~paused", False):
             self.running.set()
         self.topics = _topics(robot, self.makes_clock, bool(rospy.get_param("~map", False)))
@@ -92,6 +95,7 @@ class Bridge:
         if rospy.get_param("~gazebo", False):
             _offer_gazebo_services(self)
         self._connect()
+        Changes(self)
         if not self.makes_clock:
             self._await_clock()
         elif not rospy.get_param("/use_sim_time", False):
@@ -146,10 +150,11 @@ class Bridge:
         pace, ticks, robot = RealTimeRate(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
         every, every_scan = (max(1, round(1.0 / TICK / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
         while not rospy.is_shutdown():
-            if not self.running.is_set():
-                self.running.wait(0.1)
+            if not self.running.is_set() and not self.single_ticks:
+                self.running.wait(0.02)
                 pace.begin()
                 continue
+            self.single_ticks = max(0, self.single_ticks - 1)
             ticks += 1
             with self.lock:
                 self._take_command()

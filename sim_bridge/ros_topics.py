@@ -103,14 +103,9 @@ class BridgeTopics:
         self._publish_joints(state, stamp)
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Static frames, obstacles and the world's name: after every reset and change of world."""
+        """Static frames, obstacles, the world's name and its map: after every reset and change of world."""
         self.publish_frames(simulator, stamp)
-        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
-        markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
-        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
-        markers[0].header.frame_id = WORLD
-        self.obstacles.publish(markers)
+        self.publish_obstacles(simulator, stamp)
         self.world.publish(simulator.world.name)
         if self.map is not None:
             try:
@@ -118,6 +113,15 @@ class BridgeTopics:
             except WorldError as problem:
                 rospy.logerr("sim_bridge: no map of this world: %s", problem)
         self._last = None
+
+    def publish_obstacles(self, simulator: Simulator, stamp: rospy.Time) -> None:
+        """The static obstacles. What moves comes with publish_movers; a listener forgets it here."""
+        cylinders, boxes = simulator.world.cylinders.tolist(), simulator.world.boxes.tolist()
+        markers = [Marker(action=Marker.DELETEALL)]
+        markers += [_cylinder(row, i, stamp) for i, row in enumerate(cylinders)]
+        markers += [_box(row, len(cylinders) + i, stamp) for i, row in enumerate(boxes)]
+        markers[0].header.frame_id = WORLD
+        self.obstacles.publish(markers)
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """The static frames: the robot's parts, and where odom lies in the world."""

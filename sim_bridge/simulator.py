@@ -208,6 +208,14 @@ class Simulator(ABC):
         self.odom_origin = (x - odom_x, y - odom_y)
         return self.state
 
+    def change_obstacles(self, world: World) -> None:
+        """Let the obstacles of `world` stand and move from now on; the robot drives on, and time goes on."""
+        if self._lidar is None:
+            raise SimulatorError("there is no drive before the first reset(): call reset(world, seed)")
+        self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
+        self.world = world
+        self._stand()
+
     def mover_circles(self, time: Optional[float] = None) -> np.ndarray:
         """(k, 3) x, y, radius of the world's moving cylinders, now or at a simulated time [s]."""
         movers = self.world.movers
@@ -224,6 +232,10 @@ class Simulator(ABC):
     @abstractmethod
     def _place(self, pose, new_world: bool, seed: int) -> None:
         """Start anew: the robot stands at `pose` in self.world, self.state is set."""
+
+    @abstractmethod
+    def _stand(self) -> None:
+        """Let the obstacles of self.world stand, in the middle of a drive, instead of those that were there."""
 
     @abstractmethod
     def _move_to(self, pose: Pose) -> None:

@@ -11,8 +11,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState, LaserScan
-from std_msgs.msg import Bool, String
-from std_srvs.srv import Empty, EmptyResponse, Trigger
+from std_msgs.msg import Bool, Float64, String
+from std_srvs.srv import Empty, EmptyResponse, SetBool, Trigger
 from visualization_msgs.msg import Marker, MarkerArray
 
 import worlds
@@ -231,6 +231,72 @@ def test_contact_is_reported(robot):
         if any(message.data for message in robot.heard["/collision"]):
             break
     assert any(message.data for message in robot.heard["/collision"])
+
+
+def test_obstacles_are_put_down_and_taken_away_during_a_drive(robot):
+    rospy.ServiceProxy("/sim_bridge/reset", Empty)()
+    change = rospy.Publisher("/sim_bridge/change_obstacle", Marker, queue_size=5)
+    wait_for(change.get_num_connections, 5.0, "connection")
+    x, y = position(robot.next("/sim_bridge/ground_truth"))
+
+    def cylinders():
+        return len(robot.heard["/sim_bridge/obstacles"][-1].markers) - 1
+
+    def ask(action, at, frame="world"):
+        marker = Marker(action=action)
+        marker.header.frame_id, marker.scale.x = frame, 0.15
+        marker.pose.position.x, marker.pose.position.y = at
+        change.publish(marker)
+
+    before, nearest = cylinders(), min(robot.next("/front/scan").ranges)
+    ask(Marker.ADD, (x, y + 0.6))
+    robot.wait(lambda: cylinders() == before + 1)
+    robot.forget()
+    assert min(robot.next("/front/scan").ranges) < nearest
+    ask(Marker.DELETE, (x, y + 0.65))
+    robot.wait(lambda: robot.heard["/sim_bridge/obstacles"] and cylinders() == before)
+    ask(Marker.ADD, (x, y))
+    robot.wait(lambda: "it would touch the robot" in robot.process.text)
+    ask(Marker.ADD, (x, y), "odom")
+    robot.wait(lambda: "give it in world" in robot.process.text)
+    assert cylinders() == before
+
+
+def test_time_stands_goes_on_by_steps_and_more_slowly(robot):
+    pause, step = (
+        rospy.ServiceProxy("/sim_bridge/" + name, kind) for name, kind in (("pause", SetBool), ("step", Trigger))
+    )
+    assert not step().success
+    assert pause(True).success
+    time.sleep(0.1)
+    robot.forget()
+    time.sleep(0.3)
+    assert not robot.heard["/clock"]
+    assert step().success
+    robot.wait(lambda: len(robot.heard["/clock"]) == 5)
+    time.sleep(0.1)
+    assert len(robot.heard["/clock"]) == 5
+    pause(False)
+    factor = rospy.Publisher("/sim_bridge/real_time_factor", Float64, queue_size=1)
+    wait_for(factor.get_num_connections, 5.0, "connection")
+    factor.publish(0.1)
+    time.sleep(0.3)
+    robot.forget()
+    time.sleep(1.0)
+    assert 5 <= len(robot.heard["/clock"]) <= 20
+    factor.publish(float("nan"))
+    robot.wait(lambda: "real_time_factor stays" in robot.process.text)
+    factor.publish(1.0)
+
+
+def test_moving_obstacles_are_taken_away_and_come_back(robot):
+    rospy.set_param("/sim_bridge/world", str(ROOT / "docs" / "arena" / "arena.world"))
+    assert rospy.ServiceProxy("/sim_bridge/load_world", Trigger)().success
+    let_move = rospy.ServiceProxy("/sim_bridge/let_move", SetBool)
+    there = let_move(True).message
+    assert there != "0 moving obstacles"
+    assert let_move(False).message == "0 moving obstacles"
+    assert let_move(True).message == there
 
 
 def test_changes_the_world_without_a_restart(robot):

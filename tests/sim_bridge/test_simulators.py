@@ -172,6 +172,21 @@ def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
 
 
 # -- frames and odometry ---------------------------------------------------------------------------
+def test_obstacles_come_and_go_in_the_middle_of_a_drive(simulator):
+    simulator.reset(world(), 0)
+    before = drive(simulator, 0.5, 0.0, 1.0)
+    simulator.change_obstacles(world(cylinders=[(1.5, 0.0, 0.1)]))
+    assert simulator.state == before
+    assert np.nanmin(simulator.scan()) < 1.0
+    state = drive(simulator, 0.5, 0.0, 4.0)
+    assert state.contact
+    assert state.pose[0] < 1.3
+    simulator.change_obstacles(world())
+    state = drive(simulator, 0.5, 0.0, 2.0)
+    assert not state.contact
+    assert state.pose[0] > 1.6
+
+
 def test_odom_begins_at_the_start_with_the_worlds_axes(simulator):
     state = simulator.reset(world(start=(3.0, -2.0, 2.5)), 0)
     assert state.pose == (3.0, -2.0, 2.5)
