@@ -25,6 +25,7 @@ OPTIONS = (
     "--disable-dev-shm-usage",
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
+    "--force-device-scale-factor=0.5",  # a quarter of the pixels to draw
     "--remote-debugging-port=0",
 )
 
@@ -92,25 +93,36 @@ class Page:
         assert found, "no %r on the page: %s" % (words, self.text)
         return found
 
+    def slide(self, label, share):
+        """Click on the slider with this label, at a share of its length."""
+        left, width, y = self.evaluate(
+            "(() => { let e = [...document.querySelectorAll('label, p, div')].filter("
+            "e => e.textContent.trim() == %s && e.getClientRects().length).at(-1);"
+            "while (!e.querySelector('[role=slider]')) e = e.parentElement;"
+            "const r = e.querySelector('[role=slider]').parentElement.getBoundingClientRect();"
+            "return [r.x, r.width, r.y + r.height / 2]; })()" % json.dumps(label)
+        )
+        self.click(left + share * width, y)
+
+    def choose(self, now, then):
+        """Choose another option where an input shows `now`."""
+        x, y = self.evaluate(
+            "(() => { const e = [...document.querySelectorAll('input')].find("
+            "e => e.value == %s && e.getClientRects().length); e.scrollIntoView({block: 'nearest'});"
+            "const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()"
+            % json.dumps(now)
+        )
+        self.click(x, y)
+        wait_for(lambda: then in self.text, 5.0, "the option %s" % then)
+        self.click_on(then, kind="[role=option]")
+
     def click(self, x, y):
-        self.press(x, y)
-        self.release(x, y)
+        self._mouse("mouseMoved", x, y, button="none")
+        self._mouse("mousePressed", x, y)
+        self._mouse("mouseReleased", x, y)
 
     def click_on(self, words, **options):
         self.click(*self.place(words, **options))
-
-    def press(self, x, y):
-        self._mouse("mouseMoved", x, y, button="none")
-        self._mouse("mousePressed", x, y)
-
-    def release(self, x, y):
-        self._mouse("mouseReleased", x, y)
-
-    def drag(self, x, y, to_x, to_y):
-        self.press(x, y)
-        for k in range(1, 6):
-            self._mouse("mouseMoved", x + (to_x - x) * k / 5, y + (to_y - y) * k / 5)
-        self.release(to_x, to_y)
 
     def _mouse(self, kind, x, y, button="left"):
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=1, clickCount=1)

@@ -19,7 +19,7 @@ from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import JACKAL, Robot, load
 
-from . import panel, pilot, scene
+from . import panel, pilot, race, scene, world
 from .listening import Listener
 
 RATE = 10.0  # Hz of wall time with a page open
@@ -40,8 +40,8 @@ class Viewer:
     def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int):
         import viser
 
-        self._robot = robot
-        topics = {**scene.topics(robot), **panel.topics(robot), **pilot.TOPICS}
+        self._robot, self._odom = robot, prefix + robot.frames.odom
+        topics = {**scene.topics(robot), **panel.topics(robot), **pilot.TOPICS, **world.TOPICS, **race.TOPICS}
         self._listener = Listener(topics, fixed)
         self.server = viser.ViserServer(host, port, label="applr_ros1: %s" % robot.name, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
@@ -50,6 +50,7 @@ class Viewer:
         self._lock = threading.Lock()
         self._make_page()
         self.server.on_client_connect(lambda client: self._scene.look(client, False))
+        self.server.scene.on_click()(lambda event: self._world.clicked(event, self._scene.pose))
 
     @property
     def address(self) -> str:
@@ -62,6 +63,11 @@ class Viewer:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self._panel = panel.Panel(gui, self._robot, self._listener, self.pilot, self.say)
+        with tabs.add_tab("World"):
+            self._world = world.WorldTab(gui, self._robot, self._listener, self._odom, self.say)
+        with tabs.add_tab("Race"):
+            methods = tuple(self._panel.methods)
+            self._race = race.RaceTab(self.server, self._robot, self._listener, self.pilot, self._world, methods)
         with tabs.add_tab("View"):
             self._follow = gui.add_checkbox("follow the robot", True)
             for text, above in (("from above", True), ("from behind", False)):
@@ -84,7 +90,7 @@ class Viewer:
         report = Throttled(rospy.logerr)
         while not rospy.is_shutdown():
             began = time.monotonic()
-            if not self.server.get_clients():
+            if not self.server.get_clients() and not self._race.running.is_set():
                 self._listener.close()
                 time.sleep(IDLE)
                 continue
@@ -99,7 +105,10 @@ class Viewer:
     def _draw(self) -> None:
         before = self._scene.pose
         text = self._panel.look()
+        self._world.look()
         self._scene.draw(self._panel.speed)
+        if self._race.look(self._scene.pose, self._scene.shown["ghosts"]):
+            self._scene.begin_trail()
         if text != self._state.content:
             self._state.content = text
         pose = self._scene.pose

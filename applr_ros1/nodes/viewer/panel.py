@@ -74,7 +74,7 @@ class Panel:
         self._touched: Dict[str, float] = {}
         self._history: Deque[Any] = deque(maxlen=int(SPAN * 10.0))  # (ROS time, speed, shares of the ranges)
         self._plotted = 0.0
-        names = [name for name in METHODS if name not in FILES or _exists(FILES[name], robot)]
+        names = self.methods = [name for name in METHODS if name not in FILES or _exists(FILES[name], robot)]
         self._method = gui.add_dropdown("parameters by", [METHODS[name] for name in names])
         self._method.on_update(self._choose)
         self._back = gui.add_button("hand back to the policy", visible="applr" in names)
@@ -159,7 +159,10 @@ class Panel:
 
     def _lines(self) -> Any:
         goal = goal_status(self._listener)
-        doing = "waits for a goal" if goal is None else WORDS.get(goal.status, "goal in state %d" % goal.status)
+        if self._listener.age(STATUS) > SILENT:
+            doing = "does not answer"
+        else:
+            doing = "waits for a goal" if goal is None else WORDS.get(goal.status, "goal in state %d" % goal.status)
         method = METHODS.get(self._pilot.method, self._pilot.method) or "nobody"
         yield "move_base **%s**, %.2f m/s, parameters by **%s**" % (doing, self.speed, method)
         action = self._listener.newest(ACTION)

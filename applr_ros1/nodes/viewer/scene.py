@@ -87,9 +87,9 @@ class Scene:
             draw()
         self._draw_trail(speed)
 
-    def forget(self) -> None:
-        """A new drive: the trail begins anew, and the goal of the last one is gone."""
-        self._trail, self._goal.visible = [], False
+    def begin_trail(self) -> None:
+        """A new drive: the trail begins anew."""
+        self._trail = []
 
     def _draw_world(self) -> None:
         place = self._listener.place("world")

@@ -35,7 +35,7 @@ class Lines:
     """Line segments that change; nothing is sent while they stay the same."""
 
     def __init__(self, scene: Any, name: str, colour: Tuple[int, int, int], thickness: float):
-        self.shown = True
+        self.shown, self.drawn = True, False
         self._colour = colour
         self._handle = scene.add_line_segments(
             name, np.zeros((1, 2, 3), np.float32), np.zeros((1, 2, 3), np.uint8), thickness=thickness, visible=False
@@ -49,6 +49,7 @@ class Lines:
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
         """Draw segments (n, 2, 3) [m]; shades: (n, 2, 3) uint8."""
         if len(points) and self.shown:
+            self.drawn = True
             whole = np.broadcast_to(np.array(self._colour, np.uint8), points.shape)
             self._handle.points, self._handle.colors = points, np.ascontiguousarray(whole if shades is None else shades)
         self._handle.visible = bool(len(points)) and self.shown
