@@ -21,7 +21,11 @@ myst_enable_extensions = ["colon_fence", "deflist", "attrs_inline"]
 myst_heading_anchors = 4
 
 autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 napoleon_use_rtype = False
+
+highlight_language = "text"
+smartquotes = False  # they would turn --option into a dash
 
 html_theme = "furo"
 html_title = "applr_ros1"

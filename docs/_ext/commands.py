@@ -83,4 +83,7 @@ def _paragraphs(text):
 
 
 def _escaped(text):
-    return text.replace("<", "\\<").replace("*", "\\*").replace("~", "\\~")
+    """Plain text as Markdown, with options as code and pages of the site as links."""
+    text = text.replace("<", "\\<").replace("*", "\\*").replace("~", "\\~")
+    text = re.sub(r"(?<![\w`-])(--[a-z][\w-]*\w)", r"`\1`", text)
+    return re.sub(r"docs/([\w/]+)\.md", r"[docs/\1.md](../\1.md)", text)

@@ -17,7 +17,7 @@ MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit
 class RewardOptions(Options):
     """The coefficients. The paper publishes none: those of its terms are ours, the rest are off by default."""
 
-    model_config = ConfigDict(title="Reward (docs/explanation/learning_problem.md, training/env/reward.py)")
+    model_config = ConfigDict(title="Reward")
 
     # fmt: off
     c_f: float = option(1.0, "Coefficient of the time term: what each 2 s before the goal cost.")
