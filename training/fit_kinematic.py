@@ -24,8 +24,7 @@ from sim_bridge.pybullet_simulator import PybulletSimulator
 from sim_bridge.scenes import STEP, drive, small_world
 from sim_bridge.simulator import Simulator
 
-from .tracking_table import OPEN_PLANE
-
+OPEN_PLANE = small_world()  # a world with nothing in it
 Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
 
 FITTED = ("wheel_rub", "body_rub", "undo")  # of the section `simulation` of robot.yaml

@@ -10,7 +10,15 @@ from unittest import mock
 MODULES = {
     "training": ["train"],
     "experiments": ["evaluate", "static_search", "refine_policy", "appld", "demonstrate", "bags_to_dataset"]
-    + ["export", "export_minari", "import_actor", "check_robot", "tracking_table", "fit_kinematic", "report.__main__"],
+    + [
+        "export",
+        "export_minari",
+        "import_actor",
+        "check_robot",
+        "compare_recording",
+        "fit_kinematic",
+        "report.__main__",
+    ],
     "worlds": ["draw", "compare", "dynabarn_table"],
     "sim_bridge": ["check"],
     "applr_ros1.nodes.tools": ["barn", "record", "replay", "rviz"],

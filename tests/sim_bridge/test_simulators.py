@@ -12,7 +12,8 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.robots import geometry
 from sim_bridge import SimulatorError
-from training import fit_kinematic, tracking_table
+from tests.support import tracking
+from training import fit_kinematic
 
 NAMES = ["kinematic", "pybullet"]
 JACKAL = robots.load("jackal")
@@ -57,24 +58,24 @@ def turned(a, b):
 @pytest.mark.parametrize(("name", "robot"), [("pybullet", "jackal")] + [("kinematic", robot) for robot in robots.NAMES])
 def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
     even = sim_bridge.make(name, robot=robot, slip=0.0, ground=0.0)
-    for v, w in tracking_table.cases(even.robot):
-        m = tracking_table.measure(even, v, w, seconds=3.0)
+    for v, w in tracking.cases(even.robot):
+        m = tracking.measure(even, v, w, seconds=3.0)
         assert m.error < 0.05, m
 
 
 def test_on_uneven_ground_too_on_average(on_plain_ground):
     for v, w in ((0.5, 0.0), (0.0, 1.57), (0.5, 0.6), (1.0, -1.0)):
-        m = tracking_table.measure(on_plain_ground, v, w, seconds=6.0, seeds=range(4))
+        m = tracking.measure(on_plain_ground, v, w, seconds=6.0, seeds=range(4))
         assert m.error < 0.05, m
 
 
 def test_a_turn_in_place_drifts_by_centimetres(on_plain_ground):
     for w in (0.6, 1.57, -1.57):
-        assert 0.02 < tracking_table.measure(on_plain_ground, 0.0, w, seconds=8.0).drift < 0.2
+        assert 0.02 < tracking.measure(on_plain_ground, 0.0, w, seconds=8.0).drift < 0.2
 
 
 def test_curves_beyond_grip_slide_outwards(simulator):
-    m = tracking_table.measure(simulator, 2.0, 3.14)
+    m = tracking.measure(simulator, 2.0, 3.14)
     assert m.driven_v * m.driven_w < 5.5
     assert m.driven_v < 1.9
 

@@ -1,23 +1,15 @@
-"""The table of commanded against driven speeds: `python -m training.tracking_table [--robot husky]`.
-
-The tests read `measure` and `cases`. Driven means: true motion of base_link, averaged over some seconds once it is
-steady.
-"""
+"""Commanded against driven speeds: the true motion of base_link, averaged over some seconds once it is steady."""
 
 from __future__ import annotations
 
-import argparse
-import sys
 from dataclasses import dataclass
 from math import cos, hypot, pi, sin
-from typing import Iterable, List, Optional, Sequence, Tuple
+from typing import Iterable, List, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
-from applr_ros1.common.errors import run_main
 from applr_ros1.robots import Robot
-from sim_bridge import NAMES, make
 from sim_bridge.scenes import STEP, drive, small_world
 from sim_bridge.simulator import Simulator
 
@@ -85,34 +77,3 @@ def _measure(simulator, v, w, seconds, seed):
         if abs(turned) <= 2 * pi:
             track.append(state.pose[:2])
     return ahead / seconds, turned / seconds, max(hypot(x - track[0][0], y - track[0][1]) for x, y in track)
-
-
-def main(argv: Optional[Sequence[str]] = None) -> int:
-    """Print the table. Exit status 0 where all speeds are driven within five percent."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--simulator", default="pybullet", help="Simulator to measure: %s. Default: pybullet." % " or ".join(NAMES)
-    )
-    parser.add_argument("--robot", default="jackal", help="Robot to measure: a name or a folder. Default: %(default)s.")
-    parser.add_argument("--even", action="store_true", help="Measure on even ground, without random slip.")
-    parser.add_argument("--seeds", type=int, default=4, help="Number of runs that are averaged. Default: %(default)s.")
-    return run_main(lambda: _print_table(parser.parse_args(argv)), "tracking_table")
-
-
-def _print_table(arguments: argparse.Namespace) -> int:
-    simulator = make(arguments.simulator, robot=arguments.robot, slip=0.0 if arguments.even else 1.0)
-    print("commanded        driven           error   drift of a turn in place")
-    worst = 0.0
-    for v, w in cases(simulator.robot):
-        m = measure(simulator, v, w, seeds=range(1 if arguments.even else arguments.seeds))
-        worst = max(worst, m.error)
-        print(
-            "%5.2f m/s %6.3f  %6.3f m/s %6.3f  %4.1f %%%s"
-            % (v, w, m.driven_v, m.driven_w, 100 * m.error, "   %.3f m" % m.drift if v == 0.0 else "")
-        )
-    print("largest error %.1f %%" % (100 * worst))
-    return 0 if worst <= 0.05 else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,0 +1,194 @@
+"""Compares recorded drives with what the kinematic simulator makes of their commands, on each ground.
+
+Started as `python -m training.compare_recording FILE...`. A FILE is a ROS bag with the robot's velocity commands and
+odometry, or a CSV (or .csv.xz) with the columns t [s], cmd_v, cmd_w, x, y, yaw and, where they are known, wheel_v,
+wheel_w (speeds that the wheels turn for, else the commands) and profile (the name of one of several drives). Commands
+count as they reach the base.
+
+Every half second the simulated robot begins where the recorded one is, with its motion and its wheels' angles, and
+drives a second. Prints how far it is off then, and draws OUT/second_on.png; OUT/drives.png shows whole drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import lzma
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+
+import numpy as np
+
+from applr_ros1.common.angles import normalize_angle_modulo, yaw_of
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.robots import GROUNDS, Robot, on_ground
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from sim_bridge.scenes import small_world
+from training.bags.reader import TopicNames, open_bag
+from training.common.command_line import Parser, add_robot
+from training.report.figures import canvas
+
+COLUMNS = ("t", "cmd_v", "cmd_w", "x", "y", "yaw")
+WHEELS = ("wheel_v", "wheel_w")
+T, COMMAND, POSE, TURNING = 0, slice(1, 3), slice(3, 6), slice(6, 8)
+EVERY, SECOND = 0.5, 1.0  # [s]
+PANELS = 5  # drives that are drawn
+PLANE = small_world()
+
+
+class Drive(NamedTuple):
+    """A recorded drive: rows (n, 8) of COLUMNS and WHEELS in the order of time."""
+
+    name: str
+    rows: np.ndarray
+
+
+def read(path: Path, robot: Robot) -> List[Drive]:
+    """The drives of a file; ApplrError where it cannot be used."""
+    drives = _of_csv(path) if ".csv" in path.suffixes else _of_bag(path, robot)
+    usable = [drive for drive in drives if len(drive.rows) > 2 and np.ptp(drive.rows[:, T]) > SECOND]
+    if not usable:
+        raise ApplrError("%s: no drive of more than a second; give one with commands and poses" % path)
+    return usable
+
+
+def _of_csv(path: Path) -> List[Drive]:
+    found: Dict[str, List[List[float]]] = {}
+    try:
+        with lzma.open(path, "rt") if path.suffix == ".xz" else open(path) as file:
+            for row in csv.DictReader(file):
+                turning = [row.get(name) or row[name.replace("wheel", "cmd")] for name in WHEELS]
+                values = [float(value) for value in [*(row[name] for name in COLUMNS), *turning]]
+                found.setdefault(row.get("profile") or path.name.split(".")[0], []).append(values)
+    except (OSError, EOFError, lzma.LZMAError, KeyError, ValueError, TypeError) as error:
+        raise ApplrError("%s: %s; give a CSV with the columns %s" % (path, error, ", ".join(COLUMNS))) from None
+    return [Drive(name, np.array(rows)) for name, rows in found.items()]
+
+
+def _of_bag(path: Path, robot: Robot) -> List[Drive]:
+    topics = TopicNames.of(robot)
+    command, rows = (0.0, 0.0), []
+    with open_bag(path) as reader:
+        wanted = [c for c in reader.connections if c.topic in (topics.command, topics.odometry)]
+        for connection, at, raw in reader.messages(wanted) if wanted else ():
+            message: Any = reader.deserialize(raw, connection.msgtype)
+            if connection.topic == topics.command:
+                command = message.linear.x, message.angular.z
+            else:
+                pose = message.pose.pose
+                at_pose = pose.position.x, pose.position.y, yaw_of(pose.orientation)
+                rows.append((at * 1e-9, *command, *at_pose, *command))
+    return [Drive(path.stem, np.array(rows, dtype=float))]
+
+
+def standing_in(robot: Robot, ground: str) -> KinematicSimulator:
+    """The simulator that takes a recording's commands, on a ground."""
+    robot = on_ground(robot, ground)
+    return KinematicSimulator(replace(robot, simulation=replace(robot.simulation, command_delay=0.0)))
+
+
+def replay(simulator: KinematicSimulator, drive: Drive, begin: int = 0, end: Optional[int] = None) -> np.ndarray:
+    """(k, 3) poses at rows begin + 1 to end of a drive, from the recorded pose and motion at row `begin`.
+
+    The wheels' angles are counted from 0 at the first row.
+    """
+    rows, base = drive.rows, simulator.robot.base
+    t, turning = rows[:, T], rows[:, TURNING]
+    half = 0.5 * base.track * (simulator.robot.simulation.track_multiplier or 1.0)
+    way = (turning[1 : begin + 1] * np.diff(t[: begin + 1])[:, None]).sum(axis=0)
+    simulator.reset(PLANE, 0, rows[begin, POSE].tolist())
+    after = min(begin + 3, len(rows) - 1)
+    dx, dy = (rows[after, 3:5] - rows[begin, 3:5]) / max(t[after] - t[begin], 1e-3)
+    c, s = np.cos(rows[begin, 5]), np.sin(rows[begin, 5])
+    turn = normalize_angle_modulo(rows[after, 5] - rows[begin, 5]) / max(t[after] - t[begin], 1e-3)
+    angles = (way[0] - half * way[1]) / base.wheel_radius, (way[0] + half * way[1]) / base.wheel_radius
+    simulator.set_motion((c * dx + s * dy, c * dy - s * dx, turn), tuple(turning[begin]), angles)
+    poses = []
+    for k in range(begin, len(rows) - 1 if end is None else end):
+        simulator.command(*rows[k, COMMAND])
+        poses.append(simulator.advance(max(t[k + 1] - t[k], 1e-4)).pose)
+    return np.array(poses)
+
+
+def second_on(simulator: KinematicSimulator, drive: Drive) -> np.ndarray:
+    """(n, 2): how far [m] and how much turned [rad] the simulated robot is off after each second."""
+    t, off = drive.rows[:, T], []
+    for start in np.arange(t[0], t[-1] - SECOND, EVERY):
+        begin, end = np.searchsorted(t, (start, start + SECOND))
+        x, y, yaw = replay(simulator, drive, begin, end)[-1] - drive.rows[end, POSE]
+        off.append((np.hypot(x, y), abs(normalize_angle_modulo(yaw))))
+    return np.array(off)
+
+
+def main(argv: Optional[Sequence[str]] = None) -> int:
+    """Exit status 0, or 1 and one line on stderr for a file that cannot be used."""
+    parser = Parser("compare_recording", description=__doc__)
+    parser.add_argument("recordings", nargs="+", type=Path, metavar="FILE", help="Bag or CSV of recorded drives.")
+    add_robot(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path("comparison"), help="Folder for the figures. Default: %(default)s."
+    )
+    return run_main(lambda: _compare(parser.parse_args(argv)), "compare_recording")
+
+
+def _compare(given: argparse.Namespace) -> None:
+    drives = [drive for path in given.recordings for drive in read(path, given.robot)]
+    grounds = [ground for ground in GROUNDS if ground in ("plain", given.robot.simulation.ground)]
+    simulators = {ground: standing_in(given.robot, ground) for ground in grounds}
+    off = {ground: [second_on(simulator, drive) for drive in drives] for ground, simulator in simulators.items()}
+    print("off a second on         " + "".join("%14s       " % ground for ground in grounds))
+    for n, drive in enumerate(drives):
+        _print(drive.name[:24], [off[ground][n] for ground in grounds])
+    every = {ground: np.concatenate(off[ground]) for ground in grounds}
+    _print("mean", list(every.values()))
+    given.out.mkdir(parents=True, exist_ok=True)
+    _draw_drives(drives, simulators, given.out / "drives.png")
+    _draw_seconds(every, given.out / "second_on.png")
+    print("figures in %s" % given.out)
+
+
+def _print(name, errors):
+    print("%-24s" % name + "".join("%7.3f m %7.3f rad" % tuple(e.mean(axis=0)) + "  " for e in errors))
+
+
+def _rates(t, poses):
+    """(k, 2): speed ahead and yaw rate over poses (n, 3), smoothed over about .05 s."""
+    times = np.arange(t[0], t[-1], 0.05)
+    x, y, yaw = (np.interp(times, t, np.unwrap(poses[:, k]) if k == 2 else poses[:, k]) for k in range(3))
+    middle = 0.5 * (yaw[1:] + yaw[:-1])
+    return times[1:] - t[0], (np.cos(middle) * np.diff(x) + np.sin(middle) * np.diff(y)) / 0.05, np.diff(yaw) / 0.05
+
+
+def _draw_drives(drives, simulators, file):
+    chosen = np.unique(np.linspace(0, len(drives) - 1, PANELS).round().astype(int))
+    figure, axes = canvas(len(chosen), 2, (2.6, 1.9))
+    for column, n in enumerate(chosen):
+        t, rows = drives[n].rows[:, T], drives[n].rows
+        shown = [(name, _rates(t[1:], replay(simulator, drives[n])), "-") for name, simulator in simulators.items()]
+        for name, (time, v, w), line in [*shown, ("recorded", _rates(t, rows[:, POSE]), "k--")]:
+            axes[0, column].plot(time, v, line, lw=1, label=name)
+            axes[1, column].plot(time, w, line, lw=1)
+        axes[0, column].set_title(drives[n].name, fontsize=8)
+        axes[1, column].set_xlabel("time [s]")
+    axes[0, 0].set_ylabel("speed [m/s]")
+    axes[1, 0].set_ylabel("yaw rate [rad/s]")
+    axes[0, 0].legend(fontsize=7)
+    figure.savefig(file, dpi=80)
+
+
+def _draw_seconds(every, file):
+    figure, axes = canvas(2, 1, (3.6, 2.6))
+    for column, name in enumerate(("position [m]", "heading [rad]")):
+        for ground, errors in every.items():
+            axes[0, column].plot(np.sort(errors[:, column]), np.linspace(0, 100, len(errors)), label=ground)
+        axes[0, column].set_xlim(0, max(1e-3, np.percentile(np.concatenate(list(every.values()))[:, column], 97)))
+        axes[0, column].set_xlabel("off a second on, " + name)
+    axes[0, 0].set_ylabel("% of the seconds")
+    axes[0, 0].legend()
+    figure.savefig(file, dpi=80)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
