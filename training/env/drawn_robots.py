@@ -97,10 +97,23 @@ def draw_another(rng: np.random.Generator) -> Robot:
             deceleration=0.6 * min(braking, 7.0 * friction),
             yaw_deceleration=0.6 * base.max_yaw_acceleration,
         ),
-        simulation=Simulation(grip_limit=6.0 * friction, motor_torque=60.0 * width**2, wheel_shake=0.005 * speed),
+        simulation=_simulation(rng, skid, friction, width, speed),
         world_scale=padded / JACKAL_WIDTH * rng.uniform(0.95, 1.2),
         space=default_space(base, body, tree),
         move_base=MoveBaseSetup(None, tree),
+    )
+
+
+def _simulation(rng: np.random.Generator, skid: bool, friction: float, width: float, speed: float) -> Simulation:
+    """Half of the robots that skid stand on Gazebo's ground, where they turn faster than they are told."""
+    gazebo = skid and rng.random() < 0.5
+    return Simulation(
+        grip_limit=6.0 * friction,
+        motor_torque=60.0 * width**2,
+        wheel_shake=0.005 * speed,
+        ground="gazebo" if gazebo else "plain",
+        track_multiplier=rng.uniform(1.2, 1.6) if gazebo else None,
+        command_delay=rng.uniform(0.0, 0.05),
     )
 
 
