@@ -23,6 +23,8 @@ HALF_A_MESSAGE = 10  # [s] that an answer may stop in the middle before its work
 class ChildProcess:
     """A child process of one thread, and the socket to it (pool.Link)."""
 
+    has_place = True
+
     def __init__(self, settings: WorkerSettings):
         ours, theirs = socket.socketpair()
         for end in (ours, theirs):

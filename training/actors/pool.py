@@ -32,6 +32,10 @@ class WorkerDied(Exception):
 class Link(Protocol):
     """A worker that runs elsewhere. Whoever makes a link starts the worker."""
 
+    @property
+    def has_place(self) -> bool:
+        """Whether it runs; on a Ray cluster that has lost a node it may wait for a place."""
+
     def ask(self, task: Task, policy: bytes, seconds: float) -> Answer:
         """The answer to a task; policy: a newer one than the worker has, or b"". Raises WorkerDied."""
 
@@ -144,7 +148,7 @@ class ParallelPool(Pool):
     @property
     def alive(self) -> int:
         """Workers at work."""
-        return sum(thread.is_alive() for thread in self._threads)
+        return sum(thread.is_alive() and link.has_place for thread, link in zip(self._threads, self.links))
 
     def close(self) -> None:
         """End the workers; tasks under way are lost."""

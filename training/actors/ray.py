@@ -37,6 +37,12 @@ class RayActor:
 
     def __init__(self, ray: Any, actor: Any, put: Callable[[bytes], Any]):
         self._ray, self._actor, self._put = ray, actor, put
+        self._ready = actor.__ray_ready__.remote()
+
+    @property
+    def has_place(self) -> bool:
+        """Whether a node has taken it."""
+        return bool(self._ray.wait([self._ready], timeout=0)[0])
 
     def ask(self, task: Task, policy: bytes, seconds: float) -> Answer:
         """The answer to a task. Raises WorkerDied."""

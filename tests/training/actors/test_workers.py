@@ -341,7 +341,7 @@ def test_a_ray_address_that_nothing_would_run_at_is_refused():
 
 @pytest.mark.slow
 def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
-    """Three nodes on this machine; one goes in the middle of the training, which goes on and ends."""
+    """Three nodes on this machine; one goes in the middle of the training, which goes on, and says that two drive."""
     pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
@@ -352,13 +352,15 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
         pool = make_pool(SLOW, scheduler().next_task, 3, "ray", cluster.address)
         try:
             pool.publish(0, weights())
-            assert len(trajectories(collect(pool, 40, lambda a: len(a) >= 9))) >= 9
+            assert len(trajectories(collect(pool, 40, lambda a: len(a) >= 9 and pool.alive == 3))) >= 9
+            assert pool.alive == 3
             remover = threading.Thread(target=cluster.remove_node, args=(victim,))
             remover.start()
             after = trajectories(collect(pool, 40, lambda a: pool.replaced >= 1 and len(a) >= 30))
             remover.join(30)
             assert pool.replaced >= 1
             assert len(after) >= 30
+            assert pool.alive == 2, "the third waits for a place"
         finally:
             pool.close()
     finally:
