@@ -21,7 +21,7 @@ MODULES = {
     ],
     "worlds": ["draw", "compare", "dynabarn_table"],
     "sim_bridge": ["check"],
-    "applr_ros1.nodes.tools": ["barn", "record", "replay", "rviz"],
+    "applr_ros1.nodes.tools": ["barn", "measure_braking", "record", "replay", "rviz"],
 }
 PACKAGE = {"experiments": "training"}
 
