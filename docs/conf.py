@@ -25,7 +25,7 @@ autodoc_preserve_defaults = True
 napoleon_use_rtype = False
 
 highlight_language = "text"
-smartquotes = False  # they would turn --option into a dash
+smartquotes_action = "q"  # quotes alone: --option is no dash
 
 html_theme = "furo"
 html_title = "applr_ros1"
