@@ -74,17 +74,16 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
 
 
 def test_a_click_sets_a_goal_and_the_robot_arrives(page):
-    page.click_on("World")
-    page.wait("drive the course")
+    page.turn_to("World", "drive the course")
     ahead(page)
-    page.click_on("Race")
+    page.turn_to("Race", "end the race")
     wait_for(lambda: table(page), 60.0, "a drive")
     assert table(page)[0][3] == "goal reached"
     assert float(table(page)[0][2].split()[0]) > 0.5
 
 
 def test_an_obstacle_put_down_is_driven_around(page):
-    page.click_on("World")
+    page.turn_to("World", "drive the course")
     page.click_on("back to the start")
     heard = []
     told = rospy.Subscriber("/sim_bridge/obstacles", MarkerArray, lambda m: heard.append(len(m.markers)))
@@ -96,7 +95,7 @@ def test_an_obstacle_put_down_is_driven_around(page):
     wait_for(lambda: heard[-1] == before + 1, 10.0, "the obstacle")
     told.unregister()
     page.click_on("drive the course")
-    page.click_on("Race")
+    page.turn_to("Race", "end the race")
     wait_for(lambda: table(page)[0][3] == "finished", 40.0, "the finish, without a contact")
 
 

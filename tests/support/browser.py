@@ -93,6 +93,16 @@ class Page:
         assert found, "no %r on the page: %s" % (words, self.text)
         return found
 
+    def turn_to(self, tab, words):
+        """Click on a tab until these words of it can be read: a page that is still being laid out misses clicks."""
+
+        def turned():
+            self.click_on(tab, kind="[role=tab]")
+            self.look(0.3)
+            return words in self.text
+
+        wait_for(turned, 20.0, "the tab " + tab)
+
     def slide(self, label, share):
         """Click on the slider with this label, at a share of its length."""
         left, width, y = self.evaluate(

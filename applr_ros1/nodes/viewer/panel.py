@@ -87,7 +87,9 @@ class Panel:
             (nothing, 0.0 * nothing),
             ({}, {"label": "speed [m/s]", "stroke": PALETTE[0], **width}),
             scales={"x": {"time": False}, "y": {"range": [-0.5, max(1.0, robot.base.max_speed)]}},
-            height=140,
+            title="speed [m/s]",
+            legend={"show": False},
+            height=150,
         )
         series = [{"label": name, "stroke": PALETTE[i % 8], **width} for i, name in enumerate(space.names)]
         self._plot = gui.add_uplot(
