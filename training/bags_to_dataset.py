@@ -14,7 +14,6 @@ from typing import Any, Dict, List, Set
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.tally import Tally
 from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.episodes import BagReport, trajectories
@@ -22,6 +21,7 @@ from training.bags.reader import BagError, TopicNames, find, read
 from training.common.command_line import Parser, add_robot, number
 from training.common.folders import make_folder
 from training.common.options import checked
+from training.common.tally import Tally
 from training.env.reward import Reward
 from training.replay.store import NAME, Store
 from training.replay.trajectory import MAX_NAME, Layout, TrajectoryError

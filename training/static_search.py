@@ -8,22 +8,23 @@ continues with the same command and comes to the same result.
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 import time
 from contextlib import closing
 from dataclasses import fields
 from pathlib import Path
-from typing import List, Optional, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
+import yaml
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, reason, run_main
-from applr_ros1.common.files import read_json, write_json
+from applr_ros1.common.files import read_json, write_bytes, write_json
+from applr_ros1.common.trees import branch
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
-from training import tuned_files
+from applr_ros1.robots import Robot
 from training.actors.pool import KINDS
 from training.baselines.set_search import SearchOptions, choose, explore, finalists
 from training.baselines.set_trials import SetTrials
@@ -127,8 +128,8 @@ def parser() -> Parser:
         default="applr_ros1/models/static.json",
         help='JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases '
         "count per cell. Beside it, NAME_log.json takes the log and NAME_trials.sqlite "
-        "every trial, from which a stopped search continues. With --robot, the folder NAME/ROBOT takes copies of the "
-        "robot's own parameter files with the set in them, ready for its navigation package. Default: %(default)s.",
+        "every trial, from which a stopped search continues. NAME.yaml holds the same set as parameters of move_base, "
+        "to be loaded after the robot's own files. Default: %(default)s.",
     )
     return p
 
@@ -181,13 +182,28 @@ def run(arguments: List[str]) -> None:
     write_json(options.out, {"meter_scoring": False, "parameters": found["theta"]})
     write_json(stem + "_log.json", found)
     print("%s: %s" % (options.out, found["theta"]))
-    if any(word.split("=")[0] == "--robot" for word in arguments):
-        left = tuned_files.write(options.robot, space.from_dict(found["theta"]), stem)
-        print(
-            "%s: %s's own parameter files with this set" % (os.path.join(stem, options.robot.name), options.robot.name)
-        )
-        if left:
-            print("to be entered by hand, because none of these files has a place for them: %s" % ", ".join(left))
+    write_bytes(stem + ".yaml", yaml.safe_dump(move_base_parameters(options.robot, found["theta"])).encode())
+    print("%s.yaml: the same for move_base, to be loaded after %s's own files" % (stem, options.robot.name))
+
+
+def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
+    """A set as the nested parameters of move_base that, loaded after the robot's own files, replace theirs.
+
+    They have the names and places of those files, which may be older ones (robots.description.find).
+
+    Args:
+        robot: The robot.
+        values: {name: value} of the set.
+    """
+    made: Dict[str, Any] = {}
+    space, own = space_of(robot), robot.parameters()
+    for server, request in space.requests(space.from_dict(dict(values))).items():
+        costmap = server.rpartition("/")[0]
+        place = costmap if costmap and "plugins" not in branch(own, costmap) else server
+        for _, target in space.targets_of(server):
+            names = [name for name in target.names if name in branch(own, place)] or target.names[:1]
+            branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))
+    return made
 
 
 def start(path: str, space: Space = SPACE) -> np.ndarray:

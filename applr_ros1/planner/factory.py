@@ -25,7 +25,7 @@ LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] 
 }
 
 
-def make_local_planner(full: Dict[str, Any], config, per_metre: bool) -> LocalPlanner:
+def make_local_planner(full: Dict[str, Any], config) -> LocalPlanner:
     """The local planner that base_local_planner names, with the values in force.
 
     What a planner reads once when it starts, the footprint of TrajectoryPlannerROS among it, has its start-up value.
@@ -33,15 +33,13 @@ def make_local_planner(full: Dict[str, Any], config, per_metre: bool) -> LocalPl
     Args:
         full: the complete parameter tree.
         config: the Configuration in force.
-        per_metre: TrajectoryPlannerROS's distance weights count per metre; those of DWAPlannerROS always do.
     """
     plugin = full["base_local_planner"]
     place = namespace(plugin)
     latches = full["latch_xy_goal_tolerance"] if place == "DWAPlannerROS" else full[place]["latch_xy_goal_tolerance"]
-    fixed = dict(meter_scoring=per_metre, latch_xy_goal_tolerance=latches)
     begun = config.start_up(place)
     outline = padded_footprint(config.start_up("local_costmap"))
-    planner = LOCAL_PLANNERS[plugin](dict(full[place], **begun, **fixed), outline)
+    planner = LOCAL_PLANNERS[plugin](dict(full[place], **begun, latch_xy_goal_tolerance=latches), outline)
     if config[place] != begun:
         planner.reconfigure(config[place])
     return planner

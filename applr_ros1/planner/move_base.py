@@ -28,7 +28,7 @@ from applr_ros1.planner.parameters.declarations import Server, namespace, server
 from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Moment, Parts, Pose, StateMachine, Twist
 from applr_ros1.planner.timer import Timer
-from applr_ros1.planner.variant import CPP_LIKE, OURS, PER_CELL, PER_METRE, Variant, generator
+from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 
@@ -36,16 +36,16 @@ INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 class MoveBase:
     """`params`: a nested ROS parameter tree; what it leaves out has its default (planner/parameters).
 
-    weights, planner: see variant.py; without `weights` the tree's TrajectoryPlannerROS/meter_scoring counts. seed: an
-    int, or a sequence of them, that decides what is "drawn" until the first reset, and when a C++-like planner is late.
+    planner: see variant.py. seed: an int, or a sequence of them, that decides what is "drawn" until the first reset,
+    and when a C++-like planner is late.
 
     Raises ParameterError or ApplrError (one line) for what cannot be run.
     """
 
-    def __init__(self, params: Dict[str, Any], weights: Optional[str] = None, planner: str = OURS, seed=0):
+    def __init__(self, params: Dict[str, Any], planner: str = OURS, seed=0):
         self.parameters = complete(params)
         self._config = Configuration(self.parameters)
-        self._wanted = Variant(weights, planner).checked()
+        self._planner = planner
         self._seed = seed
         self._maps: Dict[str, StaticMap] = {}
         self._outlines: Dict[str, np.ndarray] = {}  # unpadded (n, 2) [m], of costmaps that were given one by topic
@@ -57,13 +57,9 @@ class MoveBase:
         self.global_costmap, self.local_costmap = (
             make_costmap(name, self.parameters[name], self._config) for name in COSTMAPS
         )
-        static = self.parameters["TrajectoryPlannerROS"]
-        drawn = self._wanted.draw(self._seed)
-        self.variant = drawn._replace(
-            weights=drawn.weights or (PER_METRE if static["meter_scoring"] else PER_CELL)
-        )  # what is in force
-        like_cpp = self.variant.planner == CPP_LIKE
-        local_planner = make_local_planner(self.parameters, self._config, self.variant.weights == PER_METRE)
+        self.variant = draw(self._planner, self._seed)  # what is in force
+        like_cpp = self.variant == CPP_LIKE
+        local_planner = make_local_planner(self.parameters, self._config)
         self.navfn = Navfn()
         self.recoveries = recovery.build(self.parameters, like_cpp)
         self._parts = Parts(

@@ -13,7 +13,6 @@ from typing import NamedTuple, Optional
 
 import numpy as np
 
-from applr_ros1.planner.variant import PER_CELL, PER_METRE
 from applr_ros1.policy.parameter_space import Space
 
 PLANNER = "TrajectoryPlannerROS"  # DWAPlannerROS always counts per metre
@@ -96,7 +95,7 @@ def factor_of(effective: Effective, path_bias: float, goal_bias: float) -> Optio
 
 def kind_of(factor: float) -> str:
     """The word for a factor: per_cell for 1, per_metre for a resolution."""
-    return PER_CELL if factor == 1.0 else PER_METRE
+    return "per_cell" if factor == 1.0 else "per_metre"
 
 
 class Compensation:

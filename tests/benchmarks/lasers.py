@@ -24,7 +24,7 @@ from applr_ros1 import robots  # noqa: E402
 from applr_ros1.policy.observation import layout_of  # noqa: E402
 from training import evaluate  # noqa: E402
 from training.evaluation.store import TRIALS, flag, read_rows  # noqa: E402
-from training.evaluation.trials import COLUMNS, evenly_spaced  # noqa: E402
+from training.evaluation.trials import COLUMNS  # noqa: E402
 from worlds import specs  # noqa: E402
 
 SCANNERS = {  # beams, first and last angle [rad]
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=2, help="in each (default %(default)s)")
     parser.add_argument("--workers", type=int, default=0, help="driven at once (default %(default)s: one by one)")
     options = parser.parse_args()
-    worlds = ",".join(evenly_spaced(specs("generated:learn"), options.worlds))
+    worlds = ",".join(np.random.default_rng(0).choice(specs("generated:learn"), options.worlds, replace=False))
     with tempfile.TemporaryDirectory() as folder:
         driven, took = {}, {}
         for name, scanner in SCANNERS.items():

@@ -28,7 +28,7 @@ def make(plugin, **changes):
     tree["DWAPlannerROS"] = dict(DWA)
     tree[namespace(plugin)].update(xy_goal_tolerance=0.2, yaw_goal_tolerance=0.15, **changes)
     full = complete(tree)
-    return factory.make_local_planner(full, Configuration(full), True)
+    return factory.make_local_planner(full, Configuration(full))
 
 
 def costmap(*lethal):

@@ -6,11 +6,13 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import merged
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training import tuned_files
+from applr_ros1.robots.description import find
+from training.static_search import move_base_parameters
 from worlds import builtin
 
 TRAINED = [name for name in robots.NAMES if os.path.exists(methods.shipped(robot=robots.load(name)))]
@@ -42,10 +44,12 @@ def test_the_policy_is_the_robots_own(name):
             assert "\n" not in str(e.value)
 
 
-@pytest.mark.parametrize("name", ["husky", "turtlebot3_waffle_pi"])
-def test_a_set_is_written_into_copies_of_the_robots_files(name, tmp_path):
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     robot = robots.load(name)
-    theta = methods.make("static", robot).values
-    assert tuned_files.write(robot, theta, tmp_path) == []
-    tuned = robots.load(str(tmp_path / name))
-    assert space_of(tuned).theta0.tolist() == theta.tolist()
+    space = space_of(robot)
+    theta = space.clip(0.5 * (space.low + space.high))
+    tree = merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta)))
+    assert [find(tree, t.server, t.names) * t.sign for parameter in space.names for t in space.targets[parameter]] == [
+        value for value, parameter in zip(theta, space.names) for _ in space.targets[parameter]
+    ]

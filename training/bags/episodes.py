@@ -15,10 +15,10 @@ import numpy as np
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.tally import Tally
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
+from training.common.tally import Tally
 from training.env.episode import TIME_LIMIT
 from training.env.episode import nearest as smallest
 from training.env.outcome import Outcome

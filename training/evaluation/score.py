@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, Sequence, Tuple
+from typing import Any, Dict, Sequence
 
 import numpy as np
 
 from training.actors.tasks import TrialResult
 from training.env.episode import TIME_LIMIT
-from training.evaluation.store import flag
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
 CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
@@ -44,23 +43,13 @@ def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str,
     }
     if math.isnan(results[0].time_s):
         return dict(found, score=-found["return"])
-    return dict(found, **_of_courses([(r.success, r.time_s, r.collided) for r in results], contact_seconds))
-
-
-def summary_of_rows(rows: Sequence[Mapping[str, str]]) -> Dict[str, Any]:
-    """The same for rows of trials.csv, at least one, with CONTACT_SECONDS: without "return" and "length"."""
-    trials = [(flag(row["success"]), float(row["time_s"]), flag(row["collided"])) for row in rows]
-    return dict(_of_courses(trials, CONTACT_SECONDS), trials=len(trials))
-
-
-def _of_courses(trials: Sequence[Tuple[bool, float, bool]], contact_seconds: float) -> Dict[str, Any]:
-    """Means over (success, time [s], whether anything was touched)."""
-    times = [time_s for success, time_s, _ in trials if success]
+    times = [r.time_s for r in results if r.success]
     return {
-        "success": _mean([success for success, _, _ in trials]),
-        "collided": _mean([collided for _, _, collided in trials]),
+        **found,
+        "success": _mean([r.success for r in results]),
+        "collided": _mean([r.collided for r in results]),
         "time_s": _mean(times) if times else None,
-        "score": _mean([trial_seconds(*trial, contact_seconds) for trial in trials]),
+        "score": _mean([trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in results]),
     }
 
 

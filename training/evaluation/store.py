@@ -18,7 +18,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Dict, Iterable, List, Optional, Sequence
 
-from applr_ros1.common.arrays import unpack_npz
+import numpy as np
+
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
 from training.actors.tasks import Trial, TrialResult
 from training.common.folders import Lock, make_folder
@@ -26,7 +27,6 @@ from training.evaluation.trials import COLUMNS, MEASURES
 
 TABLE, TRIALS, MEASURES_FILE = "trials.sqlite", "trials.csv", "measures.csv"
 SETTINGS, TRACES = "evaluation.json", "traces"
-MAX_TRACE = 2**26  # bytes, packed and unpacked
 SHOWN_EVERY = 10.0  # [s] between two writings of the CSV files while trials come in
 
 
@@ -199,9 +199,9 @@ def read_trace(folder: os.PathLike | str, world: str, method: str, trial: int) -
     """
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     try:
-        arrays = unpack_npz(read_bytes(path, MAX_TRACE), str(path), MAX_TRACE)
-        return {name: arrays[name] for name in ("time", "pose", "twist", "theta", "decided")}
-    except (StorageError, KeyError):
+        with np.load(path) as arrays:
+            return {name: arrays[name] for name in ("time", "pose", "twist", "theta", "decided")}
+    except FileNotFoundError:
         return None
 
 

@@ -10,7 +10,7 @@ import dataclasses
 import io
 import json
 import zlib
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, TypeVar
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -272,13 +272,3 @@ def world_list(text: str, protocol: str, robot: Robot = JACKAL) -> List[Tuple[st
                 raise WorldError("two worlds are called %r: evaluate one at a time, or rename a file" % world.name)
             found.append((world.name, spec, world))
     return found
-
-
-T = TypeVar("T")
-
-
-def evenly_spaced(items: Sequence[T], count: int) -> List[T]:
-    """`count` of the items, evenly spaced from the first to the last; all of them for 0."""
-    if not count or count >= len(items):
-        return list(items)
-    return [items[i] for i in np.linspace(0, len(items) - 1, count).round().astype(int)]

@@ -16,10 +16,10 @@ from pydantic import ConfigDict
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
-from applr_ros1.common.tally import Tally
 from applr_ros1.common.tensors import unpack
 from training.common.folders import make_folder
 from training.common.options import option
+from training.common.tally import Tally
 from training.learner.batch import draw_batch
 from training.policy_file import POLICY_FILE, begun_policy
 from training.replay.buffer import Replay

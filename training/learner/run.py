@@ -21,7 +21,6 @@ from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
-from applr_ros1.common.tally import Tally
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
@@ -32,6 +31,7 @@ from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import Answer, Trial
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
+from training.common.tally import Tally
 from training.env.env import PAPER
 from training.env.rollout import NAVIGATION
 from training.evaluation.periodic import PeriodicEvaluation

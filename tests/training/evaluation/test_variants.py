@@ -1,4 +1,4 @@
-"""Weights and planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
+"""Planner variants: what is drawn from which seed, and a drive of each C++ defect that can be had."""
 
 import math
 
@@ -7,67 +7,24 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PATH, NO_PLAN, OSCILLATING
-from applr_ros1.planner.variant import Variant
+from applr_ros1.planner.variant import draw
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 from training import evaluate
 
 
-def biases(made):
-    effective = made.local_planner.planner.effective
-    return effective["path_distance_bias"], effective["goal_distance_bias"]
-
-
-def look(made, robot=None):
-    """One step, after which the local planner knows its costmap."""
-    made.set_goal((3.0, 0.0, 0.0), 0.0)
-    run(made, robot or ToyRobot(), 0.1)
-    return made
-
-
-# -- weights ---------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("weights", "scoring", "expected"),
-    [
-        ("per_cell", True, (0.75, 1.0)),
-        ("per_metre", False, (0.0375, 0.05)),
-        (None, True, (0.0375, 0.05)),
-        (None, False, (0.75, 1.0)),
-    ],
-)
-def test_the_weights_asked_for_overrule_the_parameter_and_none_obeys_it(weights, scoring, expected):
-    tree = quick()
-    tree["TrajectoryPlannerROS"] = dict(tree["TrajectoryPlannerROS"], meter_scoring=scoring)
-    made = look(MoveBase(tree, weights))
-    assert biases(made) == pytest.approx(expected)
-    made.reconfigure("TrajectoryPlannerROS", {"path_distance_bias": 1.5})
-    assert biases(made) == pytest.approx((2.0 * expected[0], expected[1]))
-    made.reset(0.0)
-    assert biases(look(made)) == pytest.approx(expected)
-
-
-def test_what_is_drawn_depends_on_the_seed_alone_and_both_choices_on_streams_of_their_own():
-    both = [Variant("drawn", "drawn").draw(seed) for seed in range(200)]
-    assert both == [Variant("drawn", "drawn").draw([seed]) for seed in range(200)]
-    assert [v.weights for v in both] == [Variant("drawn").draw(seed).weights for seed in range(200)]
-    for words in ({"per_cell", "per_metre"}, {"ours", "cpp-like"}):
-        column = [next(w for w in v if w in words) for v in both]
-        assert set(column) == words
-        assert 70 < column.count(min(words)) < 130
-    assert len(set(both)) == 4
-    made, found = MoveBase(quick(), "drawn"), set()
+def test_what_is_drawn_depends_on_the_seed_alone():
+    both = [draw("drawn", seed) for seed in range(200)]
+    assert both == [draw("drawn", [seed]) for seed in range(200)]
+    assert set(both) == {"ours", "cpp-like"}
+    assert 70 < both.count("ours") < 130
+    made = MoveBase(quick(), "drawn")
     for seed in range(8):
         made.reset(0.0, seed=seed)
-        assert made.variant == Variant("drawn").draw(seed)
-        found.add(made.variant)
+        assert made.variant == both[seed]
         made.reset(0.0)
-        assert made.variant == Variant("drawn").draw(seed), "no seed: it stays"
-    assert len(found) == 2
-
-
-@pytest.mark.parametrize("words", [("per_meter", "ours"), ("per_cell", "cpp"), ("per_cell", None)])
-def test_unknown_words_are_one_line(words):
-    with pytest.raises(ApplrError, match=r"^(weights|planner) is .*: give .* or drawn$"):
-        MoveBase(quick(), *words)
+        assert made.variant == both[seed], "no seed: it stays"
+    with pytest.raises(ApplrError, match=r"^planner is 'cpp': give .* or drawn$"):
+        MoveBase(quick(), "cpp")
 
 
 # -- the defects of C++, driven --------------------------------------------------------------------------------------
@@ -159,12 +116,12 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     (trial,) = evaluation.begin(-1, 0, 0)
     held_out = TrialRunner(**made.settings.trial.options).episode(trial.planner)
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
-    assert {v.planner for v in kinds} == {"ours", "cpp-like"}
+    assert set(kinds) == {"ours", "cpp-like"}
     env.reset(seed=0)
     assert env.episode.move_base.variant == kinds[0]
     assert 0.0 < env.episode.simulator.drawn.ground < 2.0
     held_out.reset(worlds.load("generated:1"), 0)
-    assert held_out.move_base.variant.planner == "ours"
+    assert held_out.move_base.variant == "ours"
     assert TrainConfig(planner="cpp-like").eval_planner == "cpp-like"
     assert config.setting() == "generated:1, kinematic, ours, collision monitor"
     assert env.episode.end_on_collision

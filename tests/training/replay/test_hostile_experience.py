@@ -10,11 +10,11 @@ import lz4.frame
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.tally import MOST, OTHERS, Tally
 from training import appld, bags_to_dataset, demonstrate, static_search
 from training.bags import compression, reader
 from training.baselines.appld import demonstration
 from training.baselines.appld.scripted_driver import Demonstrator
+from training.common.tally import MOST, OTHERS, Tally
 
 
 @pytest.mark.fault("20a")
