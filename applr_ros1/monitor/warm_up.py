@@ -3,6 +3,8 @@
 Called by the collision monitor's node and by whoever compiles everything beforehand (nodes/tools/compile_kernels.py).
 """
 
+import numpy as np
+
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -11,7 +13,7 @@ from applr_ros1.planner.costmap.scan import LaserScan
 def warm_up(settings: MonitorSettings) -> None:
     """Give a throw-away monitor two scans and commands."""
     monitor = CollisionMonitor(settings)
-    ranges = [0.6] * 8
+    ranges = np.full(8, 0.6)
     for stamp in (0.0, 0.1):
         monitor.see(LaserScan(stamp, -0.4, 0.1, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)), (0.0, 0.0, 0.0))
         monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

@@ -25,7 +25,7 @@ from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.parameter_space import SPACE, Space
 
 DEADLINE = 1.0  # s of wall time for one call of all servers
-_KINDS = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float, "str": str}
+_KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np.rint(v)), "double": float, "str": str}
 
 
 @dataclass

@@ -13,7 +13,7 @@ import math
 import threading
 import time
 from dataclasses import fields, replace
-from typing import Optional
+from typing import Any, Dict, Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -162,7 +162,7 @@ def settings_from(parameters: dict) -> MonitorSettings:
     )
     if unknown:
         raise ApplrError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
-    chosen = {}
+    chosen: Dict[str, Any] = {}
     for name in known & set(parameters):
         try:
             value = parameters[name]

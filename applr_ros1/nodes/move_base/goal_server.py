@@ -8,7 +8,7 @@ whole status list several times per goal).
 from __future__ import annotations
 
 from collections import OrderedDict
-from typing import Optional
+from typing import Any, Optional, Tuple
 
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray
 from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionResult
@@ -31,9 +31,9 @@ class GoalServer:
     def __init__(self, node_name: str, status, feedback, result):
         self._name, self._status, self._feedback, self._result = node_name, status, feedback, result
         self._tracked: "OrderedDict[str, GoalStatus]" = OrderedDict()
-        self._ended = OrderedDict()  # id -> when
+        self._ended: "OrderedDict[str, float]" = OrderedDict()  # id -> when
         self._current: Optional[GoalStatus] = None
-        self._waiting = None  # (status, goal message)
+        self._waiting: Optional[Tuple[GoalStatus, Any]] = None  # with the goal message
         self._last_cancel = 0.0
         self._count = 0
         self._published, self._news = float("-inf"), True
@@ -83,7 +83,7 @@ class GoalServer:
         self._last_cancel = max(self._last_cancel, until)
 
     def _request_cancel(self, status) -> None:
-        if status is self._current and status.status == GoalStatus.ACTIVE:
+        if self._current is not None and status is self._current and status.status == GoalStatus.ACTIVE:
             status.status, self.cancel_requested, self._news = GoalStatus.PREEMPTING, True, True
         elif self._waiting is not None and status is self._waiting[0]:
             status.status, self._news = GoalStatus.RECALLING, True

@@ -13,6 +13,7 @@ import math
 import sys
 import time
 import traceback
+from functools import partial
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
@@ -122,15 +123,12 @@ class MoveBaseNode:
             ("collision_monitor/held_back", Bool, lambda m: self.move_base.report_held(m.data)),
             ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
-        subscribe += [
-            ("~%s/footprint" % name, Polygon, lambda m, name=name: self._take_footprint(name, m)) for name in COSTMAPS
-        ]
+        for name in COSTMAPS:
+            subscribe.append(("~%s/footprint" % name, Polygon, partial(self._take_footprint, name)))
         for topic, with_updates in self.move_base.map_topics.items():
-            subscribe.append((topic, OccupancyGrid, lambda m, topic=topic: self._take_map(topic, m)))
+            subscribe.append((topic, OccupancyGrid, partial(self._take_map, topic)))
             if with_updates:
-                subscribe.append(
-                    (topic + "_updates", OccupancyGridUpdate, lambda m, topic=topic: self._take_map_update(topic, m))
-                )
+                subscribe.append((topic + "_updates", OccupancyGridUpdate, partial(self._take_map_update, topic)))
         for topic, kind, work in subscribe:
             rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
@@ -375,8 +373,8 @@ def main() -> int:
     try:
         tree, robot = with_robot(given) if isinstance(given, dict) else (given, None)
         problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
-    except ApplrError as problem:
-        problems = [str(problem)]
+    except ApplrError as error:
+        problems = [str(error)]
     for problem in problems:
         print("move_base: parameter %s" % problem, file=sys.stderr)
     if problems:

@@ -116,11 +116,13 @@ class PlannerThread:
                 self._stalled()
             last = now
             if now.is_zero():  # simulated time that has not begun
-                self._serve(1.0) or self._sleep(0.1)
+                if not self._serve(1.0):
+                    self._sleep(0.1)
                 continue
             left = 0.0 if due is None else (due - now).to_sec()
             if left > 0.0:
-                self._serve(left) or self._sleep(min(left, 0.1) if is_wallclock() else 0.1, now)
+                if not self._serve(left):
+                    self._sleep(min(left, 0.1) if is_wallclock() else 0.1, now)
                 continue
             period = rospy.Duration.from_sec(1.0 / self._frequency())
             if due is not None and -left > period.to_sec():

@@ -121,11 +121,11 @@ def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, m
 
 
 def test_compressed_data_are_what_they_were(tmp_path):
-    data = os.urandom(3 << 20) + bytes(1 << 20)
+    data = os.urandom(1 << 18) + bytes(1 << 18)
     assert compression.unpack(bz2.BZ2Decompressor, bz2.compress(data) + bz2.compress(b"more")) == data + b"more"
     assert compression.unpack(lz4.frame.LZ4FrameDecompressor, lz4.frame.compress(data)) == data
     assert compression.unpack(compression.zstd.ZstdDecompressor, compression.zstd.compress(data)) == data
-    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:100_000]):
+    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:10_000]):
         with pytest.raises(EOFError):
             compression.unpack(bz2.BZ2Decompressor, cut)
 
