@@ -108,7 +108,7 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
 
     actions = []
     subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
-    assert set_state(model_state(-3.97, 3.0, 0.0, math.pi)).success  # before the side wall, which it turns away from
+    assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success  # before the side wall, which it turns away from
     wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, 20.0, "a turn by 180 degrees")
     wait_for(lambda: send(-0.5, 0.0) and "stop: an obstacle" in actions[-1], 20.0, "the wall behind the robot")
     assert simulation.reset().success
