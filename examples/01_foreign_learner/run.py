@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--out", default="actor.safetensors", help="file to write (default %(default)s)")
     options = parser.parse_args()
 
-    env = gymnasium.make(training.env.env.ID, worlds=options.world, simulator="kinematic")
+    env = gymnasium.make(training.env.ID, worlds=options.world, simulator="kinematic")
     noise = NormalActionNoise(np.zeros(env.action_space.shape), np.full(env.action_space.shape, 0.3))
     model = TD3("MlpPolicy", env, action_noise=noise, learning_starts=50, policy_kwargs={"net_arch": [64, 64]}, seed=0)
     model.learn(options.steps, progress_bar=False)

@@ -50,7 +50,7 @@ def drive(bend, blind_from, monitor):
     """Full speed at the wall; the scanner goes blind after `blind_from` metres. Returns (contact, time until the robot
     stands after that [s], or None).
     """
-    simulator = sim_bridge.make("kinematic")
+    simulator = sim_bridge.make("kinematic", ground=0.0)  # plain ground
     state = simulator.reset(BLOCKED, 0)
     first, blind_since, stood = None, None, None
     for _ in range(160):

@@ -31,7 +31,8 @@ def robot(tmp_path_factory):
     write(World("open", np.array([(15.0, 0.0, 0.1)]), np.empty((0, 5)), course), str(path))
     ros = session()
     rospy.set_param("/use_sim_time", True)
-    child = ros.python(ROOT / "applr_ros1/scripts/sim_bridge.py", "_simulator:=kinematic", "_world:=%s" % path)
+    options = "_simulator:=kinematic", "_world:=%s" % path, "_real_time_factor:=1"
+    child = ros.python(ROOT / "applr_ros1/scripts/sim_bridge.py", *options)
     wait_for(lambda: "ready" in child.text or not child.alive(), 90.0, "the simulated robot")
     assert child.alive(), child.text
     yield child

@@ -100,6 +100,7 @@ def test_an_obstacle_put_down_is_driven_around(page):
 
 
 def test_a_race_ends_with_two_times(page):
+    page.turn_to("Race", "end the race")
     drives = len(table(page))
     page.click_on("race")
     wait_for(lambda: len(table(page)) == drives + 2, 60.0, "two drives")

@@ -17,6 +17,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import JACKAL, load
 
 SETTINGS = MonitorSettings.of(JACKAL)
+BRAKES_WELL = replace(SETTINGS, deceleration=4.0, yaw_deceleration=12.0)
 
 BEAMS, ANGLE = 720, 2.35619
 LASER = 0.12
@@ -74,7 +75,7 @@ def test_drives_up_to_a_wall_and_stands_before_it(speed):
 
 
 def test_a_tighter_turn_is_let_through_where_straight_on_is_not():
-    monitor, pose = CollisionMonitor(), (0, 0, 0)
+    monitor, pose = CollisionMonitor(BRAKES_WELL), (0, 0, 0)
     monitor.see(scan_of(wall(0.55, 0.1), pose), pose)
     assert monitor.filter(0.0, pose, (1.0, 0.0), (1.0, 0.0)).action == SLOW
     assert monitor.filter(0.0, pose, (0.0, 0.0), (0.0, 2.0)).action == PASS
@@ -241,7 +242,7 @@ def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped(command):
     assert [abs(v) <= limit + 1e-9 for v, limit in zip(verdict.command, monitor.fastest)] == [True, True]
     assert verdict.command != (0.0, 0.0)
     v, _ = monitor.fastest
-    assert v * 0.15 + v * v / (2 * 4.0) == pytest.approx(2.0)
+    assert v * 0.15 + v * v / (2 * SETTINGS.deceleration) == pytest.approx(2.0)
     assert monitor.filter(0.0, pose, command, (0.5, 0.0)).action == STOP  # odometry that cannot be
 
 

@@ -1,13 +1,16 @@
 """The collision monitor's scan matching: the robot's true motion is found where the odometry has slipped."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.scan_matching import ScanMatcher
+from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
+from applr_ros1.robots import JACKAL
 from tests.support.seeds import seeds
 
 BEAMS, ANGLE = 720, 2.35619
@@ -124,8 +127,9 @@ def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels
     rng = np.random.default_rng(3)
     discs = np.array([(-0.65, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)] + [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
     verdicts = []
+    brakes_well = replace(MonitorSettings.of(JACKAL), deceleration=4.0, yaw_deceleration=12.0)
     for slide in (0.0, 0.09):
-        monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
+        monitor, pose = CollisionMonitor(brakes_well), (0.0, 0.0, 0.0)
         monitor.see(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs), (0, 0, math.pi))
         monitor.see(scan(pose, pose, 0.1, rng, discs), pose)
         monitor.see(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs), (-0.20, 0, 0))

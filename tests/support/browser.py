@@ -116,15 +116,19 @@ class Page:
 
     def choose(self, now, then):
         """Choose another option where an input shows `now`."""
-        x, y = self.evaluate(
-            "(() => { const e = [...document.querySelectorAll('input')].find("
-            "e => e.value == %s && e.getClientRects().length); e.scrollIntoView({block: 'nearest'});"
-            "const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; })()"
-            % json.dumps(now)
-        )
+        x, y = wait_for(lambda: self._input(now), 20.0, "the option %s" % now)
         self.click(x, y)
-        wait_for(lambda: then in self.text, 5.0, "the option %s" % then)
+        wait_for(lambda: then in self.text, 20.0, "the option %s" % then)
         self.click_on(then, kind="[role=option]")
+
+    def _input(self, now):
+        """The middle of the input that shows `now`; None where there is none."""
+        return self.evaluate(
+            "(() => { const e = [...document.querySelectorAll('input')].find("
+            "e => e.value == %s && e.getClientRects().length); if (!e) return null;"
+            "e.scrollIntoView({block: 'nearest'}); const r = e.getBoundingClientRect();"
+            "return [r.x + r.width / 2, r.y + r.height / 2]; })()" % json.dumps(now)
+        )
 
     def click(self, x, y):
         self._mouse("mouseMoved", x, y, button="none")

@@ -33,7 +33,7 @@ from training.learner.config import TrainConfig, parse
         (["--scan-pool", "7"], "--scan-pool is 7: give a divisor"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
-        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, husky, paper"),
+        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, general, husky"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
