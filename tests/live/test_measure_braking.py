@@ -30,6 +30,8 @@ def robot(tmp_path_factory):
     course = Course((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [10.0, 0.0]]))
     write(World("open", np.array([(15.0, 0.0, 0.1)]), np.empty((0, 5)), course), str(path))
     ros = session()
+    if rospy.has_param("/sim_bridge"):  # of the simulated robot of another test
+        rospy.delete_param("/sim_bridge")
     rospy.set_param("/use_sim_time", True)
     options = "_simulator:=kinematic", "_world:=%s" % path, "_real_time_factor:=1"
     child = ros.python(ROOT / "applr_ros1/scripts/sim_bridge.py", *options)
@@ -56,7 +58,7 @@ def test_what_it_prints_holds_for_every_run_and_for_what_the_simulated_jackal_do
         float, re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", line).groups()
     )
     assert 0.10 < reaction < 0.35
-    assert 1.0 < brake < 7.0
+    assert 0.5 < brake < 7.0  # locked wheels brake by the angles at which they stand
     assert turn_brake > 2.0
     runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", run.stdout, re.M)
     assert len(runs) == 3

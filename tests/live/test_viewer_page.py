@@ -82,6 +82,7 @@ def test_a_click_sets_a_goal_and_the_robot_arrives(page):
     assert float(table(page)[0][2].split()[0]) > 0.5
 
 
+@pytest.mark.flaky(reruns=2)  # a page that is drawn in software may miss a click
 def test_an_obstacle_put_down_is_driven_around(page):
     page.turn_to("World", "drive the course")
     page.click_on("back to the start")

@@ -115,7 +115,9 @@ class Page:
         self.click(left + share * width, y)
 
     def choose(self, now, then):
-        """Choose another option where an input shows `now`."""
+        """Choose another option where an input shows `now`; nothing where one shows `then` already."""
+        if self._input(then):
+            return
         x, y = wait_for(lambda: self._input(now), 20.0, "the option %s" % now)
         self.click(x, y)
         wait_for(lambda: then in self.text, 20.0, "the option %s" % then)
