@@ -186,6 +186,7 @@ def running(tmp_path_factory):
 
     stack = Stack(session(), tmp_path_factory.mktemp("stack"))
     yield stack
+    stack.relay.close()
     rospy.set_param("/use_sim_time", False)
     for child in stack.nodes.values():  # all at once, as roslaunch does
         child.thaw()

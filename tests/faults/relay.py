@@ -5,6 +5,7 @@ sets `relay.bend["scan"]` and so on to a function message -> message (None: it d
 all faults away. It runs in the test's own process, which lives in wall time.
 """
 
+import contextlib
 import threading
 import time
 from collections import deque
@@ -55,11 +56,19 @@ class Relay:
             name: rospy.Publisher(to, kind, queue_size=20, tcp_nodelay=True) for name, (kind, _, to) in STREAMS.items()
         }
         self._lock = threading.Lock()
-        for name, (kind, source, _) in STREAMS.items():
+        self._subscribers = [
             rospy.Subscriber(source, kind, self._pass, name, queue_size=20, buff_size=2**22, tcp_nodelay=True)
-        rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear_truth, queue_size=20, tcp_nodelay=True)
-        rospy.Subscriber("/sim_bridge/collision", Bool, self._hear_contact, queue_size=20)
-        rospy.Subscriber("/move_base/cmd_vel", Twist, self._hear_plan, queue_size=20, tcp_nodelay=True)
+            for name, (kind, source, _) in STREAMS.items()
+        ] + [
+            rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear_truth, queue_size=20, tcp_nodelay=True),
+            rospy.Subscriber("/sim_bridge/collision", Bool, self._hear_contact, queue_size=20),
+            rospy.Subscriber("/move_base/cmd_vel", Twist, self._hear_plan, queue_size=20, tcp_nodelay=True),
+        ]
+
+    def close(self):
+        """Passes nothing any more: a stack that is started anew has a relay of its own."""
+        for end in (*self._subscribers, *self._publishers.values()):
+            end.unregister()
 
     def mend(self):
         """Everything passes as it comes."""
@@ -92,7 +101,8 @@ class Relay:
             return
         if name == "command":
             self.commands.append((time.time(), message.linear.x, message.angular.z))
-        self._publishers[name].publish(message)
+        with contextlib.suppress(rospy.ROSException):  # closed meanwhile
+            self._publishers[name].publish(message)
 
     def _hear_truth(self, message):
         pose = message.pose.pose

@@ -14,6 +14,7 @@ import hashlib
 import json
 import os
 import sqlite3
+import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Tuple
@@ -108,7 +109,14 @@ class Store:
     def sync(self) -> None:
         """Wait until everything that was appended is on the disk."""
         with self._refusals():
-            self._db.execute("PRAGMA wal_checkpoint(FULL)").fetchall()
+            for last in (False,) * 100 + (True,):
+                try:
+                    self._db.execute("PRAGMA wal_checkpoint(FULL)").fetchall()
+                    return
+                except sqlite3.OperationalError as error:  # somebody reads it at this moment
+                    if last or "locked" not in str(error):
+                        raise
+                    time.sleep(0.01)
 
     def forget(self, rows: int) -> None:
         """Drops the arrays of the first episodes that together take at most so many rows of the replay buffer."""
