@@ -19,7 +19,7 @@ import torch
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes
-from applr_ros1.policy.actor import Actor, GeneralActor, is_general
+from applr_ros1.policy.actor import Actor, GeneralActor, load
 from training.common.command_line import Parser
 from training.common.folders import make_folder
 
@@ -87,7 +87,7 @@ def difference(actor: Policy, onnx_bytes: Optional[bytes] = None, torchscript_by
 def export(path, folder) -> Dict[str, str]:
     """Writes NAME.onnx and NAME.pt beside each other; returns {format: file}."""
     folder = make_folder(folder)
-    actor = GeneralActor.load(path) if is_general(path) else Actor.load(path, None)
+    actor = load(path, None)
     stem, written = Path(path).stem, {}
     for kind, suffix, data in (("onnx", ".onnx", to_onnx(actor)), ("torchscript", ".pt", to_torchscript(actor))):
         apart = difference(actor, **{kind + "_bytes": data})

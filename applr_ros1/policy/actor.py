@@ -51,6 +51,10 @@ class Actor:
         """
         path = os.fspath(path)
         weights, metadata = _read(path)
+        return cls._of(path, weights, metadata, space)
+
+    @classmethod
+    def _of(cls, path, weights, metadata, space):
         if space is None:
             space = _stated(path, metadata)
         robot = metadata.get("robot")
@@ -90,6 +94,10 @@ class GeneralActor:
         """Reads a file that save_general wrote. Raises ApplrError where it is none, or is damaged."""
         path = os.fspath(path)
         weights, metadata = _read(path)
+        return cls._of(path, weights, metadata)
+
+    @classmethod
+    def _of(cls, path, weights, metadata):
         if metadata.get("observation") != encoding.NAME:
             raise ApplrError(
                 f"{path}: its observation is {_short(metadata.get('observation'))}, {encoding.NAME} is needed"
@@ -107,9 +115,13 @@ class GeneralActor:
         return np.tanh(forward(self.layers, obs))
 
 
-def is_general(path):
-    """Whether a policy file is for every robot: one for GeneralActor. Raises ApplrError where it cannot be read."""
-    return "observation" in _read(os.fspath(path))[1]
+def load(path, space=SPACE):
+    """The policy in a file: a GeneralActor, or an Actor for `space`. Arguments and errors are those of Actor.load."""
+    path = os.fspath(path)
+    weights, metadata = _read(path)
+    if "observation" in metadata:
+        return GeneralActor._of(path, weights, metadata)
+    return Actor._of(path, weights, metadata, space)
 
 
 def save_general(path, weights, metadata=None):

@@ -93,7 +93,7 @@ class ObservationPolicy(Method):
         return dict(kind, file=os.path.basename(self.path), sha256=sha256(read_bytes(self.path)))
 
 
-class GeneralPolicy(Method):
+class GeneralPolicy(ObservationPolicy):
     """A policy in the dimensionless form (policy/encoding.py) on one robot.
 
     Args:
@@ -102,11 +102,8 @@ class GeneralPolicy(Method):
         path: The file that it was read from; "" for none.
     """
 
-    per_cell = True
-
     def __init__(self, policy: Any, robot: Robot, path: str = ""):
-        self.policy, self.path = policy, path
-        self.period = float(getattr(policy, "period", PERIOD))
+        super().__init__(policy, path)
         self.encoding = Encoding(robot, self.period)
         self.space, self.layout = self.encoding.space, self.encoding.layout
 
@@ -119,11 +116,6 @@ class GeneralPolicy(Method):
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         return self.encoding.theta(self.policy.action(self.encoding.observe(context)))
-
-    def describe(self) -> Dict[str, Any]:
-        """The policy's class and its file with checksum."""
-        kind = {"class": type(self.policy).__name__}
-        return dict(kind, file=os.path.basename(self.path), sha256=sha256(read_bytes(self.path))) if self.path else kind
 
 
 class FrozenParameter(Method):

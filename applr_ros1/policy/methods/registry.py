@@ -7,7 +7,7 @@ import re
 from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.actor import Actor, GeneralActor, is_general
+from applr_ros1.policy import actor
 from applr_ros1.policy.appld import Appld, Published
 from applr_ros1.policy.methods.included import (
     FixedParameters,
@@ -45,9 +45,12 @@ def shipped(name: str = "applr.safetensors", robot: Robot = JACKAL) -> str:
 
 
 def _actor(path: str, robot: Robot) -> Method:
-    if is_general(path):
-        return GeneralPolicy(GeneralActor.load(path), robot, path)
-    return ObservationPolicy(Actor.load(path, space_of(robot)), path)
+    policy = actor.load(path, space_of(robot))
+    return (
+        GeneralPolicy(policy, robot, path)
+        if isinstance(policy, actor.GeneralActor)
+        else ObservationPolicy(policy, path)
+    )
 
 
 def _appld(path: str, robot: Robot) -> Method:
