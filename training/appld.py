@@ -8,13 +8,11 @@ the method.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, List
+from typing import Any, Dict, List, Sequence
 
 import numpy as np
 
@@ -24,18 +22,49 @@ from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training.bags.reader import BagError, TopicNames, find
+from training.bags.reader import BagError, BagOptions, find
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
 from training.baselines.appld.card import card
 from training.baselines.appld.demonstration import Demonstration, read
-from training.common.command_line import Parser, add_robot, add_seed, number, whole
+from training.common.command_line import Seed, parsed
 from training.common.folders import make_folder
+from training.common.options import argument, option
 
 
-def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[str, Any]:
-    """Writes the APPLD file `out`, its log beside it (OUT_log.json) and a card (OUT.md); returns the log."""
+class AppldOptions(BagOptions):
+    """What to learn from, and how."""
+
+    # fmt: off
+    bags: List[str] = argument(
+        "Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and, if possible, commands.")
+    out: str = option(...,
+        "File to write (.safetensors). The log and a card that describes the file are written beside it.")
+    contexts: int = option(4,
+        "Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.", ge=0, le=10**6)
+    penalty: float = option(3.0, "Cost of a changepoint; a larger one gives fewer segments.", ge=0, le=1e6)
+    evaluations: int = option(150,
+        "Number of parameter sets that the search of each context tries.", ge=1, le=10**9)
+    longest: int = option(100,
+        "Largest number of instants (50 ms each) of a segment that the search uses.", ge=1, le=10**9)
+    steps: int = option(500, "Number of gradient steps of the classifier's training.", ge=1, le=10**9)
+    seed: Seed
+    verbose: bool = option(False, "Print a line for each generation of the search.")
+    # fmt: on
+
+
+def learn(
+    demonstrations: List[Demonstration], options: AppldOptions, arguments: Sequence[str], say=print
+) -> Dict[str, Any]:
+    """Writes the file options.out, its log beside it (OUT_log.json) and a card (OUT.md); returns the log.
+
+    Args:
+        demonstrations: to learn from.
+        options: how.
+        arguments: the command line, for the log.
+        say: takes a line of progress.
+    """
     began = time.monotonic()
     found = contexts.find(demonstrations, options.contexts, options.penalty)
     if len(found.names) > runtime.MAX_CONTEXTS:
@@ -59,12 +88,12 @@ def learn(demonstrations: List[Demonstration], out, options, say=print) -> Dict[
         layout,
     )
     say("classifier: %s of the instants right, %s of those held out" % (classifier["accuracy"], classifier["held_out"]))
-    log = _log(demonstrations, found, fits, classifier, options, time.monotonic() - began)
+    log = _log(demonstrations, found, fits, classifier, options, arguments, time.monotonic() - began)
     sets = {name: f.theta for name, f in zip(found.names, fits)}
-    make_folder(Path(out).parent)
+    make_folder(Path(options.out).parent)
     short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
-    runtime.save(out, sets, weights, {"training": json.dumps(short)}, space, layout)
-    stem = str(Path(out).with_suffix(""))
+    runtime.save(options.out, sets, weights, {"training": json.dumps(short)}, space, layout)
+    stem = str(Path(options.out).with_suffix(""))
     write_json(stem + "_log.json", log)
     write_bytes(stem + ".md", card(log).encode())
     return log
@@ -104,9 +133,9 @@ def _short(space, theta) -> Dict[str, float]:
     return {name: round(value, 3) for name, value in space.as_dict(theta).items()}
 
 
-def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str, Any]:
+def _log(demonstrations, found, fits, classifier, options, arguments, seconds) -> Dict[str, Any]:
     return {
-        "command": "python -m training.appld " + " ".join(options.given),
+        "command": "python -m training.appld " + " ".join(map(_plain, arguments)),
         "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
         "segments": [
             {
@@ -140,61 +169,6 @@ def _log(demonstrations, found, fits, classifier, options, seconds) -> Dict[str,
     }
 
 
-def parse(arguments=None) -> argparse.Namespace:
-    """Read the command line."""
-    p = Parser("appld.py", description=__doc__)
-    p.add_argument(
-        "bags",
-        nargs="+",
-        help="Recorded demonstrations: bags of ROS 1 or ROS 2 with scans, odometry and, if possible, commands.",
-    )
-    p.add_argument(
-        "--out",
-        required=True,
-        help="File to write (.safetensors). The log and a card that describes the file are written beside it.",
-    )
-    p.add_argument(
-        "--contexts",
-        type=whole(0, 10**6),
-        default=4,
-        help="Largest number of contexts. 0 makes each segment a context, as in the APPLD paper. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--penalty",
-        type=number(0.0, 1e6),
-        default=3.0,
-        help="Cost of a changepoint; a larger one gives fewer segments. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--evaluations",
-        type=whole(1, 10**9),
-        default=150,
-        help="Number of parameter sets that the search of each context tries. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--longest",
-        type=whole(1, 10**9),
-        default=100,
-        help="Largest number of instants (50 ms each) of a segment that the search uses. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--steps",
-        type=whole(1, 10**9),
-        default=500,
-        help="Number of gradient steps of the classifier's training. Default: %(default)s.",
-    )
-    add_seed(p)
-    add_robot(p)
-    p.add_argument("--scan", help="Topic of the laser scans in the bags. Default: the robot's.")
-    p.add_argument("--odometry", help="Topic of the odometry in the bags. Default: the robot's.")
-    p.add_argument("--command", help="Topic of the velocity commands in the bags. Default: the robot's.")
-    p.add_argument("--verbose", action="store_true", help="Print a line for each generation of the search.")
-    given = without_remappings(arguments)
-    options = p.parse_args(given)
-    options.given = [_plain(a) for a in given]
-    return options
-
-
 def _plain(word: str) -> str:
     """A path as it goes into the card: without this machine's folders."""
     return Path(word).name if word.startswith(("/", "~")) else word
@@ -202,20 +176,19 @@ def _plain(word: str) -> str:
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when there is no file."""
-    return run_main(lambda: run(parse(arguments)), "appld.py")
+    return run_main(lambda: run(without_remappings(arguments)), "appld.py")
 
 
-def run(options: argparse.Namespace) -> None:
-    """Learns from the bags that the options name and writes the file, its log and its card."""
+def run(arguments: List[str]) -> None:
+    """Learns from the bags that the arguments name and writes the file, its log and its card."""
+    options = parsed(AppldOptions, "appld.py", __doc__, arguments)
     if not options.out.endswith(".safetensors"):
         raise ApplrError("--out %s: give a name that ends in .safetensors" % options.out)
     bags = find(options.bags)
     if not bags:
         raise BagError("%s: no bags there" % ", ".join(options.bags))
-    given = {name: getattr(options, name) for name in ("scan", "odometry", "command") if getattr(options, name)}
-    topics = replace(TopicNames.of(options.robot), **given)
     try:
-        log = learn([read(bag, topics, options.robot) for bag in bags], options.out, options)
+        log = learn([read(bag, options.topics(), options.robot) for bag in bags], options, arguments)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; nothing was written") from None
     print("%s: %d contexts in %.0f s" % (options.out, len(log["contexts"]), log["seconds"]))

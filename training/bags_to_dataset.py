@@ -6,36 +6,22 @@ real robots and from simulation, can be mixed.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, Dict, List, Set
+from typing import Any, Dict, List, Optional, Set
 
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.episodes import BagReport, trajectories
-from training.bags.reader import BagError, TopicNames, find, read
-from training.common.command_line import Parser, add_robot, number
+from training.bags.reader import BagError, BagOptions, TopicNames, find, read
+from training.common.command_line import parsed
 from training.common.folders import make_folder
-from training.common.options import checked
+from training.common.options import argument, checked, option
 from training.common.tally import Tally
 from training.env.reward import Reward
 from training.replay.store import NAME, Store
 from training.replay.trajectory import MAX_NAME, Layout, TrajectoryError
-
-IN_THE_BAGS = {  # option: what it names
-    "scan": "Topic of the laser scans in the bags.",
-    "odometry": "Topic of the odometry in the bags.",
-    "plan": "Topic of the global plans in the bags.",
-    "move_base": "Name space of move_base in the bags, with its goals and the parameters of its servers.",
-    "collision": "Topic in the bags that says whether something touches the robot, where a simulator recorded it.",
-    "applr": "Name space of the applr node in the bags, with whose observations the rebuilt ones are compared.",
-    "command": "Topic of the velocity commands in the bags.",
-    "demonstration": "Topic in the bags that says who demonstrated, from teleop.py or demonstrate.py.",
-}
 
 
 def convert(
@@ -107,50 +93,41 @@ def _reasons(skipped) -> str:
     return "".join("; skipped %d: %s" % (count, reason) for reason, count in sorted(skipped.items()))
 
 
-def parse(arguments) -> argparse.Namespace:
-    """Read the command line."""
-    parser = Parser("bags_to_dataset.py", description=__doc__)
-    parser.add_argument(
-        "bags", nargs="+", help="Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags."
-    )
-    parser.add_argument("--out", required=True, help="Folder for the dataset; it must not hold one already.")
-    parser.add_argument(
-        "--finish",
-        type=number(-1e6, 1e6),
-        help=(
-            "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. "
-            "Without it the result of move_base decides."
-        ),
-    )
-    parser.add_argument(
-        "--reward",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="Coefficient of the reward to use instead of its default; can be given several times. Names: %s."
-        % ", ".join(Reward.model_fields),
-    )
-    add_robot(parser)
-    for topic in fields(TopicNames):
-        parser.add_argument(
-            "--" + topic.name.replace("_", "-"),
-            help=IN_THE_BAGS[topic.name] + " Default: %s for the Jackal." % topic.default,
-        )
-    return parser.parse_args(without_remappings(arguments))
+class DatasetOptions(BagOptions):
+    """What to convert."""
+
+    # fmt: off
+    bags: List[str] = argument("Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")
+    out: str = option(..., "Folder for the dataset; it must not hold one already.")
+    finish: Optional[float] = option(None,
+        "Progress [m] towards the goal at which a course counts as finished; 5.925 on the paper's course. Without it "
+        "the result of move_base decides.", ge=-1e6, le=1e6)
+    reward: List[str] = option([],
+        "Coefficient of the reward to use instead of its default, as NAME=VALUE; can be given several times. Names: "
+        f"{', '.join(Reward.model_fields)}.")
+    plan: str = option(TopicNames.plan, "Topic of the global plans in the bags.")
+    move_base: str = option(TopicNames.move_base,
+        "Name space of move_base in the bags, with its goals and the parameters of its servers.")
+    collision: str = option(TopicNames.collision,
+        "Topic in the bags that says whether something touches the robot, where a simulator recorded it.")
+    applr: str = option(TopicNames.applr,
+        "Name space of the applr node in the bags, with whose observations the rebuilt ones are compared.")
+    demonstration: str = option(TopicNames.demonstration,
+        "Topic in the bags that says who demonstrated, from teleop.py or demonstrate.py.")
+    # fmt: on
 
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when no dataset could be made."""
-    return run_main(lambda: run(parse(arguments)), "bags_to_dataset")
+    name = "bags_to_dataset"
+    return run_main(lambda: run(parsed(DatasetOptions, f"{name}.py", __doc__, arguments)), name)
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: DatasetOptions) -> None:
     """Converts the bags that the options name."""
     coefficients = dict(text.partition("=")[::2] for text in options.reward)
     reward = checked(Reward, coefficients, "--reward")
-    given = {f.name: getattr(options, f.name) for f in fields(TopicNames) if getattr(options, f.name)}
-    topics = replace(TopicNames.of(options.robot), **given)
-    transitions = convert(options.bags, options.out, topics, reward, options.finish, robot=options.robot)
+    transitions = convert(options.bags, options.out, options.topics(), reward, options.finish, robot=options.robot)
     print(f"{options.out}: {transitions} transitions")
 
 

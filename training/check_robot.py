@@ -7,14 +7,12 @@ how to write one.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from math import degrees
 from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import run_main
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.move_base import MoveBase
@@ -24,7 +22,8 @@ from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
 from applr_ros1.robots.geometry import bounding_box
-from training.common.command_line import Parser, robot
+from training.common.command_line import AnyRobot, parsed
+from training.common.options import Options, argument
 
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made
 SCALE_OFF = 0.15  # share by which world_scale may differ from the one that follows from the footprint
@@ -106,18 +105,16 @@ def traps(tree: Dict[str, Any]) -> List[str]:
     return ["DWAPlannerROS: " + line for line in lines]
 
 
-def parse(arguments: Optional[Sequence[str]] = None) -> argparse.Namespace:
-    """The command line. Raises ApplrError, also for a description that cannot be used."""
-    p = Parser("check_robot.py", description=__doc__)
-    p.add_argument(
-        "robot", type=robot, help="Folder with robot.yaml, or one of the included robots: %s." % ", ".join(NAMES)
-    )
-    return p.parse_args(without_remappings(arguments))
+class CheckOptions(Options):
+    """What to check."""
+
+    robot: AnyRobot = argument(f"Folder with robot.yaml, or one of the included robots: {', '.join(NAMES)}.")
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Exit status 0 for a description that can be used; 1 and one line on stderr otherwise."""
-    return run_main(lambda: print("\n".join(summary(parse(arguments).robot))), "check_robot.py")
+    name = "check_robot.py"
+    return run_main(lambda: print("\n".join(summary(parsed(CheckOptions, name, __doc__, arguments).robot))), name)
 
 
 if __name__ == "__main__":

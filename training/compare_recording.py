@@ -11,7 +11,6 @@ drives a second. Prints how far it is off then, and draws OUT/second_on.png; OUT
 
 from __future__ import annotations
 
-import argparse
 import csv
 import lzma
 import sys
@@ -27,7 +26,8 @@ from applr_ros1.robots import GROUNDS, Robot, on_ground
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from sim_bridge.scenes import small_world
 from training.bags.reader import TopicNames, open_bag
-from training.common.command_line import Parser, add_robot
+from training.common.command_line import AnyRobot, parsed
+from training.common.options import Options, argument, option
 from training.report.figures import canvas
 
 COLUMNS = ("t", "cmd_v", "cmd_w", "x", "y", "yaw")
@@ -122,19 +122,22 @@ def second_on(simulator: KinematicSimulator, drive: Drive) -> np.ndarray:
     return np.array(off)
 
 
+class CompareOptions(Options):
+    """What to compare."""
+
+    files: List[Path] = argument("Bag or CSV of recorded drives.")
+    robot: AnyRobot
+    out: Path = option(Path("comparison"), "Folder for the figures.")
+
+
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 0, or 1 and one line on stderr for a file that cannot be used."""
-    parser = Parser("compare_recording", description=__doc__)
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="FILE", help="Bag or CSV of recorded drives.")
-    add_robot(parser)
-    parser.add_argument(
-        "--out", type=Path, default=Path("comparison"), help="Folder for the figures. Default: %(default)s."
-    )
-    return run_main(lambda: _compare(parser.parse_args(argv)), "compare_recording")
+    name = "compare_recording"
+    return run_main(lambda: _compare(parsed(CompareOptions, name, __doc__, argv)), name)
 
 
-def _compare(given: argparse.Namespace) -> None:
-    drives = [drive for path in given.recordings for drive in read(path, given.robot)]
+def _compare(given: CompareOptions) -> None:
+    drives = [drive for path in given.files for drive in read(path, given.robot)]
     grounds = [ground for ground in GROUNDS if ground in ("plain", given.robot.simulation.ground)]
     simulators = {ground: standing_in(given.robot, ground) for ground in grounds}
     off = {ground: [second_on(simulator, drive) for drive in drives] for ground, simulator in simulators.items()}

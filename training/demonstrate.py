@@ -6,17 +6,16 @@ training/baselines/appld/scripted_driver.py, and the bag says so. A person demon
 
 from __future__ import annotations
 
-import argparse
 import sys
 
 import sim_bridge
 import worlds
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from training.bags.reader import TopicNames
 from training.bags.writer import BagWriter
 from training.baselines.appld.scripted_driver import NAME, Demonstrator
-from training.common.command_line import Parser, add_robot, add_seed, add_simulator
+from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
+from training.common.options import Options, argument, option
 from training.env.episode import CONTROL_PERIOD
 
 
@@ -86,23 +85,23 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
     }
 
 
-def parse(arguments=None) -> argparse.Namespace:
-    """Read the command line."""
-    p = Parser("demonstrate.py", description=__doc__)
-    p.add_argument("bag", help="Bag to write (.bag); it must not exist.")
-    p.add_argument("--world", default="physical_course", help="World to drive in. Default: %(default)s.")
-    add_robot(p)
-    add_simulator(p, "pybullet")
-    add_seed(p)
-    return p.parse_args(without_remappings(arguments))
+class DemonstrateOptions(Options):
+    """What to record."""
+
+    bag: str = argument("Bag to write (.bag); it must not exist.")
+    world: str = option("physical_course", "World to drive in.")
+    robot: AnyRobot
+    simulator: SimulatorName = "pybullet"
+    seed: Seed
 
 
 def main(arguments=None) -> int:
     """Exit status 0; 1 with one line when there is no usable demonstration."""
-    return run_main(lambda: run(parse(arguments)), "demonstrate.py")
+    name = "demonstrate.py"
+    return run_main(lambda: run(parsed(DemonstrateOptions, name, __doc__, arguments)), name)
 
 
-def run(options: argparse.Namespace) -> None:
+def run(options: DemonstrateOptions) -> None:
     """Drives and records as the options say."""
     world = worlds.scaled(worlds.load(options.world), options.robot.world_scale)
     simulator = sim_bridge.make(options.simulator, robot=options.robot)

@@ -16,12 +16,12 @@ from typing import Dict, List, Optional, Union
 import numpy as np
 import torch
 
-from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.actor import Actor, GeneralActor, load
-from training.common.command_line import Parser
+from training.common.command_line import parsed
 from training.common.folders import make_folder
+from training.common.options import Options, argument
 
 LARGEST_DIFFERENCE = 1e-5
 Policy = Union[Actor, GeneralActor]
@@ -102,17 +102,21 @@ def _texts(actor: Policy) -> Dict[str, str]:
     return {key: value if isinstance(value, str) else json.dumps(value) for key, value in actor.metadata.items()}
 
 
+class ExportOptions(Options):
+    """What to export."""
+
+    policy: str = argument("Policy file to export, of any robot.")
+    folder: str = argument("Folder to write NAME.onnx and NAME.pt to.")
+
+
 def main(arguments: Optional[List[str]] = None) -> int:
     """Exit status 0; 1 with one line for a mistake."""
-    parser = Parser("python -m training.export", description=__doc__ or "")
-    parser.add_argument("policy", help="Policy file to export, of any robot.")
-    parser.add_argument("folder", help="Folder to write NAME.onnx and NAME.pt to.")
-    return run_main(lambda: run(**vars(parser.parse_args(without_remappings(arguments)))), "export")
+    return run_main(lambda: run(parsed(ExportOptions, "python -m training.export", __doc__, arguments)), "export")
 
 
-def run(policy: str, folder: str) -> None:
+def run(options: ExportOptions) -> None:
     """Exports a policy and prints the files."""
-    for kind, path in export(policy, folder).items():
+    for kind, path in export(options.policy, options.folder).items():
         print(f"{kind:12} {path}")
 
 

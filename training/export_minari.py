@@ -7,7 +7,6 @@ stored (7.8 mm).
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import sys
@@ -18,25 +17,29 @@ from typing import List, Optional
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
-from training.common.command_line import Parser
+from training.common.command_line import parsed
+from training.common.options import Options, argument, option
 from training.replay.store import Store
 from training.replay.trajectory import Trajectory
 
 AT_ONCE = 500  # episodes that are held in memory
 
 
+class MinariOptions(Options):
+    """What to export."""
+
+    folder: str = argument("Folder of a training run or of a dataset.")
+    id: str = argument("Name of the Minari dataset, NAME-vNUMBER, with namespaces before it if you like.")
+    root: str = option("", "Folder of Minari's datasets. Without it Minari's own, MINARI_DATASETS_PATH.")
+
+
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command. Exit status 0; 1 with one line on stderr where nothing can be exported."""
-    parser = Parser("python -m training.export_minari", description=__doc__)
-    parser.add_argument("folder", help="Folder of a training run or of a dataset.")
-    parser.add_argument("id", help="Name of the Minari dataset, NAME-vNUMBER, with namespaces before it if you like.")
-    parser.add_argument(
-        "--root", default="", help="Folder of Minari's datasets. Without it Minari's own, MINARI_DATASETS_PATH."
-    )
-    return run_main(lambda: _export(parser.parse_args(arguments)), "export_minari")
+    program = "python -m training.export_minari"
+    return run_main(lambda: _export(parsed(MinariOptions, program, __doc__, arguments)), "export_minari")
 
 
-def _export(options: argparse.Namespace) -> None:
+def _export(options: MinariOptions) -> None:
     if options.root:
         os.environ["MINARI_DATASETS_PATH"] = str(Path(options.root).resolve())
     made = export(options.folder, options.id)

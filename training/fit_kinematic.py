@@ -9,7 +9,6 @@ those of the section `simulation` of robot.yaml.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from dataclasses import replace
 from typing import Any, Dict, Optional, Sequence, Tuple
@@ -18,11 +17,13 @@ import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.errors import run_main
-from applr_ros1.robots import Robot, load
+from applr_ros1.robots import Robot
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from sim_bridge.pybullet_simulator import PybulletSimulator
 from sim_bridge.scenes import STEP, drive, small_world
 from sim_bridge.simulator import Simulator
+from training.common.command_line import AnyRobot, parsed
+from training.common.options import Options, option
 
 OPEN_PLANE = small_world()  # a world with nothing in it
 Recordings = Sequence[Tuple[np.ndarray, np.ndarray]]  # what Scene.drive returns, by scene
@@ -176,28 +177,28 @@ def report(title: str, rows: np.ndarray) -> None:
     )
 
 
+class FitOptions(Options):
+    """What to fit."""
+
+    scenes: int = option(60, "Number of scenes to fit; as many again are kept aside for the check.", ge=1, le=10**6)
+    robot: AnyRobot = option("jackal", "Robot to fit: a name or a folder.")
+
+
 def main(argv: Optional[Sequence[str]] = None) -> int:
     """Exit status 0, or a message where a simulator cannot be made."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--scenes",
-        type=int,
-        default=60,
-        help="Number of scenes to fit; as many again are kept aside for the check. Default: %(default)s.",
-    )
-    parser.add_argument("--robot", default="jackal", help="Robot to fit: a name or a folder. Default: %(default)s.")
-    return run_main(lambda: _print_fit(parser.parse_args(argv)), "fit_kinematic")
+    program, about = "python -m training.fit_kinematic", (__doc__ or "").splitlines()[0]
+    return run_main(lambda: _print_fit(parsed(FitOptions, program, about, argv)), "fit_kinematic")
 
 
-def _print_fit(arguments: argparse.Namespace) -> None:
-    robot = load(arguments.robot)
+def _print_fit(options: FitOptions) -> None:
+    robot = options.robot
     bullet, kinematic = PybulletSimulator(robot), KinematicSimulator(robot)
     pair = (("pybullet", bullet), ("kinematic", kinematic))
     responses(pair)
     drifts(pair)
-    scenes = [Scene(seed, robot) for seed in range(2 * arguments.scenes)]
+    scenes = [Scene(seed, robot) for seed in range(2 * options.scenes)]
     recorded = [scene.drive(bullet) for scene in scenes]
-    half = arguments.scenes
+    half = options.scenes
     way = np.mean([np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() for poses, _ in recorded])
     print("a scene's drive is %.2f m long on average" % way)
     report("before", compare(robot, scenes[half:], recorded[half:]))

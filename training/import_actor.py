@@ -6,7 +6,6 @@ executing anything of it. OUT is a safetensors file, for a method such as that o
 
 from __future__ import annotations
 
-import argparse
 import pickle
 import sys
 from typing import Any, Dict, List, Optional
@@ -17,21 +16,25 @@ import torch
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
 from applr_ros1.common.files import write_bytes
-from training.common.command_line import Parser
+from training.common.command_line import parsed
+from training.common.options import Options, argument, option
+
+
+class ImportOptions(Options):
+    """What to import."""
+
+    file: str = argument("State dict to read, as torch.save writes it.")
+    out: str = argument("File to write, such as actor.safetensors.")
+    prefix: str = option("", "Take only the tensors whose names begin so, such as actor. with its dot.")
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """The command. Exit status 0; 1 with one line on stderr where no network can be made."""
-    parser = Parser("python -m training.import_actor", description=__doc__)
-    parser.add_argument("file", help="State dict to read, as torch.save writes it.")
-    parser.add_argument("out", help="File to write, such as actor.safetensors.")
-    parser.add_argument(
-        "--prefix", default="", help="Take only the tensors whose names begin so, such as actor. with its dot."
-    )
-    return run_main(lambda: _import(parser.parse_args(arguments)), "import_actor")
+    program = "python -m training.import_actor"
+    return run_main(lambda: _import(parsed(ImportOptions, program, __doc__, arguments)), "import_actor")
 
 
-def _import(options: argparse.Namespace) -> None:
+def _import(options: ImportOptions) -> None:
     weights = layers(read(options.file), options.prefix, options.file)
     write_bytes(options.out, safetensors.numpy.save(weights))
     sizes = [weights["0.weight"].shape[1]] + [len(weights["%d.bias" % i]) for i in range(len(weights) // 2)]

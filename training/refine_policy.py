@@ -9,9 +9,7 @@ the next step searches around it. A search that was stopped continues with the s
 from __future__ import annotations
 
 import sys
-from argparse import Namespace
 from contextlib import closing
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, Dict, Optional, Sequence
@@ -27,26 +25,20 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 from training.actors.tasks import RunnerSpec, Trial
 from training.common.command_line import (
-    Parser,
-    add_contact_seconds,
-    add_monitor,
-    add_planner,
-    add_robot,
-    add_seed,
-    add_simulator,
-    add_workers,
-    add_worlds,
+    AnyRobot,
+    Monitor,
+    Planner,
+    SimulatorName,
+    Workers,
     continuable,
     end_at_sigterm,
-    number,
-    whole,
+    parsed,
 )
 from training.common.folders import Lock, make_folder
+from training.common.options import argument, option
 from training.common.provenance import without_folders
 from training.evaluation.periodic import CHOOSING
 from training.evaluation.remembered import RememberedTrials
-from training.evaluation.run import EvaluationOptions
-from training.evaluation.score import CONTACT_SECONDS
 from training.evaluation.store import TABLE, TrialTable
 from training.evaluation.trials import seed_of
 from training.policy_file import stated, weights_of
@@ -54,6 +46,7 @@ from training.refinement.directions import Directions
 from training.refinement.driving import SHIFTED_RUNNER, ShiftedRunner, known_directions, write_directions
 from training.refinement.search import SearchOptions, Step, search
 from worlds import Worlds
+from worlds.loading import FORMS
 
 SEARCHED = (  # options of the search that the file states
     *("worlds", "simulator", "planner", "monitor"),
@@ -63,57 +56,28 @@ DRIVEN = ("simulator", "period", "time_limit", "monitor", "robot")  # options of
 WATCHED = 60  # worlds that the policy drives first, for the directions
 
 
-def parser() -> Parser:
-    """The command line. A mistake raises ApplrError."""
-    p = Parser("python -m training.refine_policy", description=__doc__ or "")
-    p.add_argument("policy", help="Policy file to begin with, as train.py writes it.")
-    p.add_argument("--out", required=True, help="File to write the shifted policy to; rewritten after each step.")
-    add_worlds(p, "fresh:100000-108059", "drive in, one after the other; each is used once")
-    add_robot(p)
-    add_simulator(p, "pybullet")
-    add_planner(p)
-    add_monitor(p)
-    p.add_argument(
-        "--period",
-        type=number(0.05, 10.0),
-        default=None,
-        help="Decision period [s] that the policy is driven with, and that the file then states. Default: the one "
-        "that the policy's file states.",
-    )
-    p.add_argument("--steps", type=whole(1, 10_000), default=16, help="Number of steps. Default: %(default)s.")
-    p.add_argument(
-        "--pairs", type=whole(2, 10**6), default=500, help="Number of pairs of drives in a step. Default: %(default)s."
-    )
-    p.add_argument(
-        "--components",
-        type=whole(0, 64),
-        default=3,
-        help="Number of principal components of the last hidden layer whose weights are searched; 0 searches biases "
-        "only. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--sigma",
-        type=number(1e-3, 3.0),
-        default=0.25,
-        help="Standard deviation of the random numbers, in units of the outputs before tanh. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--limit",
-        type=number(1.0, 100.0),
-        default=25.0,
-        help="Time [s] after which a drive ends and counts as failed; a failure scores as many seconds. A short limit "
-        "makes the search faster, and failures, which are rare and mostly chance, drown less. Default: %(default)s.",
-    )
-    add_contact_seconds(p, CONTACT_SECONDS)
-    add_workers(p, EvaluationOptions.workers)
-    add_seed(p)
-    p.add_argument(
-        "--results",
-        default="results/refinement",
-        help="Folder for the directions and for every drive, from which a stopped search continues. "
-        "Default: %(default)s.",
-    )
-    return p
+class RefineOptions(SearchOptions):
+    """What to refine, and where."""
+
+    # fmt: off
+    policy: str = argument("Policy file to begin with, as train.py writes it.")
+    out: str = option(..., "File to write the shifted policy to; rewritten after each step.")
+    worlds: str = option("fresh:100000-108059",
+        f"Worlds to drive in, one after the other; each is used once: {FORMS}; several are separated by commas.")
+    robot: AnyRobot
+    simulator: SimulatorName = "pybullet"
+    planner: Planner
+    monitor: Monitor
+    period: Optional[float] = option(None,
+        "Decision period [s] that the policy is driven with, and that the file then states. Default: the one that the "
+        "policy's file states.", ge=0.05, le=10)
+    components: int = option(3,
+        "Number of principal components of the last hidden layer whose weights are searched; 0 searches biases only.",
+        ge=0, le=64)
+    workers: Workers
+    results: str = option("results/refinement",
+        "Folder for the directions and for every drive, from which a stopped search continues.")
+    # fmt: on
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -124,7 +88,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Searches as the arguments say; prints a line and writes the policy after each step."""
-    given = parser().parse_args(arguments)
+    given = parsed(RefineOptions, "python -m training.refine_policy", __doc__, arguments)
     actor = Actor.load(given.policy, space_of(given.robot))
     if Path(given.out).resolve() == Path(given.policy).resolve():
         raise ApplrError("--out %s: this is the policy to begin with; give another file" % given.out)
@@ -142,7 +106,7 @@ def run(arguments: Optional[Sequence[str]] = None) -> None:
         refine(given, actor, worlds, folder)
 
 
-def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path) -> None:
+def refine(given: RefineOptions, actor: Actor, worlds: Sequence[str], folder: Path) -> None:
     """Finds the directions, searches, and writes the policy after each step."""
     options: Dict[str, Any] = {
         "policy": given.policy,
@@ -160,13 +124,12 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path) 
     setting = [checksum(weights), checksum({"mean": directions.mean, "basis": directions.basis})]
     setting += [options[name] for name in DRIVEN]
     runner = RunnerSpec(SHIFTED_RUNNER, dict(options, directions=path))
-    chosen = SearchOptions(**{f.name: getattr(given, f.name) for f in fields(SearchOptions)})
     with (
         closing(TrialTable(folder / TABLE, setting)) as table,
         closing(RememberedTrials(runner, given.workers, table=table)) as trials,
     ):
         groups = np.tile(np.arange(1 + given.components), size)
-        for step in search(trials, make, worlds[WATCHED:], groups, chosen):
+        for step in search(trials, make, worlds[WATCHED:], groups, given):
             coefficients = step.centre.reshape(size, -1)
             about = {name: getattr(given, name) for name in SEARCHED}
             about.update(worlds=without_folders(given.worlds), start=start)
@@ -178,7 +141,7 @@ def refine(given: Namespace, actor: Actor, worlds: Sequence[str], folder: Path) 
     print("%s: written" % given.out)
 
 
-def _trial(given: Namespace, world: str, coefficients: str) -> Trial:
+def _trial(given: RefineOptions, world: str, coefficients: str) -> Trial:
     seed = seed_of(CHOOSING + given.seed, world, 0)
     return Trial(world, "shifted", 0, seed, world, coefficients, given.planner)
 

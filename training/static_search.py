@@ -12,9 +12,8 @@ import shlex
 import sys
 import time
 from contextlib import closing
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, Dict, List, Mapping, Optional, Tuple
+from typing import Any, Dict, List, Literal, Mapping, Optional, Tuple
 
 import numpy as np
 import yaml
@@ -25,113 +24,43 @@ from applr_ros1.common.files import read_json, write_bytes, write_json
 from applr_ros1.common.trees import branch
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import Robot
-from training.actors.pool import KINDS
 from training.baselines.set_search import SearchOptions, choose, explore, finalists
 from training.baselines.set_trials import SetTrials
-from training.common.command_line import (
-    Parser,
-    add_contact_seconds,
-    add_planner,
-    add_robot,
-    add_seed,
-    add_simulator,
-    add_workers,
-    add_worlds,
-    continuable,
-    number,
-    simulator,
-    whole,
-)
+from training.common.command_line import AnyRobot, Planner, SimulatorName, Workers, continuable, parsed
 from training.common.folders import make_folder
-from training.evaluation.score import CONTACT_SECONDS
+from training.common.options import option
 from training.evaluation.trials import world_list
 from worlds.loading import FORMS
 
 
-def parser() -> Parser:
-    """The command line. A mistake raises ApplrError."""
-    p = Parser("static_search.py", description=(__doc__ or "").splitlines()[0])
-    add_worlds(p, "generated:learn", "search over")
-    add_robot(p)
-    add_simulator(p, "kinematic")
-    add_planner(p)
-    p.add_argument(
-        "--generations",
-        type=whole(1, 10**6),
-        default=40,
-        help="Number of generations of CMA-ES. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--population",
-        type=whole(4, 10**6),
-        default=16,
-        help="Number of parameter sets in a generation. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--worlds-per-set",
-        type=whole(1, 10**6),
-        default=24,
-        help="Number of worlds that a generation races in: all sets drive a quarter of them, the better half another "
-        "quarter, and the better half of those the rest. Default: %(default)s.",
-    )
-    add_contact_seconds(p, CONTACT_SECONDS)
-    add_workers(p, 2)
-    p.add_argument(
-        "--pool",
-        default="processes",
-        choices=KINDS,
-        help="How trials are driven at the same time: in child processes, or by Ray actors. Default: %(default)s.",
-    )
-    p.add_argument("--ray-address", default="", help="Address HOST:PORT of a Ray cluster to drive on.")
-    p.add_argument(
-        "--start",
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="JSON file with a parameter set, or the log of an earlier search, that takes part in the first generation "
-        "and in the last race; may be given several times. The search begins around the first. Without it the search "
-        "begins at the default parameters, theta_0.",
-    )
-    p.add_argument(
-        "--sigma",
-        type=number(1e-3, 2.0),
-        default=0.5,
-        help="Initial standard deviation of the search, with parameters scaled to [-1, 1]. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--planner-frequency",
-        type=whole(1, 20),
-        default=None,
-        help="Global plans per simulated second during the generations. 10 or 5 make the search faster and less exact; "
-        "the last race plans as often as the robot does. Default: as often as the robot does.",
-    )
-    p.add_argument(
-        "--final-worlds",
-        default="generated:validation",
-        help="Worlds of the last race: %s; several are separated by commas. Default: %%(default)s." % FORMS,
-    )
-    p.add_argument(
-        "--final-simulator",
-        type=simulator,
-        default="pybullet",
-        help="Simulator of the last race. Default: %(default)s.",
-    )
-    p.add_argument(
-        "--final-trials",
-        type=whole(1, 1000),
-        default=2,
-        help="Number of trials in each world of the last race. Default: %(default)s.",
-    )
-    add_seed(p)
-    p.add_argument(
-        "--out",
-        default="applr_ros1/models/static.json",
-        help='JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases '
-        "count per cell. Beside it, NAME_log.json takes the log and NAME_trials.sqlite "
-        "every trial, from which a stopped search continues. NAME.yaml holds the same set as parameters of move_base, "
-        "to be loaded after the robot's own files. Default: %(default)s.",
-    )
-    return p
+class StaticOptions(SearchOptions):
+    """Where and how to search."""
+
+    # fmt: off
+    worlds: str = option("generated:learn", f"Worlds to search over: {FORMS}; several are separated by commas.")
+    robot: AnyRobot
+    simulator: SimulatorName = "kinematic"
+    planner: Planner
+    workers: Workers
+    pool: Literal["processes", "ray"] = option("processes",
+        "How trials are driven at the same time: in child processes, or by Ray actors.")
+    ray_address: str = option("", "Address HOST:PORT of a Ray cluster to drive on.")
+    start: List[str] = option([],
+        "JSON file with a parameter set, or the log of an earlier search, that takes part in the first generation and "
+        "in the last race; may be given several times. The search begins around the first. Without it the search "
+        "begins at the default parameters, theta_0.")
+    planner_frequency: Optional[int] = option(None,
+        "Global plans per simulated second during the generations. 10 or 5 make the search faster and less exact; the "
+        "last race plans as often as the robot does. Default: as often as the robot does.", ge=1, le=20)
+    final_worlds: str = option("generated:validation",
+        f"Worlds of the last race: {FORMS}; several are separated by commas.")
+    final_simulator: SimulatorName = option("pybullet", "Simulator of the last race.")
+    out: str = option("applr_ros1/models/static.json",
+        'JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases count '
+        "per cell. Beside it, NAME_log.json takes the log and NAME_trials.sqlite every trial, from which a stopped "
+        "search continues. NAME.yaml holds the same set as parameters of move_base, to be loaded after the robot's own "
+        "files.")
+    # fmt: on
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
@@ -141,7 +70,7 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
 def run(arguments: List[str]) -> None:
     """Searches as the arguments say and writes the set and its log."""
-    options = parser().parse_args(arguments)
+    options = parsed(StaticOptions, "static_search.py", (__doc__ or "").splitlines()[0], arguments)
     stem = str(Path(options.out).with_suffix(""))
     make_folder(Path(options.out).parent)
     worlds, final_worlds = (
@@ -149,7 +78,6 @@ def run(arguments: List[str]) -> None:
     )
     space = space_of(options.robot)
     starts = [start(path, space) for path in options.start] or [space.theta0]
-    chosen = SearchOptions(**{f.name: getattr(options, f.name) for f in fields(SearchOptions)})
     began = time.monotonic()
 
     def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> SetTrials:
@@ -167,9 +95,9 @@ def run(arguments: List[str]) -> None:
 
     with continuable():
         with closing(driver(worlds, options.simulator, options.planner_frequency)) as trials:
-            log = explore(trials, starts, chosen, show)
+            log = explore(trials, starts, options, show)
         with closing(driver(final_worlds, options.final_simulator, None)) as last:
-            table = choose(last, finalists(space, starts, log), chosen, show)
+            table = choose(last, finalists(space, starts, log), options, show)
     found = {
         "theta": table[0]["parameters"],
         "result": table[0],

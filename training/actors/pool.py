@@ -17,7 +17,6 @@ from applr_ros1.common.errors import ApplrError
 from training.actors.tasks import POLICY, Answer, Collect, Task, Trial, TrialResult, WorkerSettings
 from training.actors.worker import Worker
 
-KINDS = ("ray", "processes")  # of parallel workers
 GIVE_UP = 8  # workers that die one after the other without a single answer: something is wrong with all of them
 RETRIES = 2  # times that a trial is given again after its worker died
 TASK_SECONDS = 900.0  # without an answer, after which a worker counts as hung
@@ -232,7 +231,7 @@ def make_pool(
         settings: who does which task in a worker.
         next_task: as in Pool.
         workers: how many; 0: in this process.
-        kind: one of KINDS.
+        kind: "ray" or "processes".
         address: HOST:PORT of a Ray cluster; "" starts Ray on this machine.
         task_seconds: without an answer, after which a worker counts as hung.
 

@@ -7,7 +7,7 @@ episodes.py rebuilds transitions from it. Only standard topics are needed; what 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Dict, Iterable, List, Optional, Tuple
 
@@ -21,6 +21,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from training.bags.compression import bound_rosbags
+from training.common.command_line import AnyRobot
+from training.common.options import Options, option
 
 SECOND = 1_000_000_000
 PATH_HEADER = 80  # a packed nav_msgs/Path of fewer bytes has no poses
@@ -50,6 +52,20 @@ class TopicNames:
         given = robot.topics
         scan, odometry, command = ("/" + name.lstrip("/") for name in (given.scan, given.odometry, given.cmd_vel))
         return cls(scan=scan, odometry=odometry, command=command)
+
+
+class BagOptions(Options):
+    """Of which robot bags are, and where they hold what it recorded."""
+
+    robot: AnyRobot
+    scan: str = option("", "Topic of the laser scans in the bags. Default: the robot's.")
+    odometry: str = option("", "Topic of the odometry in the bags. Default: the robot's.")
+    command: str = option("", "Topic of the velocity commands in the bags. Default: the robot's.")
+
+    def topics(self) -> TopicNames:
+        """The robot's, and what is given instead."""
+        given = {name: value for name, value in self if value and hasattr(TopicNames, name)}
+        return replace(TopicNames.of(self.robot), **given)
 
 
 @dataclass

@@ -7,7 +7,6 @@ ranks. At the end the given sets, theta_0, the means of the last generations and
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Sequence, Tuple
 
 import cma
@@ -17,7 +16,9 @@ from applr_ros1.policy.parameter_space import Space
 from training.actors.tasks import TrialResult
 from training.baselines.race import Result, race
 from training.baselines.set_trials import SetTrials
-from training.evaluation.score import summary, trial_seconds
+from training.common.command_line import ContactSeconds, Seed
+from training.common.options import Options, option
+from training.evaluation.score import CONTACT_SECONDS, summary, trial_seconds
 
 FINALISTS = 5  # generations whose means and winners take part in the last race
 FINAL_BLOCK = 8  # trials between two tests of the last race
@@ -25,17 +26,21 @@ FINAL_BLOCK = 8  # trials between two tests of the last race
 Job = Tuple[int, int]  # index of a world, number of the trial there
 
 
-@dataclass(frozen=True)
-class SearchOptions:
-    """What to search, and how; static_search.py's help says what each means."""
+class SearchOptions(Options):
+    """What to search, and how."""
 
-    generations: int
-    population: int
-    worlds_per_set: int
-    sigma: float
-    seed: int
-    contact_seconds: float
-    final_trials: int
+    # fmt: off
+    generations: int = option(40, "Number of generations of CMA-ES.", ge=1, le=10**6)
+    population: int = option(16, "Number of parameter sets in a generation.", ge=4, le=10**6)
+    worlds_per_set: int = option(24,
+        "Number of worlds that a generation races in: all sets drive a quarter of them, the better half another "
+        "quarter, and the better half of those the rest.", ge=1, le=10**6)
+    sigma: float = option(0.5,
+        "Initial standard deviation of the search, with parameters scaled to [-1, 1].", ge=1e-3, le=2)
+    seed: Seed
+    contact_seconds: ContactSeconds = CONTACT_SECONDS
+    final_trials: int = option(2, "Number of trials in each world of the last race.", ge=1, le=1000)
+    # fmt: on
 
 
 def explore(

@@ -1,17 +1,49 @@
-"""Command lines of this package: mistakes as errors of one line, numbers within bounds, options of several commands."""
+"""Command lines of this package: mistakes as errors of one line, and the options that several commands have."""
 
 from __future__ import annotations
 
 import argparse
 import signal
 from contextlib import contextmanager
-from typing import Any, Callable, Iterator, NoReturn
+from typing import Annotated, Any, Iterator, Literal, NoReturn, Optional, Sequence, Type
+
+from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf
 
 import sim_bridge
+from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.variant import DRAWN, OURS, PLANNERS
-from applr_ros1.robots import GROUNDS, JACKAL, NAMES, Robot, load
+from applr_ros1.robots import NAMES, Robot, load
+from training.common.options import O, add_options, checked
 from worlds.loading import FORMS
+
+
+def _simulator(text: str) -> str:
+    if not sim_bridge.is_name(text):
+        raise ApplrError(f"give {' or '.join(sim_bridge.NAMES)}, or MODULE:CLASS")
+    return text
+
+
+# Options of several commands. A command gives a default where none is here, and a help text where it means more.
+# fmt: off
+WorldNames = Annotated[str, Field(description=f"Worlds to drive in: {FORMS}; several are separated by commas.")]
+AnyRobot = Annotated[InstanceOf[Robot], BeforeValidator(load), Field("jackal", description=
+    f"Robot that drives, at whose scale the worlds are: {', '.join(NAMES)}, or a folder with robot.yaml "
+    "(docs/tutorials/your_robot.md).")]
+SimulatorName = Annotated[str, AfterValidator(_simulator), Field(description=
+    "Simulator to drive in: pybullet, kinematic, or my_file.py:Class or module:Class of your own.")]
+Planner = Annotated[Literal["ours", "cpp-like", "drawn"], Field("ours", description=
+    "Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or drawn for "
+    "one of them in each world and trial.")]
+Monitor = Annotated[bool, Field(False, description=
+    "Put the collision monitor between the planner and the base, as the launch file does. Without it the base gets "
+    "every command of the planner as it is.")]
+ContactSeconds = Annotated[float, Field(ge=0, le=1e6, description=
+    "Time [s] that a trial with a contact is charged in addition.")]
+Workers = Annotated[int, Field(2, ge=0, le=4096, description=
+    "Number of trials that are driven at the same time; 0 drives them in this process.")]
+Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1, description=
+    "Seed from which all random numbers of the command follow.")]
+# fmt: on
 
 
 class Parser(argparse.ArgumentParser):
@@ -31,6 +63,26 @@ class Parser(argparse.ArgumentParser):
         raise ApplrError("%s; --help lists all options" % message)
 
 
+def parsed(
+    model: Type[O], program: str, about: Optional[str], arguments: Optional[Sequence[str]] = None, epilog: str = ""
+) -> O:
+    """The options of a command line, checked; ROS's remapping arguments are ignored.
+
+    Args:
+        model: what the options are.
+        program: the command's name.
+        about: what its help text says before the options.
+        arguments: without the program's name; None: those of this process.
+        epilog: what its help text says after the options.
+
+    Raises:
+        ApplrError: with one line.
+    """
+    parser = Parser(program, about or "", epilog)
+    add_options(parser, model)
+    return checked(model, vars(parser.parse_args(without_remappings(arguments))))
+
+
 def end_at_sigterm() -> None:
     """From now on SIGTERM ends this process as Ctrl-C does: a KeyboardInterrupt, at which it stops what it started."""
 
@@ -47,150 +99,3 @@ def continuable() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; the same command continues") from None
-
-
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """A type for add_argument: a whole number from low to high."""
-
-    def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError("%r is no whole number" % text) from None
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError("%d is out of range: give %d to %d" % (value, low, high))
-        return value
-
-    return convert
-
-
-def number(low: float, high: float) -> Callable[[str], float]:
-    """A type for add_argument: a finite number from low to high."""
-
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError("%r is no number" % text) from None
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError("%g is out of range: give %g to %g" % (value, low, high))
-        return value
-
-    return convert
-
-
-def simulator(text: str) -> str:
-    """A type for add_argument: a simulator's name, or the my_file.py:Class or module:Class of a person's own."""
-    if not sim_bridge.is_name(text):
-        raise argparse.ArgumentTypeError("%r is no simulator: give %s" % (text, ", ".join(sim_bridge.NAMES)))
-    return text
-
-
-def add_worlds(parser: argparse.ArgumentParser, default: str, purpose: str = "drive in") -> None:
-    """Declares --worlds; purpose: what the command does with them, behind "Worlds to"."""
-    parser.add_argument(
-        "--worlds",
-        default=default,
-        help="Worlds to %s: %s; several are separated by commas. Default: %%(default)s." % (purpose, FORMS),
-    )
-
-
-def add_trials(parser: argparse.ArgumentParser, default: int, each: str, most: int = 100_000) -> None:
-    """Declares --trials; each: of what and where, behind "Number of trials", and most: its upper bound."""
-    parser.add_argument(
-        "--trials", type=whole(1, most), default=default, help="Number of trials %s. Default: %%(default)s." % each
-    )
-
-
-def add_contact_seconds(parser: argparse.ArgumentParser, default: float) -> None:
-    """Declares --contact-seconds."""
-    parser.add_argument(
-        "--contact-seconds",
-        type=number(0.0, 1e6),
-        default=default,
-        help="Time [s] that a trial with a contact is charged in addition. Default: %(default)s.",
-    )
-
-
-def add_workers(parser: argparse.ArgumentParser, default: int, how: str = "") -> None:
-    """Declares --workers; how: by what the trials are driven at the same time, with a comma before it."""
-    parser.add_argument(
-        "--workers",
-        type=whole(0, 4096),
-        default=default,
-        help="Number of trials that are driven at the same time%s; 0 drives them in this process. "
-        "Default: %%(default)s." % how,
-    )
-
-
-def robot(text: str) -> Robot:
-    """A type for add_argument: the robot of a name or folder."""
-    try:
-        return load(text)
-    except ApplrError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Declares --robot, whose value is a robots.Robot."""
-    parser.add_argument(
-        "--robot",
-        type=robot,
-        default=JACKAL,
-        metavar="NAME",
-        help="Robot that drives, at whose scale the worlds are: %s, or a folder with robot.yaml "
-        "(docs/tutorials/your_robot.md). Default: jackal." % ", ".join(NAMES),
-    )
-
-
-def add_simulator(parser: argparse.ArgumentParser, default: str) -> None:
-    """Declares --simulator."""
-    parser.add_argument(
-        "--simulator",
-        type=simulator,
-        default=default,
-        help="Simulator to drive in: pybullet, kinematic, or my_file.py:Class or module:Class of your own. Default: "
-        "%(default)s.",
-    )
-
-
-def add_planner(parser: argparse.ArgumentParser) -> None:
-    """Declares --planner."""
-    parser.add_argument(
-        "--planner",
-        choices=PLANNERS + (DRAWN,),
-        default=OURS,
-        help="Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or "
-        "drawn for one of them in each world and trial. Default: %(default)s.",
-    )
-
-
-def add_monitor(parser: argparse.ArgumentParser) -> None:
-    """Declares --monitor."""
-    parser.add_argument(
-        "--monitor",
-        action="store_true",
-        help="Put the collision monitor between the planner and the base, as the launch file does. Without it the base "
-        "gets every command of the planner as it is.",
-    )
-
-
-def add_ground(parser: argparse.ArgumentParser) -> None:
-    """Declares --ground."""
-    parser.add_argument(
-        "--ground",
-        choices=GROUNDS,
-        default="",
-        help="Simulated ground to drive on: plain, where tyres grip alike in all directions, or gazebo, with the "
-        "friction of Gazebo's Jackal. Default: the robot's own.",
-    )
-
-
-def add_seed(parser: argparse.ArgumentParser) -> None:
-    """Declares --seed."""
-    parser.add_argument(
-        "--seed",
-        type=whole(0, 2**31 - 1),
-        default=0,
-        help="Seed from which all random numbers of the command follow. Default: %(default)s.",
-    )

@@ -6,15 +6,15 @@ import hashlib
 import os
 import time
 from contextlib import closing
-from dataclasses import dataclass
-from typing import Any, Dict, Sequence, Tuple
+from typing import Any, Dict, Literal, Sequence, Tuple
 
 from tqdm import tqdm
 
-from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
-from applr_ros1.robots import JACKAL, Robot, on_ground
+from applr_ros1.robots import JACKAL, on_ground
 from training.actors.tasks import RunnerSpec, Trial, TrialResult
+from training.common.command_line import AnyRobot, Monitor, Planner, Seed, SimulatorName, Workers, WorldNames
+from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.evaluation.remembered import RememberedTrials
 from training.evaluation.store import TRIALS, Store
@@ -22,25 +22,33 @@ from training.evaluation.trials import TRIAL_RUNNER, described, plan, world_list
 from worlds import World
 
 
-@dataclass(frozen=True)
-class EvaluationOptions:
-    """What to evaluate; evaluate.py's help says what each means."""
+class EvaluationOptions(Options):
+    """What to evaluate."""
 
-    worlds: str = "generated:test"
-    methods: str = "dwa,applr"
-    trials: int = 20
-    simulator: str = "pybullet"
-    protocol: str = "paper"
-    workers: int = 2
-    ray_address: str = ""
-    out: str = "results"
-    seed: int = 0
-    planner: str = OURS
-    monitor: bool = False
-    ground: str = ""  # the robot's own where empty
-    traces: int = 1
-    runner: str = TRIAL_RUNNER
-    robot: Robot = JACKAL
+    # fmt: off
+    worlds: WorldNames = "generated:test"
+    robot: AnyRobot
+    methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.FORMS}.")
+    trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
+    simulator: SimulatorName = "pybullet"
+    protocol: Literal["paper", "barn-challenge"] = option("paper", "Rules of a trial, described below.")
+    planner: Planner
+    monitor: Monitor
+    ground: Literal["", "plain", "gazebo"] = option("",
+        "Simulated ground to drive on: plain, where tyres grip alike in all directions, or gazebo, with the friction "
+        "of Gazebo's Jackal. Default: the robot's own.")
+    workers: Workers = option(2,
+        "Number of trials that are driven at the same time, in processes or Ray actors; 0 drives them in this process.")
+    ray_address: str = option("",
+        "Address HOST:PORT of a Ray cluster to drive on, or auto for one that runs on this machine.")
+    out: str = option("results",
+        "Folder for trials.csv, tables and figures. An evaluation that it holds already is continued.")
+    seed: Seed
+    traces: int = option(1,
+        "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)
+    report: bool = option(True, "Write tables and figures of the trials.")
+    runner: str = option(TRIAL_RUNNER, "")  # tests give a toy
+    # fmt: on
 
 
 def evaluate(options: EvaluationOptions) -> None:

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Dict, List, Literal, Optional, Tuple
 import yaml
 from pydantic import ConfigDict, Field, model_validator
 
-import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json
@@ -22,7 +21,7 @@ from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, NAMES, load
-from training.common.command_line import Parser
+from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import drawn_robots
 from training.env.env import PAPER
@@ -103,12 +102,12 @@ class TaskOptions(Options):
     worlds: str = option("generated:learn",
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
-    simulator: str = option("kinematic",
+    simulator: SimulatorName = option("kinematic",
         "Simulator to train and evaluate in: kinematic, pybullet, or the MODULE:CLASS of your own.")
-    planner: Literal["ours", "cpp-like", "drawn"] = option("ours",
+    planner: Planner = option("ours",
         "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
         "drawn, which takes one of the two at each reset. Evaluations of a run with drawn use ours.")
-    monitor: bool = option(False,
+    monitor: Monitor = option(False,
         "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
     end_on_collision: bool = option(False,
         "End a training episode at the first collision, as a failure. Evaluations are not ended.")
@@ -188,9 +187,6 @@ class TrainConfig(
         if self.robot == drawn_robots.NAME and self.observation == PAPER:
             raise ApplrError("--robot drawn: a policy for all robots needs --observation dimensionless")
         load(self.eval_robot)
-        if not sim_bridge.is_name(self.simulator):
-            known = " or ".join(sim_bridge.NAMES)
-            raise ApplrError(f"--simulator is {self.simulator!r}: give {known}, or MODULE:CLASS")
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")

@@ -17,6 +17,7 @@ from pydantic import ConfigDict
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
+from training.common.command_line import Seed
 from training.common.folders import make_folder
 from training.common.options import option
 from training.common.tally import Tally
@@ -37,9 +38,9 @@ class LearnerOptions(TD3Options):
     model_config = ConfigDict(title="Learner")
 
     # fmt: off
-    seed: int = option(0,
+    seed: Seed = option(0,
         "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.",
-        fixed=True, ge=0, le=2**31 - 1)
+        fixed=True)
     device: str = option("auto",
         "Device that the learner computes on: cpu, cuda, or auto for the GPU where there is one.")
     utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)

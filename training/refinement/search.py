@@ -4,30 +4,35 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import dataclass
 from typing import Callable, Iterator, List, NamedTuple, Sequence
 
 import numpy as np
 
 from training.actors.tasks import Trial, TrialResult
+from training.common.command_line import ContactSeconds, Seed
+from training.common.options import Options, option
 from training.evaluation.remembered import RememberedTrials
-from training.evaluation.score import trial_seconds
+from training.evaluation.score import CONTACT_SECONDS, trial_seconds
 from training.refinement.slopes import Fit, fit
 
 DIGITS = 4  # of coefficients, in what is driven and in what is written
 MakeTrial = Callable[[str, str], Trial]  # of a world's specification and a JSON list of coefficients
 
 
-@dataclass(frozen=True)
-class SearchOptions:
-    """How to search; refine_policy.py's help says what each means."""
+class SearchOptions(Options):
+    """How to search."""
 
-    steps: int
-    pairs: int
-    sigma: float
-    limit: float
-    contact_seconds: float
-    seed: int
+    # fmt: off
+    steps: int = option(16, "Number of steps.", ge=1, le=10_000)
+    pairs: int = option(500, "Number of pairs of drives in a step.", ge=2, le=10**6)
+    sigma: float = option(0.25,
+        "Standard deviation of the random numbers, in units of the outputs before tanh.", ge=1e-3, le=3)
+    limit: float = option(25.0,
+        "Time [s] after which a drive ends and counts as failed; a failure scores as many seconds. A short limit makes "
+        "the search faster, and failures, which are rare and mostly chance, drown less.", ge=1, le=100)
+    contact_seconds: ContactSeconds = CONTACT_SECONDS
+    seed: Seed
+    # fmt: on
 
 
 class Step(NamedTuple):

@@ -233,8 +233,8 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--trials", "0"], ["--trials", "1 to"]),
-        (["--trials", "many"], ["no whole number"]),
+        (["--trials", "0"], ["--trials is '0'", "equal to 1"]),
+        (["--trials", "many"], ["--trials is 'many'", "valid integer"]),
         (["--simulator", "gazebo"], ["pybullet"]),
         (["--worlds", "generated:300"], ["generated:300"]),
         (["--worlds", "/nowhere.world"], ["nowhere.world"]),
@@ -264,7 +264,7 @@ def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
 
 
 def test_ros_arguments_are_ignored():
-    assert evaluate.parse(["--trials", "3", "__name:=evaluate", "__log:=/x.log"])[0].trials == 3
+    assert evaluate.parse(["--trials", "3", "__name:=evaluate", "__log:=/x.log"]).trials == 3
 
 
 # -- methods ---------------------------------------------------------------------------------------------------------

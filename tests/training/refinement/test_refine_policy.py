@@ -153,7 +153,7 @@ def test_a_search_ends_at_the_lowest_score():
 
 
 def test_what_a_failure_and_a_contact_score():
-    options = SearchOptions(steps=1, pairs=1, sigma=0.3, limit=20.0, contact_seconds=5.0, seed=0)
+    options = SearchOptions(steps=1, pairs=2, sigma=0.3, limit=20.0, contact_seconds=5.0, seed=0)
     scores = [
         search_module._score(TrialResult(success=ok, time_s=7.0, collided=touched), options)
         for ok, touched in ((True, False), (True, True), (False, False), (False, True))
