@@ -16,16 +16,16 @@ import lzma
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence
+from typing import Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.angles import normalize_angle_modulo, yaw_of
+from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.robots import GROUNDS, Robot, on_ground
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from sim_bridge.scenes import small_world
-from training.bags.reader import TopicNames, open_bag
+from training.bags.reader import TopicNames, hear
 from training.common.command_line import AnyRobot, parsed
 from training.common.options import Options, argument, option
 from training.report.figures import canvas
@@ -68,19 +68,11 @@ def _of_csv(path: Path) -> List[Drive]:
 
 
 def _of_bag(path: Path, robot: Robot) -> List[Drive]:
-    topics = TopicNames.of(robot)
-    command, rows = (0.0, 0.0), []
-    with open_bag(path) as reader:
-        wanted = [c for c in reader.connections if c.topic in (topics.command, topics.odometry)]
-        for connection, at, raw in reader.messages(wanted) if wanted else ():
-            message: Any = reader.deserialize(raw, connection.msgtype)
-            if connection.topic == topics.command:
-                command = message.linear.x, message.angular.z
-            else:
-                pose = message.pose.pose
-                at_pose = pose.position.x, pose.position.y, yaw_of(pose.orientation)
-                rows.append((at * 1e-9, *command, *at_pose, *command))
-    return [Drive(path.stem, np.array(rows, dtype=float))]
+    recording = hear(path, TopicNames.of(robot), robot)
+    given = np.array([(-1, 0.0, 0.0), *recording.commands], dtype=float)
+    at, pose = recording.odometry.at, recording.odometry.pose
+    command = given[np.searchsorted(given[:, 0], at) - 1, 1:]
+    return [Drive(path.stem, np.hstack([1e-9 * at[:, None], command, pose, command]))]
 
 
 def standing_in(robot: Robot, ground: str) -> KinematicSimulator:

@@ -27,3 +27,6 @@ def test_a_recorded_drive_is_followed_on_its_own_ground(tmp_path, capsys):
     (tmp_path / "none.csv").write_text("t,x\n1,2\n")
     assert compare_recording.main([str(tmp_path / "none.csv")]) == 1
     assert "give a CSV with the columns t, cmd_v" in capsys.readouterr().err
+    (tmp_path / "cut.bag").write_bytes(b"#ROSBAG V2.0\n")
+    assert compare_recording.main([str(tmp_path / "cut.bag")]) == 1
+    assert "cut.bag: damaged or not a bag" in capsys.readouterr().err

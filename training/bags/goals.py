@@ -68,7 +68,7 @@ def goals(recording: Recording, skip: Callable[[str], None]) -> List[Goal]:
             continue
         end = end if status is None else min(end, at)
         made = decision_period(recording, goal)
-        found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:], made))
+        found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4], made))
     if not found and not spans:
         skip("no goal was pursued")
     return found

@@ -1,15 +1,17 @@
 """Reads what a bag recorded of a drive: ROS 1 bags and ROS 2 / mcap folders alike, through rosbags.
 
-episodes.py rebuilds transitions from it. Only standard topics are needed; what the applr node adds
-(/applr/decision) says exactly which messages a decision saw, and is compared where it is there.
+episodes.py rebuilds transitions from it, APPLD its demonstrations. Only standard topics are needed; what the applr node
+adds (/applr/decision) says exactly which messages a decision saw, and is compared where it is there.
 """
 
 from __future__ import annotations
 
+import json
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Dict, Iterable, List, Optional, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Tuple
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -88,8 +90,10 @@ class Recording:
     multipliers: Dict[str, float] = field(default_factory=dict)  # of parameters that the applr node sent multiplied
     status: List[Tuple[int, str]] = field(default_factory=list)  # (at, id of the running goal or "")
     results: Dict[str, Tuple[int, int]] = field(default_factory=dict)  # goal id → (at, actionlib status)
-    goals: List[Tuple[int, str, float, float]] = field(default_factory=list)  # (at, frame, x, y)
+    goals: List[tuple] = field(default_factory=list)  # (at, frame, x, y, yaw)
     sent: List[Tuple[int, str]] = field(default_factory=list)  # goals by their own topic: (at, id)
+    commands: List[Tuple[int, float, float]] = field(default_factory=list)  # (at, v [m/s], w [rad/s])
+    source: Dict[str, Any] = field(default_factory=dict)  # who demonstrated, and where
     collisions: List[int] = field(default_factory=list)  # when a contact was reported
     transforms: Dict[Tuple[str, str], List[Tuple[int, tuple]]] = field(default_factory=dict)
     decisions: List[dict] = field(default_factory=list)  # /applr/decision, with "at"
@@ -99,7 +103,7 @@ class Recording:
     def __post_init__(self):
         self.space, self.layout = space_of(self.robot), layout_of(self.robot)
 
-    def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, object]]:
+    def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, Any]]:
         """Smallest range (n,) [m] of every scan, and {index: LaserScan} of those wanted. Reads the bag once more.
 
         NaN and 0, by which some lasers mean that nothing returned, are no ranges; the smallest is NaN where all are.
@@ -125,7 +129,7 @@ class Recording:
         return kept
 
     def _messages(self, topic, at_least=0, wanted=None):
-        with open_bag(self.path) as reader:
+        with _open(self.path) as reader:
             connections = [c for c in reader.connections if c.topic == topic]
             packed = (p for p in (reader.messages(connections) if connections else ()) if len(p[2]) >= at_least)
             for i, (connection, _, raw) in enumerate(packed):
@@ -134,8 +138,9 @@ class Recording:
 
 @dataclass
 class Poses:
-    """Odometry: stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
+    """Odometry: at (n,), stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
 
+    at: np.ndarray
     stamp: np.ndarray
     pose: np.ndarray
     twist: np.ndarray
@@ -143,20 +148,8 @@ class Poses:
 
 
 def read(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.JACKAL) -> Recording:
-    """Read a bag: everything but scans and plans, of which only the times are read.
-
-    Raises:
-        BagError: the bag is absent or damaged, or lacks messages that are needed.
-    """
-    path = Path(path)
-    recording = Recording(path, topics, robot)
-    try:
-        with open_bag(path) as reader:
-            _fill(recording, reader)
-    except BagError:
-        raise
-    except Exception as error:  # rosbags raises many kinds for damaged files
-        raise BagError("%s: damaged or not a bag (%s)%s" % (path, _line(error), _remedy(path))) from None
+    """Read a bag of a robot that move_base drove, as hear does; BagError also where messages that are needed lack."""
+    recording = hear(path, topics, robot)
     if not len(recording.scan_at):
         raise BagError("%s: no scans on %s" % (path, topics.scan))
     if not len(recording.odometry.stamp):
@@ -169,7 +162,28 @@ def read(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.J
     return recording
 
 
-def open_bag(path: Path) -> AnyReader:
+def hear(path, topics: TopicNames, robot: robots.Robot) -> Recording:
+    """Read a bag: everything but scans and plans, of which only the times are read; BagError where it is damaged."""
+    recording = Recording(Path(path), topics, robot)
+    with refused(path), _open(recording.path) as reader:
+        _fill(recording, reader)
+    return recording
+
+
+@contextmanager
+def refused(path) -> Iterator[None]:
+    """Around what reads a bag: its errors become a BagError that names the bag."""
+    try:
+        yield
+    except ApplrError as error:
+        raise BagError("%s: %s" % (path, str(error).replace("%s: " % path, ""))) from None
+    except Exception as error:  # rosbags raises many kinds for damaged files
+        remedy = "; it was not closed: try `rosbag reindex`" if Path(path).suffix in (".active", ".bag") else ""
+        line = (str(error).splitlines() or [""])[0] or type(error).__name__
+        raise BagError("%s: damaged or not a bag (%s)%s" % (path, line, remedy)) from None
+
+
+def _open(path: Path) -> AnyReader:
     """A reader of a .bag file, or of a ROS 2 folder (with metadata.yaml) or .mcap file in it."""
     if not path.exists():
         raise BagError("%s: not there" % path)
@@ -192,6 +206,8 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         base + "/result": _result,
         base + "/current_goal": _goal,
         base + "/goal": _sent,
+        topics.command: _command,
+        topics.demonstration: _told,
         topics.collision: _collision,
         "/tf": _tf,
         "/tf_static": _tf,
@@ -222,14 +238,16 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         times = np.array(heavy[topic], dtype=np.int64).reshape(-1, 2)
         setattr(recording, name + "_at", times[:, 0])
         setattr(recording, name + "_stamp", times[:, 1])
-    frame = rows[0][6] if rows else "odom"
-    table = np.array([row[1:6] for row in rows], dtype=np.float64).reshape(-1, 5)
-    recording.odometry = Poses(np.array([row[0] for row in rows], dtype=np.int64), table[:, :3], table[:, 3:], frame)
+    frame = rows[0][7] if rows else "odom"
+    times = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
+    table = np.array([row[2:7] for row in rows], dtype=np.float64).reshape(-1, 5)
+    recording.odometry = Poses(times[:, 0], times[:, 1], table[:, :3], table[:, 3:], frame)
 
 
 def _odometry(recording, at, message, rows):
     p, q, t = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
-    rows.append((stamp(message), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z, message.header.frame_id.lstrip("/")))
+    frame = message.header.frame_id.lstrip("/")
+    rows.append((at, _stamp(message), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z, frame))
 
 
 def _status(recording, at, message, rows):
@@ -242,14 +260,27 @@ def _result(recording, at, message, rows):
 
 
 def _goal(recording, at, message, rows):
-    p = message.pose.position
-    recording.goals.append((at, message.header.frame_id.lstrip("/"), p.x, p.y))
+    p, q = message.pose.position, message.pose.orientation
+    recording.goals.append((at, message.header.frame_id.lstrip("/"), p.x, p.y, yaw_of(q)))
 
 
 def _sent(recording, at, message, rows):
-    target = message.goal.target_pose
     recording.sent.append((at, message.goal_id.id))
-    recording.goals.append((at, target.header.frame_id.lstrip("/"), target.pose.position.x, target.pose.position.y))
+    _goal(recording, at, message.goal.target_pose, rows)
+
+
+def _command(recording, at, message, rows):
+    message = getattr(message, "twist", message)  # TwistStamped too
+    recording.commands.append((at, message.linear.x, message.angular.z))
+
+
+def _told(recording, at, message, rows):
+    try:
+        said = json.loads(message.data)
+    except (ValueError, RecursionError):
+        return
+    if isinstance(said, dict):
+        recording.source = {str(k)[:40]: v if isinstance(v, (int, float)) else str(v)[:200] for k, v in said.items()}
 
 
 def _collision(recording, at, message, rows):
@@ -268,7 +299,7 @@ def _decision(recording, at, message, rows):
     number = int(message.number)
     before, after = (dict(zip(p.names, map(float, p.values))) for p in (message.before, message.after))
     stamps = {name: _nanoseconds(getattr(message, name)) for name in ("scan", "odometry", "plan")}
-    decision = {"at": at, "number": number, "goal": message.goal, "stamp": stamp(message), **stamps}
+    decision = {"at": at, "number": number, "goal": message.goal, "stamp": _stamp(message), **stamps}
     recording.decisions.append(dict(decision, theta_prev=before, theta=after or None))
     observation = np.array(message.observation, dtype=np.float32)
     recording.observations.setdefault(number, []).append((at, observation))
@@ -298,7 +329,7 @@ def _parameters(recording, at, message, topic):
             recording.parameters.setdefault(wanted, []).append((at, values))
 
 
-def stamp(message) -> int:
+def _stamp(message) -> int:
     """A header's stamp in nanoseconds."""
     return _nanoseconds(message.header.stamp)
 
@@ -320,12 +351,3 @@ def find(paths) -> List[Path]:
         else:
             found.append(path)
     return found
-
-
-def _line(error: BaseException) -> str:
-    return (str(error).splitlines() or [""])[0] or type(error).__name__
-
-
-def _remedy(path: Path) -> Optional[str]:
-    active = path.suffix == ".active"
-    return "; it was not closed: try `rosbag reindex`" if active or path.suffix == ".bag" else ""
