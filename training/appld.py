@@ -22,7 +22,7 @@ from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training.bags.reader import BagError, BagOptions, find
+from training.bags.reader import BagOptions, find
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import segmentation as contexts
@@ -184,11 +184,9 @@ def run(arguments: List[str]) -> None:
     options = parsed(AppldOptions, "appld.py", __doc__, arguments)
     if not options.out.endswith(".safetensors"):
         raise ApplrError("--out %s: give a name that ends in .safetensors" % options.out)
-    bags = find(options.bags)
-    if not bags:
-        raise BagError("%s: no bags there" % ", ".join(options.bags))
     try:
-        log = learn([read(bag, options.topics(), options.robot) for bag in bags], options, arguments)
+        demonstrations = [read(bag, options.topics(), options.robot) for bag in find(options.bags)]
+        log = learn(demonstrations, options, arguments)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; nothing was written") from None
     print("%s: %d contexts in %.0f s" % (options.out, len(log["contexts"]), log["seconds"]))

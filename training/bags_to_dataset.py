@@ -39,8 +39,6 @@ def convert(
     nothing at all could be used, StorageError when the folder cannot be written.
     """
     bags = find(paths)
-    if not bags:
-        raise BagError("%s: no bags there; give .bag or .mcap files or ROS 2 bag folders" % ", ".join(map(str, paths)))
     read_bags: List[Dict[str, Any]] = []
     source: Dict[str, Any] = {"bags": read_bags, "robot": robot.name, **reward.model_dump()}
     periods: Set[float] = set()

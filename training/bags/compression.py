@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import bz2
 from types import SimpleNamespace
-from typing import Any, BinaryIO, Callable
+from typing import Any, Callable, Optional
 
 import lz4.frame
 from rosbags.rosbag1 import reader as rosbag1
@@ -51,23 +51,13 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
     return b"".join(parts)
 
 
-class BoundedFile:
+class BoundedFile(zstd.ZstdFile):
     """A zstd file, unpacked as it is read; raises ApplrError behind MAX_FILE bytes."""
 
-    def __init__(self, file: BinaryIO, mode: str = "rb"):
-        self._file, self._size = zstd.ZstdFile(file), 0
-
-    def __enter__(self) -> "BoundedFile":
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._file.close()
-
-    def read(self, size: int) -> bytes:
+    def read(self, size: Optional[int] = -1) -> bytes:
         """The next bytes, `size` at most."""
-        data = self._file.read(size)
-        self._size += len(data)
-        if self._size > MAX_FILE:
+        data = super().read(size)
+        if self.tell() > MAX_FILE:
             raise ApplrError("unpacks to more than %d GiB" % (MAX_FILE >> 30))
         return data
 

@@ -335,7 +335,7 @@ def _stamp(message) -> int:
 
 
 def find(paths) -> List[Path]:
-    """The bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted."""
+    """The bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted; BagError for none."""
     found = []
     for path in map(Path, paths):
         if path.is_dir() and not (path / "metadata.yaml").exists():
@@ -350,4 +350,6 @@ def find(paths) -> List[Path]:
             ]
         else:
             found.append(path)
+    if not found:
+        raise BagError("%s: no bags there; give .bag or .mcap files or ROS 2 bag folders" % ", ".join(map(str, paths)))
     return found

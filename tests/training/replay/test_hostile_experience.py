@@ -1,8 +1,10 @@
 """What damaged or oversized bags and files do: one line, bounded memory."""
 
 import bz2
+import io
 import json
 import os
+import shutil
 import struct
 import tracemalloc
 
@@ -128,6 +130,15 @@ def test_compressed_data_are_what_they_were(tmp_path):
     for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:10_000]):
         with pytest.raises(EOFError):
             compression.unpack(bz2.BZ2Decompressor, cut)
+
+
+def test_a_file_that_unpacks_to_too_much_is_left_off(tmp_path, monkeypatch):
+    monkeypatch.setattr(compression, "MAX_FILE", 1 << 20)
+    packed = io.BytesIO(compression.zstd.compress(bytes(1 << 24)))
+    with compression.BoundedFile(packed, "rb") as file, open(tmp_path / "bag.mcap", "wb") as out:
+        with pytest.raises(ApplrError, match="unpacks to more than"):
+            shutil.copyfileobj(file, out)
+        assert out.tell() <= 1 << 20
 
 
 @pytest.mark.fault("18c")
