@@ -77,7 +77,7 @@ def run_script(module: str, node: bool = False) -> None:
     Args:
         module: such as "training.evaluate".
         node: whether it is a ROS node, which takes nothing but NAME:=VALUE. Other words end it with one line, before
-            it does what nobody asked for; --help prints the module's USAGE, else its docstring.
+            it does what nobody asked for; --help prints the module's USAGE, else a node's docstring.
     """
     if os.path.isfile(os.path.join(sys.path[0], "sim_bridge.py")):
         sys.path.pop(0)
@@ -97,7 +97,7 @@ def _main_of(module: str, node: bool) -> Optional[int]:
             "applr_ros1, then build this workspace again"
         ) from None
     words = [word for word in sys.argv[1:] if ":=" not in word] if node else []
-    if {"-h", "--help"} & set(words):
+    if {"-h", "--help"} & set(sys.argv[1:]) and (node or hasattr(loaded, "USAGE")):
         print(getattr(loaded, "USAGE", loaded.__doc__))
         return 0
     if words:

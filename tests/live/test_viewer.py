@@ -24,15 +24,13 @@ def ros():
 @pytest.fixture
 def viewer(ros):
     made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
-    made._listener.open()
     yield made
-    made._listener.close()
     made.close()
 
 
 def state(viewer):
-    viewer._draw()
-    return viewer._state.content
+    viewer.draw()
+    return viewer.state.content
 
 
 def by_hand(element, value):
@@ -48,8 +46,8 @@ def test_what_does_not_answer_is_said(viewer):
     assert "no scan: nothing on /front/scan" in text
     assert "no applr node" in text
     said = []
-    viewer._panel._say = said.append
-    by_hand(viewer._panel.sliders["max_vel_x"], 0.8)
+    viewer.pilot._say = said.append
+    by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
     assert said == ["no move_base: its parameters cannot be set"]
 
 
@@ -59,7 +57,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
     try:
         wait_for(lambda: viewer.pilot.client.connected, 20.0, "the servers")
         wait_for(lambda: "default parameters" in state(viewer), 20.0, "the method")
-        slider, name = viewer._panel.sliders["inflation_radius"], "inflation_radius"
+        slider, name = viewer.panel.sliders["inflation_radius"], "inflation_radius"
         assert slider.value == 0.3
         by_hand(slider, 0.45)
         at = viewer.pilot.space.names.index(name)
@@ -68,7 +66,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
             assert rospy.get_param("/move_base/%s_costmap/inflater_layer/inflation_radius" % costmap) == 0.45
         assert "parameters by **by hand**" in state(viewer)
         assert viewer.pilot.client.values()[at] == 0.45  # the applr node's last words have not undone it
-        by_hand(viewer._panel._method, "best single set")
+        by_hand(viewer.panel._method, "best single set")
         best = viewer.pilot.space.theta0
         wait_for(lambda: state(viewer) and not np.array_equal(viewer.pilot.theta(), best), 5.0, "its values")
         wait_for(lambda: "best single set" in state(viewer), 5.0, "the method")
@@ -87,18 +85,16 @@ def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
         wait_for(lambda: "the page is at" in node.text or not node.alive(), 20.0, "the node")
         assert node.alive(), node.text
         alone = odometry.get_num_connections()
-        made._listener.open()
-        wait_for(lambda: state(made) and made._scene.pose, 10.0, "the robot")
+        wait_for(lambda: state(made) and made.scene.pose, 10.0, "the robot")
         assert odometry.get_num_connections() == alone + 1
-        wait_for(lambda: state(made) and made._scene._scan.visible, 10.0, "the scan")
-        x, y, _ = made._scene._scan.points.T
+        wait_for(lambda: state(made) and made.scene._scan.visible, 10.0, "the scan")
+        x, y, _ = made.scene._scan.points.T
         assert np.hypot(x - 1.5, y - 0.8).min() < 0.2
         assert "no scan" not in state(made)
         jackal.put((0.2, 0.0, 0.0))
-        wait_for(lambda: state(made) and made._scene.pose[0] > 0.1, 5.0, "the robot has moved")
-        assert len(made._scene._trail) >= 2
+        wait_for(lambda: state(made) and made.scene.pose[0] > 0.1, 5.0, "the robot has moved")
+        assert len(made.scene._trail) >= 2
     finally:
-        made._listener.close()
         made.close()
         assert node.end() == 0, node.text
         jackal.close()

@@ -20,18 +20,19 @@ pytestmark = [
 
 NODES = {
     "sim_bridge": ("_simulator:=kinematic", "_real_time_factor:=0"),
-    "move_base": ("_robot:=jackal",),
+    "move_base": (),
     "applr": (),
     "viewer": ("_port:=%d" % free_port(),),
 }
+WAFFLE = "turtlebot3_waffle_pi"
 WIDTH, HEIGHT = 1000, 640
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    ros = session()
+def page(tmp_path_factory, request):
+    ros, robot = session(), "_robot:=" + getattr(request, "param", "jackal")
     rospy.set_param("/use_sim_time", True)
-    nodes = [ros.python("applr_ros1/scripts/%s.py" % name, *words) for name, words in NODES.items()]
+    nodes = [ros.python("applr_ros1/scripts/%s.py" % name, robot, *words) for name, words in NODES.items()]
     try:
         wait_for(lambda: rospy.get_param("/viewer/address", "") or not nodes[-1].alive(), 60.0, "the page")
         assert nodes[-1].alive(), nodes[-1].text
@@ -42,11 +43,13 @@ def page(tmp_path_factory):
     finally:
         for node in reversed(nodes):
             node.end()
+        for name in NODES:
+            rospy.delete_param("/" + name)
         rospy.set_param("/use_sim_time", False)
 
 
-def max_vel_x():
-    return rospy.get_param("/move_base/TrajectoryPlannerROS/max_vel_x")
+def max_vel_x(planner="TrajectoryPlannerROS"):
+    return rospy.get_param("/move_base/%s/max_vel_x" % planner)
 
 
 def table(page):
@@ -71,6 +74,33 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
     page.click_on("hand back to the policy")
     page.wait("parameters by policy")
     wait_for(lambda: max_vel_x() == 0.5, 10.0, "the default, before the first goal")
+
+
+def test_a_second_page_shows_the_same_and_closes_alone(page):
+    with page.beside(rospy.get_param("/viewer/address")) as second:
+        second.wait("parameters by policy", "max_vel_x")
+        page.slide("max_vel_x", 0.9)
+        second.wait("parameters by by hand")
+        wait_for(lambda: second.value("max_vel_x") == page.value("max_vel_x") == max_vel_x() > 1.7, 10.0, "the slider")
+        second.slide("max_vel_x", 0.5)
+        wait_for(lambda: page.value("max_vel_x") == max_vel_x() < 1.2, 10.0, "the slider of the first page")
+        assert second.look(0.1) == []
+    time.sleep(0.5)
+    assert page.value("max_vel_x") == max_vel_x()
+    page.click_on("hand back to the policy")
+    page.wait("parameters by policy")
+
+
+def test_another_robot_is_for_the_program_that_started_this_one(page):
+    page.turn_to("World", "drive the course")
+    page.choose("jackal", "husky")
+    page.wait("./applr play robot:=husky")
+    rospy.set_param("/play/arguments", ["seed:=3"])
+    page.choose("jackal", "husky")
+    wanted = ["seed:=3", "robot:=husky", "world:=generated:0"]
+    wait_for(lambda: rospy.get_param("/play/arguments") == wanted, 10.0, "the arguments")
+    page.choose("husky", "jackal")
+    rospy.delete_param("/play")
 
 
 def test_a_click_sets_a_goal_and_the_robot_arrives(page):
@@ -109,3 +139,17 @@ def test_a_race_ends_with_two_times(page):
     assert [first[1], second[1]] == ["default parameters", "policy"]
     assert float(first[2].split()[0]) > float(second[2].split()[0]) > 3.0
     assert rospy.wait_for_message("/sim_bridge/current_world", String, 5.0).data == first[0] == "generated:0"
+
+
+@pytest.mark.parametrize("page", [WAFFLE], indirect=True)
+def test_the_page_serves_a_robot_with_another_planner(page):
+    assert max_vel_x("DWAPlannerROS") == pytest.approx(0.26)
+    page.slide("max_vel_x", 0.1)
+    wait_for(lambda: max_vel_x("DWAPlannerROS") < 0.2, 10.0, "the parameter")
+    page.click_on("hand back to the policy")
+    page.turn_to("World", "drive the course")
+    assert page.evaluate("[...document.querySelectorAll('input')].some(e => e.value == '%s')" % WAFFLE)
+    ahead(page)
+    page.turn_to("Race", "end the race")
+    wait_for(lambda: table(page), 60.0, "a drive")
+    assert table(page)[0][3] == "goal reached"

@@ -33,8 +33,8 @@ OPTIONS = (
 class Page:
     """One page. complaints: errors of its console, exceptions of its scripts, requests that failed."""
 
-    def __init__(self, socket):
-        self._socket, self._numbers, self.complaints = socket, itertools.count(1), []
+    def __init__(self, socket, targets):
+        self._socket, self._targets, self._numbers, self.complaints = socket, targets, itertools.count(1), []
         for domain in ("Page", "Runtime", "Log"):
             self.call(domain + ".enable")
 
@@ -47,6 +47,14 @@ class Page:
             if message.get("id") == number:
                 assert "error" not in message, (method, message["error"])
                 return message["result"]
+
+    @contextlib.contextmanager
+    def beside(self, url):
+        """A second Page, of the same browser."""
+        number = self.call("Target.createTarget", url=url)["targetId"]
+        with connect(self._targets + number, max_size=2**26, proxy=None) as socket:
+            yield Page(socket, self._targets)
+        self.call("Target.closeTarget", targetId=number)
 
     def look(self, seconds=0.0):
         """Hear what the page says for a while; returns its complaints."""
@@ -105,14 +113,22 @@ class Page:
 
     def slide(self, label, share):
         """Click on the slider with this label, at a share of its length."""
-        left, width, y = self.evaluate(
+        track = "const r = slider.parentElement.getBoundingClientRect(); return [r.x, r.width, r.y + r.height / 2]"
+        left, width, y = self._slider(label, track)
+        self.click(left + share * width, y)
+
+    def value(self, label):
+        """Of the slider with this label."""
+        return float(self._slider(label, "return slider.ariaValueNow"))
+
+    def _slider(self, label, then):
+        """The value of JavaScript statements about the `slider` with this label."""
+        return self.evaluate(
             "(() => { let e = [...document.querySelectorAll('label, p, div')].filter("
             "e => e.textContent.trim() == %s && e.getClientRects().length).at(-1);"
             "while (!e.querySelector('[role=slider]')) e = e.parentElement;"
-            "const r = e.querySelector('[role=slider]').parentElement.getBoundingClientRect();"
-            "return [r.x, r.width, r.y + r.height / 2]; })()" % json.dumps(label)
+            "const slider = e.querySelector('[role=slider]'); %s; })()" % (json.dumps(label), then)
         )
-        self.click(left + share * width, y)
 
     def choose(self, now, then):
         """Choose another option where an input shows `now`; nothing where one shows `then` already."""
@@ -162,8 +178,9 @@ def open_page(url, folder, width=1000, height=640):
         port = wait_for(lambda: _port(profile / "DevToolsActivePort"), 20.0, "the browser")
         with urlopen("http://127.0.0.1:%d/json/list" % port) as answer:
             target = next(page for page in json.load(answer) if page["type"] == "page")
-        with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None) as socket:
-            page = Page(socket)
+        address = target["webSocketDebuggerUrl"]
+        with connect(address, max_size=2**26, proxy=None) as socket:
+            page = Page(socket, address.rpartition("/")[0] + "/")
             page.call("Page.navigate", url=url)
             yield page
     except ConnectionClosed:

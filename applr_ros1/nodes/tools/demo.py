@@ -50,32 +50,16 @@ The other arguments are those of the launch file: roslaunch --ros-args applr_ros
 
 def main():
     """Exit status: 0 goal reached, 1 not reached, or a wrong argument (one line), 130 interrupted."""
-    words = sys.argv[1:]
-    if {"-h", "--help"} & set(words):
-        print(USAGE)
-        return 0
-    (file,) = roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])
-    values, passed, robot, world = prepare(words, file)
-    folder = tempfile.mkdtemp(prefix="applr_demo_")
-    port = own_master(folder)
-    stack = Stack(file, passed, port)
+    values, passed, robot, world = prepare(sys.argv[1:], launch_file())
     result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
     result.update(collided=False, time_s=None, seed=int(values["seed"]), simulator=values["simulator"])
-    say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result) + f", port {port}")
-    drive, keep = None, False
+    say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
+    drive = None
     try:
-        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log, contextlib.redirect_stdout(log):
-            try:
-                drive = _drive(stack, values, robot, world, result)
-            finally:
-                stack.stop()
+        with own_stack(passed) as stack:
+            drive = _drive(stack, values, robot, world, result)
     except ApplrError as problem:
-        keep = True
-        say(f"{problem}; what the nodes printed is in {folder}")
-        result["reason"] = str(problem)
-    finally:
-        if not keep:
-            shutil.rmtree(folder, ignore_errors=True)
+        say(result.setdefault("reason", str(problem)))
     if drive is not None:
         drive.title = "{world}, {robot}, method {method}: {reason} in {time_s:.1f} s".format(**result)
         result["picture"] = _leave(values["picture"], lambda path: picture.save(drive, path))
@@ -84,7 +68,37 @@ def main():
     return 0 if result["success"] else 1
 
 
-def own_master(folder):
+def launch_file():
+    """The file that the demo and the playground start."""
+    return roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])[0]
+
+
+@contextlib.contextmanager
+def own_stack(words):
+    """A Stack of the launch file with these arguments, for this process alone; it ends with the block.
+
+    What the nodes print goes to a folder that is kept where the block raises ApplrError, whose line says so.
+    """
+    folder = tempfile.mkdtemp(prefix="applr_")
+    stack, keep = Stack(launch_file(), words, _own_master(folder)), False
+    say(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
+    try:
+        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log, contextlib.redirect_stdout(log):
+            try:
+                with announced("starting ROS", say, first=5.0):
+                    stack.start()
+                yield stack
+            finally:
+                stack.stop()
+    except ApplrError as problem:
+        keep = True
+        raise ApplrError(f"{problem}; what the nodes printed is in {folder}") from None
+    finally:
+        if not keep:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _own_master(folder):
     """Have this process and its children use a master on a free port, which is returned; `folder` gets their logs."""
     port = free_port()
     os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
@@ -125,16 +139,12 @@ def prepare(words, file):
         folder = os.path.dirname(os.path.abspath(values[name]))
         if values[name] != "none" and not (values[name].endswith(ending) and os.access(folder, os.W_OK)):
             raise ApplrError(f"{name} is {values[name]}: give a {ending} file in a folder that can be written")
-    for name in ("robot", "world", "record"):  # the nodes run in another folder
-        if values[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(values[name])):
-            values[name] = os.path.abspath(values[name])
+    values = with_folders(values)
     robot = load(values["robot"])
     if values["policy"] != "none":
-        values["method"] += ":" + values["policy"]
-    elif values["method"] == "applr" and not os.path.exists(methods.shipped(robot=robot)):
-        say(f"robot {robot.name} has no policy of its own: method dwa; train one or give policy:=FILE")
-        values["method"] = "dwa"
-    values["method"] = methods.absolute(values["method"])
+        values = with_folders(dict(values, method=values["method"] + ":" + values["policy"]))
+    else:
+        values["method"] = usual_method(robot, values["method"])
     methods.make(values["method"], robot, commands=False)
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
@@ -144,6 +154,23 @@ def prepare(words, file):
         world = dataclasses.replace(world, course=dataclasses.replace(world.course, goal=goal, finish_y=None))
     passed = {name: values[name] for name in {"method", *given} & set(known) - {"policy"}}
     return values, [f"{name}:={value}" for name, value in dict(passed, goal="none").items()], robot, world
+
+
+def with_folders(values):
+    """Arguments {name: value} of the launch file with paths from the root: the nodes run in another folder."""
+    found = {name: methods.absolute(value) if name == "method" else value for name, value in values.items()}
+    for name in {"robot", "world", "record", "policy"} & set(values):
+        if values[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(values[name])):
+            found[name] = os.path.abspath(values[name])
+    return found
+
+
+def usual_method(robot, method):
+    """The method, but dwa instead of applr for a robot without a policy, which is said."""
+    if method != "applr" or os.path.exists(methods.shipped(robot=robot)):
+        return method
+    say(f"robot {robot.name} has no policy of its own: method dwa; train one or give policy:=FILE")
+    return "dwa"
 
 
 class Stack(roslaunch.pmon.ProcessListener):
@@ -211,12 +238,10 @@ class Stack(roslaunch.pmon.ProcessListener):
 
 
 def _drive(stack, values, robot, world, result):
-    """Start the stack, drive the course, complete the result; returns the recorded Drive."""
+    """Drive the course, complete the result; returns the recorded Drive."""
     began = time.monotonic()
-    with announced("starting ROS", say, first=5.0):
-        stack.start()
-        scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
-        observer = Observer(robot, world, scan, frame_prefix(values["tf_prefix"]) + robot.frames.odom)
+    scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
+    observer = Observer(robot, world, scan, frame_prefix(values["tf_prefix"]) + robot.frames.odom)
     for part, up in observer.parts():
         with announced(f"waiting for {part}, which compiles its kernels at its first start", say, first=10.0):
             stack.wait(up, UP_WITHIN, f"{part} does not come up")

@@ -1,24 +1,23 @@
 """The playground (./applr play): a simulated robot on a ROS master of its own, and a page in a browser to play with it.
 
-It starts jackal_applr.launch with viewer:=true, says where the page is, and ends every process at Ctrl-C.
+It starts jackal_applr.launch with viewer:=true, says where the page is, and ends every process at Ctrl-C. Where the
+page has put other arguments into PLAYED, such as another robot, everything starts anew with them.
 """
 
-import contextlib
 import os
-import shutil
 import sys
-import tempfile
 import time
 import webbrowser
 
-import roslaunch
 import roslaunch.arg_dump
 import rospy
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
+from applr_ros1.nodes.viewer.world import PLAYED
+from applr_ros1.robots import load
 
-from .demo import UP_WITHIN, Stack, own_master, say
+from .demo import UP_WITHIN, launch_file, own_stack, say, usual_method, with_folders
 
 USAGE = """usage: play.py [--no-browser] [--host ADDRESS] [ARG:=VALUE ...]
 
@@ -33,37 +32,21 @@ important ones are robot:=jackal and world:=generated:0. No goal is sent unless 
 
 def main():
     """Exit status: 130 after Ctrl-C, 1 where a part of the stack ends by itself or an argument is wrong (one line)."""
-    words = sys.argv[1:]
-    if {"-h", "--help"} & set(words):
-        print(USAGE)
-        return 0
-    (file,) = roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])
-    browser, passed = prepare(words, file)
-    folder = tempfile.mkdtemp(prefix="applr_play_")
-    port = own_master(folder)
-    stack, keep = Stack(file, passed, port), False
-    try:
-        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log, contextlib.redirect_stdout(log):
-            try:
-                with announced("starting ROS", say, first=5.0):
-                    stack.start()
-                with announced("waiting for the page", say, first=10.0):
-                    stack.wait(lambda: rospy.get_param("/viewer/address", ""), UP_WITHIN, "the page does not come up")
-                address = rospy.get_param("/viewer/address")
-                say(f"the page is at {address}; for other ROS programs: ROS_MASTER_URI=http://localhost:{port}")
-                if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-                    webbrowser.open(address)
-                while True:
-                    stack.check()
-                    time.sleep(0.2)
-            finally:
-                stack.stop()
-    except ApplrError as problem:
-        keep = True
-        raise ApplrError(f"{problem}; what the nodes printed is in {folder}") from None
-    finally:
-        if not keep:
-            shutil.rmtree(folder, ignore_errors=True)
+    browser, passed = prepare(sys.argv[1:], launch_file())
+    with own_stack(passed) as stack:
+        with announced("waiting for the page", say, first=10.0):
+            stack.wait(lambda: rospy.get_param("/viewer/address", ""), UP_WITHIN, "the page does not come up")
+        address = rospy.get_param("/viewer/address")
+        say(f"the page is at {address}")
+        if browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+            webbrowser.open(address)
+        rospy.set_param(PLAYED, passed)
+        wanted = passed
+        while wanted == passed:
+            stack.check()
+            time.sleep(0.2)
+            wanted = rospy.get_param(PLAYED)
+    os.execv(sys.executable, [sys.executable, sys.argv[0], "--no-browser", *wanted])
 
 
 def prepare(words, file):
@@ -78,7 +61,9 @@ def prepare(words, file):
         elif word == "--host" and words:
             values["viewer_host"] = words.pop(0)
         elif separator and name in known:
-            values[name] = os.path.abspath(value) if os.path.exists(value) else value  # nodes run in another folder
+            values[name] = value
         else:
             raise ApplrError(f"{word} is no argument: give --no-browser, --host ADDRESS or ARG:=VALUE (--help)")
-    return browser, [f"{name}:={value}" for name, value in values.items()]
+    if not {"method", "policy"} & set(values):
+        values["method"] = usual_method(load(values.get("robot", known["robot"])), known["method"])
+    return browser, [f"{name}:={value}" for name, value in with_folders(values).items()]

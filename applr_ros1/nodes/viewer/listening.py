@@ -1,4 +1,4 @@
-"""What the viewer hears: messages kept as they came and read when they are looked at, and poses from tf.
+"""What the viewer hears, kept as it came and read when it is looked at, and how a person's hand reaches other nodes.
 
 A message that nobody looks at costs no reading, and while nobody looks at all there are no subscriptions.
 """
@@ -6,86 +6,82 @@ A message that nobody looks at costs no reading, and while nobody looks at all t
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections import deque
-from typing import Any, Deque, Dict, List, Optional
+from typing import Any, Callable, Deque, Dict, List, Optional, Tuple
 
 import numpy as np
 import rospy
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.errors import reason
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import Transforms
 from applr_ros1.policy.observation import ObservationError
 
 KEPT = 50  # messages of a topic between two looks
+TOUCHED = 0.5  # wall seconds for which an element that was changed stays as it is
+ANSWER = 1.0  # wall seconds that a service has to appear
 
 
 class Listener:
-    """Subscriptions that can be opened and closed.
+    """Subscribes to a topic when it is asked for it first. topic, kind: its name and the class of its messages.
 
     Args:
-        topics: {topic: class of its messages}.
         fixed: Frame in which `place` gives poses.
     """
 
-    def __init__(self, topics: Dict[str, Any], fixed: str):
+    def __init__(self, fixed: str):
         self.fixed = fixed
-        self._kinds = topics
-        self._came: Dict[str, Deque[Any]] = {topic: deque(maxlen=KEPT) for topic in topics}
+        self._came: Dict[str, Deque[Any]] = {}
         self._read: Dict[str, Any] = {}
         self._heard: Dict[str, float] = {}  # wall time of the newest message
         self._subscribers: List[Any] = []
         self._transforms = Transforms()
-        self._lock = threading.Lock()
-
-    def open(self) -> None:
-        """Subscribe, unless that was done."""
-        with self._lock:
-            if not self._subscribers:
-                self._subscribers = [
-                    rospy.Subscriber(topic, rospy.AnyMsg, self._keep, topic, queue_size=KEPT, buff_size=2**24)
-                    for topic in self._kinds
-                ]
 
     def close(self) -> None:
-        """Unsubscribe, and forget what was heard."""
-        with self._lock:
-            for subscriber in self._subscribers:
-                subscriber.unregister()
-            self._subscribers = []
-            self._transforms.rest()
-            for known in (self._read, self._heard):
-                known.clear()
-            for came in self._came.values():
-                came.clear()
+        """Unsubscribe from everything, until the next question, and forget what was heard."""
+        while self._subscribers:
+            self._subscribers.pop().unregister()
+        self._transforms.rest()
+        for known in (self._came, self._read, self._heard):
+            known.clear()
 
-    def _keep(self, message: Any, topic: str) -> None:
-        self._came[topic].append(message._buff)
-        self._heard[topic] = time.monotonic()
-
-    def fresh(self, topic: str) -> List[Any]:
+    def fresh(self, topic: str, kind: Any) -> List[Any]:
         """The messages that have come since the last look, oldest first; their arrays are numpy's."""
+        if topic not in self._came:
+            came = self._came[topic] = deque(maxlen=KEPT)
+
+            def keep(message: Any) -> None:
+                came.append(message._buff)
+                self._heard[topic] = time.monotonic()
+
+            self._subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, keep, queue_size=KEPT, buff_size=2**24))
         came, found = self._came[topic], []
         while came:
-            message = self._kinds[topic]()
+            message = kind()
             message.deserialize_numpy(came.popleft(), np)
             found.append(message)
         if found:
             self._read[topic] = found[-1]
         return found
 
-    def news(self, topic: str) -> Optional[Any]:
+    def news(self, topic: str, kind: Any) -> Optional[Any]:
         """The newest message, None where none has come since the last look. Older ones are dropped."""
-        came = self._came[topic]
+        came = self._came.get(topic, deque())
         while len(came) > 1:
             came.popleft()
-        return next(iter(self.fresh(topic)), None)
+        return next(iter(self.fresh(topic, kind)), None)
 
-    def newest(self, topic: str) -> Optional[Any]:
+    def newest(self, topic: str, kind: Any) -> Optional[Any]:
         """The newest message, seen before or not; None before the first."""
-        return self.news(topic) or self._read.get(topic)
+        return self.news(topic, kind) or self._read.get(topic)
+
+    def placed(self, topic: str, kind: Any) -> Tuple[Any, Optional[Pose]]:
+        """As `news`, and the place of its frame; (None, None) where there is no message or no place."""
+        message = self.news(topic, kind)
+        place = self.place(message.header.frame_id) if message is not None else None
+        return (message, place) if place is not None else (None, None)
 
     def age(self, topic: str) -> float:
         """Wall time [s] since the newest message came; inf before the first."""
@@ -99,3 +95,37 @@ class Listener:
             return pose_of(self._transforms.newest(self.fixed, frame))
         except ObservationError:
             return None
+
+
+def by_hand(element: Any, work: Callable[[Any], Any]) -> None:
+    """Call work(value) when a person, and not this program, changes an element of the page."""
+    element.on_update(lambda event: event.client and work(element.value))
+
+
+def show(element: Any, value: Any) -> None:
+    """Set an element of the page, unless a person may have just changed it and `by_hand` has not read it yet."""
+    if time.time() - element.update_timestamp > TOUCHED:
+        element.value = value
+
+
+def tell(say: Callable[[str], None], publisher: rospy.Publisher, message: Any) -> None:
+    """Publish a message; say so where nobody listens."""
+    publisher.publish(message)
+    if not publisher.get_num_connections():
+        say("nobody listens on %s" % publisher.resolved_name)
+
+
+def ask(say: Callable[[str], None], name: str, kind: Any, *request: Any) -> bool:
+    """Call a service. Returns whether it did what was asked; says why not."""
+    name = rospy.resolve_name(name)
+    try:
+        rospy.wait_for_service(name, ANSWER)
+        answer = rospy.ServiceProxy(name, kind)(*request)
+        problem = "" if getattr(answer, "success", True) else answer.message
+    except rospy.ROSException:
+        problem = "%s does not answer" % name
+    except rospy.ServiceException as error:
+        problem = "%s: %s" % (name, reason(error))
+    if problem:
+        say(problem)
+    return not problem

@@ -8,9 +8,7 @@ Parameters: ~robot (jackal; name or folder of a description), ~map (whether it d
 
 from __future__ import annotations
 
-import threading
 import time
-from typing import Any
 
 import rospy
 
@@ -20,14 +18,14 @@ from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import JACKAL, Robot, load
 
 from . import panel, pilot, race, scene, world
-from .listening import Listener
+from .listening import Listener, by_hand
 
 RATE = 10.0  # Hz of wall time with a page open
 IDLE = 0.2  # s between looks for a page
 
 
 class Viewer:
-    """The page and what it shows.
+    """The page and what it shows, the same to everybody who looks.
 
     Args:
         robot: Description of the robot.
@@ -40,44 +38,30 @@ class Viewer:
     def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int):
         import viser
 
-        self._robot, self._odom = robot, prefix + robot.frames.odom
-        topics = {**scene.topics(robot), **panel.topics(robot), **pilot.TOPICS, **world.TOPICS, **race.TOPICS}
-        self._listener = Listener(topics, fixed)
+        self.listener = Listener(fixed)
         self.server = viser.ViserServer(host, port, label="applr_ros1: %s" % robot.name, verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
-        self.pilot = pilot.Pilot(robot, self._listener)
-        self._scene = scene.Scene(self.server, robot, self._listener, prefix + robot.frames.base)
-        self._lock = threading.Lock()
-        self._make_page()
-        self.server.on_client_connect(lambda client: self._scene.look(client, False))
-        self.server.scene.on_click()(lambda event: self._world.clicked(event, self._scene.pose))
-
-    @property
-    def address(self) -> str:
-        """Of the page."""
-        return "http://%s:%d" % (self.server.get_host(), self.server.get_port())
-
-    def _make_page(self) -> None:
+        self.pilot = pilot.Pilot(robot, self.listener, self.say)
+        self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         gui = self.server.gui
-        self._state = gui.add_markdown("")
+        self.state = gui.add_markdown("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
-            self._panel = panel.Panel(gui, self._robot, self._listener, self.pilot, self.say)
+            self.panel = panel.Panel(gui, robot, self.listener, self.pilot)
         with tabs.add_tab("World"):
-            self._world = world.WorldTab(gui, self._robot, self._listener, self._odom, self.say)
+            self._world = world.WorldTab(gui, robot, self.listener, prefix + robot.frames.odom, self.say)
         with tabs.add_tab("Race"):
-            methods = tuple(self._panel.methods)
-            self._race = race.RaceTab(self.server, self._robot, self._listener, self.pilot, self._world, methods)
+            methods = self.panel.methods
+            self._race = race.RaceTab(self.server, robot, self.listener, self.pilot, self._world, methods)
         with tabs.add_tab("View"):
             self._follow = gui.add_checkbox("follow the robot", True)
             for text, above in (("from above", True), ("from behind", False)):
                 button = gui.add_button(text)
-                button.on_click(lambda event, above=above: event.client and self._scene.look(event.client, above))
-            for name in scene.LAYERS:
-                self._add_layer(gui.add_checkbox(name, self._scene.shown[name]), name)
-
-    def _add_layer(self, box: Any, name: str) -> None:
-        box.on_update(lambda _: self._scene.shown.__setitem__(name, box.value))
+                button.on_click(lambda event, above=above: event.client and self.scene.look(event.client, above))
+            for name, layer in self.scene.layers.items():
+                by_hand(gui.add_checkbox(name, layer.visible), lambda on, layer=layer: setattr(layer, "visible", on))
+        self.server.on_client_connect(lambda client: self.scene.look(client, False))
+        self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
 
     def say(self, text: str) -> None:
         """Show one line to everybody who looks."""
@@ -91,27 +75,25 @@ class Viewer:
         while not rospy.is_shutdown():
             began = time.monotonic()
             if not self.server.get_clients() and not self._race.running.is_set():
-                self._listener.close()
+                self.listener.close()
                 time.sleep(IDLE)
                 continue
-            self._listener.open()
             try:
                 with self.server.atomic():
-                    self._draw()
+                    self.draw()
             except Exception as problem:  # one message that cannot be drawn does not end the page
                 report("viewer: %s: %s" % (type(problem).__name__, problem))
             time.sleep(max(0.0, began + 1.0 / RATE - time.monotonic()))
 
-    def _draw(self) -> None:
-        before = self._scene.pose
-        text = self._panel.look()
+    def draw(self) -> None:
+        """Bring the page up to date."""
+        before = self.scene.pose
+        self.state.content = self.panel.look()
         self._world.look()
-        self._scene.draw(self._panel.speed)
-        if self._race.look(self._scene.pose, self._scene.shown["ghosts"]):
-            self._scene.begin_trail()
-        if text != self._state.content:
-            self._state.content = text
-        pose = self._scene.pose
+        self.scene.draw(self.panel.speed)
+        pose = self.scene.pose
+        if self._race.look(pose):
+            self.scene.begin_trail()
         if self._follow.value and before and pose and before != pose:
             for client in self.server.get_clients().values():
                 x, y, z = client.camera.position
@@ -119,6 +101,7 @@ class Viewer:
 
     def close(self) -> None:
         """End the page."""
+        self.listener.close()
         self.pilot.close()
         self.server.stop()
 
@@ -131,8 +114,9 @@ def main() -> int:
     fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
     port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
     viewer = Viewer(robot, prefix, fixed, str(rospy.get_param("~host", "127.0.0.1")), port)
-    rospy.set_param("~address", viewer.address)
-    rospy.loginfo("viewer: the page is at %s", viewer.address)
+    address = "http://%s:%d" % (viewer.server.get_host(), viewer.server.get_port())
+    rospy.set_param("~address", address)
+    rospy.loginfo("viewer: the page is at %s", address)
     with until_shutdown():
         viewer.spin()
     viewer.close()

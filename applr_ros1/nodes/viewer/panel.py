@@ -5,145 +5,76 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from typing import Any, Callable, Deque, Dict
+from typing import Any, Deque, Tuple
 
 import numpy as np
 import rospy
-from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from actionlib_msgs.msg import GoalStatusArray
 from nav_msgs.msg import Odometry
 from std_msgs.msg import String
 
 from applr_ros1.policy.methods.registry import shipped
-from applr_ros1.policy.parameter_space import Space
 from applr_ros1.robots import Robot
 
-from .listening import Listener
-from .pilot import HAND, Pilot
+from .listening import Listener, by_hand, show
+from .pilot import METHODS, Pilot
+from .shapes import PALETTE
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
-METHODS = {  # what the page calls them
-    "dwa": "default parameters",
-    "static": "best single set",
-    "appld": "APPLD",
-    "applr": "policy",
-    HAND: HAND,
-}
 FILES = {"static": "static.json", "appld": "appld.safetensors", "applr": "applr.safetensors"}  # that a robot may lack
-WORDS = {
-    GoalStatus.PENDING: "has a goal that waits",
-    GoalStatus.ACTIVE: "drives to a goal",
-    GoalStatus.PREEMPTED: "goal cancelled",
-    GoalStatus.SUCCEEDED: "goal reached",
-    GoalStatus.ABORTED: "gave up",
-    GoalStatus.REJECTED: "goal rejected",
-    GoalStatus.PREEMPTING: "goal being cancelled",
-    GoalStatus.RECALLED: "goal cancelled",
-}
+WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", "goal reached", "gave up", "goal rejected")
+WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
 SPAN = 30.0  # s that the plots show
 PLOTTED = 0.5  # wall seconds between two looks of the plots
 SILENT = 3.0  # wall seconds after which a topic counts as silent
-TOUCHED = 1.5  # wall seconds for which a slider that was moved is left alone
-PALETTE = ("#2f6fde", "#d9480f", "#2b8a3e", "#9c36b5", "#e8590c", "#0c8599", "#c2255c", "#5c940d")
-
-
-def topics(robot: Robot) -> Dict[str, Any]:
-    """{topic: class} of what the panel shows of a robot."""
-    return {STATUS: GoalStatusArray, ACTION: String, robot.topics.odometry: Odometry}
 
 
 def goal_status(listener: Listener) -> Any:
     """The actionlib_msgs/GoalStatus of move_base's newest goal, None without one."""
-    message = listener.newest(STATUS)
+    message = listener.newest(STATUS, GoalStatusArray)
     goals = message.status_list if message is not None else []
     return max(goals, key=lambda goal: goal.goal_id.stamp.to_sec(), default=None)
 
 
 class Panel:
-    """The panel's first tab and the lines above all tabs.
+    """The panel's first tab and the lines above all tabs. gui: viser's, in the context where it is to be."""
 
-    Args:
-        gui: viser's; the elements are added where its context is.
-        robot: Description of the robot.
-        listener: Has the topics of `topics(robot)`.
-        pilot: Who sets the parameters.
-        say: Shows one line to everybody who looks.
-    """
-
-    def __init__(self, gui: Any, robot: Robot, listener: Listener, pilot: Pilot, say: Callable[[str], None]):
-        self._robot, self._listener, self._pilot, self._say, self.speed = robot, listener, pilot, say, 0.0
-        self._touched: Dict[str, float] = {}
+    def __init__(self, gui: Any, robot: Robot, listener: Listener, pilot: Pilot):
+        self._robot, self._listener, self._pilot, self.speed = robot, listener, pilot, 0.0
         self._history: Deque[Any] = deque(maxlen=int(SPAN * 10.0))  # (ROS time, speed, shares of the ranges)
         self._plotted = 0.0
-        names = self.methods = [name for name in METHODS if name not in FILES or _exists(FILES[name], robot)]
-        self._method = gui.add_dropdown("parameters by", [METHODS[name] for name in names])
-        self._method.on_update(self._choose)
-        self._back = gui.add_button("hand back to the policy", visible="applr" in names)
-        self._back.on_click(lambda _: self._tell(pilot.hand_to("applr")))
-        space = pilot.space
-        self.sliders = {name: self._slider(gui, space, i) for i, name in enumerate(space.names)}
-        nothing = np.array([0.0, SPAN])
-        width = {"width": 1.5, "points": {"show": False}}
-        self._speed_plot = gui.add_uplot(
-            (nothing, 0.0 * nothing),
-            ({}, {"label": "speed [m/s]", "stroke": PALETTE[0], **width}),
-            scales={"x": {"time": False}, "y": {"range": [-0.5, max(1.0, robot.base.max_speed)]}},
-            title="speed [m/s]",
-            legend={"show": False},
-            height=150,
-        )
-        series = [{"label": name, "stroke": PALETTE[i % 8], **width} for i, name in enumerate(space.names)]
-        self._plot = gui.add_uplot(
-            (nothing, *[0.0 * nothing for _ in series]),
-            ({}, *series),
-            scales={"x": {"time": False}, "y": {"range": [-0.05, 1.05]}},
-            title="parameters, from least to most",
-            height=240,
-        )
+        there = [name for name in METHODS if name not in FILES or os.path.exists(shipped(FILES[name], robot))]
+        self.methods = {METHODS[name]: name for name in there}
+        self._method = gui.add_dropdown("parameters by", tuple(self.methods))
+        by_hand(self._method, lambda shown: pilot.choose(self.methods[shown]))
+        back = gui.add_button("hand back to the policy", visible="applr" in there)
+        back.on_click(lambda _: pilot.choose("applr"))
+        self.sliders = {name: self._slider(gui, i) for i, name in enumerate(pilot.space.names)}
+        fastest = max(1.0, robot.base.max_speed)
+        self._speed_plot = _plot(gui, "speed [m/s]", ("speed [m/s]",), (-0.5, fastest), 150)
+        self._plot = _plot(gui, "parameters, from least to most", pilot.space.names, (-0.05, 1.05), 240)
 
-    def _slider(self, gui: Any, space: Space, i: int) -> Any:
-        name, whole = space.names[i], bool(space.integer[i])
-        kind = int if whole else float
+    def _slider(self, gui: Any, i: int) -> Any:
+        space = self._pilot.space
+        name, kind, step = space.names[i], *((int, 1) if space.integer[i] else (float, 0.01))
         low, high, default = (kind(values[i]) for values in (space.low, space.high, space.theta0))
-        step = 1 if whole else 0.01
-        slider = gui.add_slider(
-            name, low, high, step, initial_value=min(max(default, low), high), marks=((default, "default"),)
-        )
-
-        def moved(event: Any) -> None:
-            if event.client is not None:  # a person's hand, not this program
-                self._touched[name] = time.monotonic()
-                self._tell(self._pilot.take_over(name, float(slider.value)))
-
-        slider.on_update(moved)
+        first = min(max(default, low), high)
+        slider = gui.add_slider(name, low, high, step, initial_value=first, marks=((default, "default"),))
+        by_hand(slider, lambda value: self._pilot.take_over(name, float(value)))
         return slider
-
-    def _choose(self, event: Any) -> None:
-        if event.client is None:
-            return
-        method = next(name for name, shown in METHODS.items() if shown == self._method.value)
-        self._tell(self._pilot.hold() if method == HAND else self._pilot.hand_to(method))
-
-    def _tell(self, problem: str) -> None:
-        if problem:
-            self._say(problem)
 
     def look(self) -> str:
         """Bring everything up to date. Returns the lines above the tabs, in Markdown."""
-        odometry = self._listener.newest(self._robot.topics.odometry)
+        odometry = self._listener.newest(self._robot.topics.odometry, Odometry)
         self.speed = odometry.twist.twist.linear.x if odometry is not None else 0.0
         self._pilot.look()
         theta, space = self._pilot.theta(), self._pilot.space
-        shown = METHODS.get(self._pilot.method)
-        if shown in self._method.options:
-            self._method.value = shown
+        if self._pilot.who in self.methods:
+            show(self._method, self._pilot.who)
         if theta is not None:
-            for name, value in zip(space.names, theta):
-                slider = self.sliders[name]
-                inside = min(max(float(value), slider.min), slider.max)
-                if time.monotonic() - self._touched.get(name, -TOUCHED) >= TOUCHED:
-                    slider.value = round(inside, 4)
-            shares = (theta - space.low) / (space.high - space.low)
-            self._history.append((rospy.get_time(), self.speed, *shares))
+            for slider, value in zip(self.sliders.values(), theta):
+                show(slider, round(min(max(float(value), slider.min), slider.max), 4))
+            self._history.append((rospy.get_time(), self.speed, *(theta - space.low) / (space.high - space.low)))
         self._draw_plots()
         return "  \n".join([*self._lines(), *("**%s**" % line for line in self._silence())])
 
@@ -155,19 +86,17 @@ class Panel:
         if (np.diff(rows[:, 0]) < 0.0).any():  # the clock went back
             self._history.clear()
             return
-        rows = rows[rows[:, 0] >= rows[-1, 0] - SPAN]
-        self._speed_plot.data = rows[:, 0], rows[:, 1]
-        self._plot.data = (rows[:, 0], *rows[:, 2:].T)
+        times, speed, *shares = rows[rows[:, 0] >= rows[-1, 0] - SPAN].T
+        self._speed_plot.data, self._plot.data = (times, speed), (times, *shares)
 
     def _lines(self) -> Any:
         goal = goal_status(self._listener)
         if self._listener.age(STATUS) > SILENT:
             doing = "does not answer"
         else:
-            doing = "waits for a goal" if goal is None else WORDS.get(goal.status, "goal in state %d" % goal.status)
-        method = METHODS.get(self._pilot.method, self._pilot.method) or "nobody"
-        yield "move_base **%s**, %.2f m/s, parameters by **%s**" % (doing, self.speed, method)
-        action = self._listener.newest(ACTION)
+            doing = "waits for a goal" if goal is None else WORDS[goal.status]
+        yield "move_base **%s**, %.2f m/s, parameters by **%s**" % (doing, self.speed, self._pilot.who)
+        action = self._listener.newest(ACTION, String)
         if action is not None:
             yield "collision monitor: %s" % action.data
 
@@ -177,7 +106,7 @@ class Panel:
         if age(STATUS) > SILENT:
             yield "no move_base: nothing on %s" % rospy.resolve_name(STATUS)
         elif self._pilot.trouble:
-            yield self._pilot.trouble
+            yield self._pilot.trouble + " (a recorded drive can only be looked at)" * (not self._pilot.client.connected)
         for what, topic in (("scan", robot.topics.scan), ("odometry", robot.topics.odometry)):
             if age(topic) > SILENT:
                 yield "no %s: nothing on %s" % (what, rospy.resolve_name(topic))
@@ -185,5 +114,16 @@ class Panel:
             yield "no applr node: sliders set the planner directly"
 
 
-def _exists(name: str, robot: Robot) -> bool:
-    return os.path.exists(shipped(name, robot))
+def _plot(gui: Any, title: str, names: Tuple[str, ...], ends: Tuple[float, float], height: int) -> Any:
+    """Curves of the last SPAN seconds; ends: of the vertical axis, height [pixels]."""
+    shown = {"width": 1.5, "points": {"show": False}}
+    strokes = ["rgb(%d, %d, %d)" % colour for colour in PALETTE]
+    curves = [{"label": name, "stroke": strokes[i % len(strokes)], **shown} for i, name in enumerate(names)]
+    return gui.add_uplot(
+        (np.array([0.0, SPAN]), *[np.zeros(2)] * len(names)),
+        ({}, *curves),
+        scales={"x": {"time": False}, "y": {"range": ends}},
+        title=title,
+        legend={"show": len(names) > 1},
+        height=height,
+    )

@@ -5,16 +5,16 @@ Uses the applr node's services and move_base's dynamic_reconfigure servers, as a
 
 from __future__ import annotations
 
+import math
 import threading
 import time
-from typing import Optional
+from typing import Any, Callable, Optional
 
 import numpy as np
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray
 from std_srvs.srv import SetBool
 
-from applr_ros1.common.errors import reason
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
@@ -22,112 +22,98 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
 
-from .listening import Listener
+from .listening import ANSWER, Listener, ask
 
 HAND = "by hand"
+METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "APPLD", "applr": "policy", HAND: HAND}
 PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
-TOPICS = {PARAMETERS: Parameters, DIAGNOSTICS: DiagnosticArray}
 SETTLED = 2.0  # wall seconds after which the applr node, switched off, sends its default parameters no more
-ANSWER = 1.0  # wall seconds that a service has to appear
 
 
 class Pilot:
-    """Reads and sets parameters; all methods may be called from any thread.
-
-    Args:
-        robot: Whose parameters.
-        listener: Has TOPICS.
+    """Reads and sets a robot's parameters; all methods may be called from any thread.
 
     Attributes:
         method: Of the applr node as it last said, HAND where it is switched off, "" where it does not answer.
         trouble: One line about what does not answer; "" where nothing is wrong.
     """
 
-    def __init__(self, robot: Robot, listener: Listener):
+    def __init__(self, robot: Robot, listener: Listener, say: Callable[[str], None]):
         self.space, self.method, self.trouble = space_of(robot), "", ""
-        self._listener = listener
+        self._listener, self._say = listener, say
         self._status = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self.client = ReconfigureClient(rospy.resolve_name("move_base"), self.space)
-        self._worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
+        self._worker = ReconfigureWorker(self.client, lambda report: self._note(report.error), self._note)
         self._worker.start()
         self._hand: Optional[np.ndarray] = None  # what a person wants, for SETTLED after it was set
-        self._set, self._asked = 0.0, 0.0  # wall times of the last change by hand and of the last call to applr
+        self._asked = 0.0  # wall time of the last call to the applr node; inf while one waits for its answer
         self._lock = threading.Lock()
 
+    def _note(self, trouble: str) -> None:
+        self.trouble = trouble
+
+    @property
+    def who(self) -> str:
+        """Who sets the parameters, as the page calls it."""
+        return METHODS.get(self.method, self.method) or "nobody"
+
     def theta(self) -> Optional[np.ndarray]:
-        """The parameters (n,) in force; those that the applr node tells where move_base has no servers (a bag)."""
-        told = self._listener.newest(PARAMETERS)
-        names = told is not None and tuple(told.names) == self.space.names
-        if names and len(told.multipliers) == len(self.space):
+        """The parameters (n,) in force or on their way; where move_base has no servers (a bag) what applr tells."""
+        told = self._listener.newest(PARAMETERS, Parameters)
+        known = told is not None and tuple(told.names) == self.space.names
+        if known and len(told.multipliers) == len(self.space):
             self.client.compensation.multipliers = np.array(told.multipliers, np.float64)
         if self.client.connected:
-            return self.client.theta()
-        return np.array(told.values, np.float64) if names else None
+            return self.client.theta() if self._hand is None else self._hand
+        return np.array(told.values, np.float64) if known else None
 
     def look(self) -> None:
         """Take in what the applr node says, and hold what a person has set against its last words."""
-        for message in self._listener.fresh(DIAGNOSTICS):
+        since = time.monotonic() - self._asked
+        for message in self._listener.fresh(DIAGNOSTICS, DiagnosticArray):
             for status in message.status:
-                if status.name == self._status and time.monotonic() - self._asked > ANSWER:
+                if status.name == self._status and since > ANSWER:
                     said = {pair.key: pair.value for pair in status.values}.get("method", "")
                     self.method = HAND if said == "off" else said
         with self._lock:
-            held, theta = self._hand, self.client.theta()
-            if held is not None and not self._worker.busy and theta is not None:
-                if not np.array_equal(theta, held):
-                    self._worker.request(held)
-                elif time.monotonic() - self._set > SETTLED:
+            theta = self.client.theta()
+            if self._hand is not None and theta is not None and not self._worker.busy:
+                if not np.array_equal(theta, self._hand):
+                    self._worker.request(self._hand)
+                elif since > SETTLED:
                     self._hand = None
 
-    def take_over(self, name: str, value: float) -> str:
-        """Set one parameter by hand, with the applr node switched off. Returns "" or one line why not."""
-        theta = self._hand if self._hand is not None else self.theta()
-        if theta is None or not self.client.connected:
-            return "no move_base: its parameters cannot be set"
-        theta = self.space.clip(np.where(np.array(self.space.names) == name, value, theta))
-        problem = "" if self.method in (HAND, "") else self._call("applr/enable", SetBool, False)
-        if problem:
-            return problem
-        with self._lock:
-            self.method, self._hand, self._set = HAND if self.method else "", theta, time.monotonic()
-            self._worker.request(theta)
-        return ""
-
-    def hand_to(self, method: str) -> str:
-        """Have the applr node set the parameters by a method. Returns "" or one line why not."""
+    def choose(self, method: str) -> bool:
+        """Have the applr node set the parameters by a method, or keep them (HAND). Returns whether it does."""
+        if method == HAND:
+            return self.take_over()
         with self._lock:
             self._hand = None
-        problem = self._call("applr/set_method", SetMethod, method) or self._call("applr/enable", SetBool, True)
-        if not problem:
-            self.method = method
-        return problem
+        done = self._ask("applr/set_method", SetMethod, method) and self._ask("applr/enable", SetBool, True)
+        self.method = method if done else self.method
+        return done
 
-    def hold(self) -> str:
-        """Switch the applr node off and keep the parameters as they are. Returns "" or one line why not."""
+    def take_over(self, name: str = "", value: float = 0.0) -> bool:
+        """Switch the applr node off and set one parameter by hand, or none. Returns whether that was done."""
         theta = self.theta()
-        if theta is None:
-            return "no move_base: its parameters are not known"
-        return self.take_over(self.space.names[0], float(theta[0]))
+        if theta is None or not self.client.connected:
+            self._say("no move_base: its parameters cannot be set")
+            return False
+        with self._lock:
+            self._asked = math.inf
+            self._hand = self.space.clip(np.where(np.array(self.space.names) == name, value, theta))
+        if self.method not in (HAND, "") and not self._ask("applr/enable", SetBool, False):
+            self._hand = None
+            return False
+        self._asked, self.method = time.monotonic(), self.method and HAND
+        return True
+
+    def _ask(self, *request: Any) -> bool:
+        done = ask(self._say, *request)
+        self._asked = time.monotonic()
+        return done
 
     def close(self) -> None:
         """End the thread that sets parameters."""
         self._worker.stop()
         self.client.close()
-
-    def _call(self, name: str, kind: type, request: object) -> str:
-        self._asked = time.monotonic()
-        try:
-            rospy.wait_for_service(name, ANSWER)
-            answer = rospy.ServiceProxy(name, kind)(request)
-        except rospy.ROSException:
-            return "no applr node: %s does not answer" % rospy.resolve_name(name)
-        except rospy.ServiceException as error:
-            return "%s: %s" % (rospy.resolve_name(name), reason(error))
-        self._asked = time.monotonic()
-        return "" if answer.success else answer.message
-
-    def _on_report(self, report) -> None:
-        self.trouble = report.error
-
-    def _on_trouble(self, text: str) -> None:
-        self.trouble = text

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, Callable, Dict, List, Optional, Tuple
+from dataclasses import dataclass, field
+from typing import Any, Callable, Dict, List, Optional, Set, Tuple
 
 import numpy as np
 import rospy
@@ -15,85 +16,69 @@ from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.robots import Robot
 
 from .listening import Listener
-from .panel import METHODS, WORDS, goal_status
-from .pilot import HAND, Pilot
-from .shapes import Lines, Model
+from .panel import WORDS, goal_status
+from .pilot import METHODS, Pilot
+from .shapes import PALETTE, Lines, Model
 from .world import WorldTab
 
 COLLISION = "sim_bridge/collision"
-TOPICS = {COLLISION: Bool}
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 LIMIT = 100.0  # s of ROS time for one drive of a race
 PATIENCE = 10.0  # wall seconds for each thing that a race waits for
 SETTLING = 1.0  # wall seconds between a reset and the next goal: the costmaps see the world again
 BREAK = 2.0  # wall seconds between two rounds of the ghosts
 TABLE = 12  # drives in the table
-NOBODY = "nobody"
-COLOURS = ((47, 111, 222), (217, 72, 15), (43, 138, 62), (156, 54, 181), (90, 90, 90))  # of ghosts, by method
+NOBODY, THEN = "nobody", ", then "
 
 
+@dataclass
 class Drive:
-    """One drive to a goal. rows: (seconds since its start, x, y, yaw) in the fixed frame."""
+    """One drive to a goal. who: set the parameters; rows: (seconds since its start, x, y, yaw) in the fixed frame."""
 
-    def __init__(self, goal: str, method: str, world: str, began: float):
-        self.goal, self.method, self.world, self.began = goal, method, world, began
-        self.rows: List[Tuple[float, float, float, float]] = []
-        self.ended, self.seconds, self.touched = "", 0.0, False
-
-    @property
-    def by(self) -> str:
-        """The methods as the page calls them."""
-        return ", then ".join(METHODS.get(name, name) or "nobody" for name in self.method.split(" + "))
+    who: str
+    world: str
+    began: float
+    of_course: bool
+    rows: List[Tuple[float, float, float, float]] = field(default_factory=list)
+    ended: str = ""
+    seconds: float = 0.0
+    touched: bool = False
 
 
 class Ghost:
     """A drive that is driven again: robot, trail and time."""
 
     def __init__(self, scene: Any, robot: Robot, drive: Drive, name: str):
-        self.drive = drive
-        methods = list(METHODS)
-        colour = COLOURS[methods.index(drive.method) if drive.method in methods else -1]
-        self._model = Model(scene, name, robot, colour, 0.4)
-        scene.add_label(name + "/label", "%s %.1f s" % (drive.by, drive.seconds), position=(0.0, 0.0, 0.6))
-        self._trail = Lines(scene, name + "_trail", colour, 0.02)
-        self._rows = np.array(drive.rows)
+        self.drive, self._rows = drive, np.array(drive.rows)
+        names = list(METHODS.values())
+        colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
+        self.remove = scene.add_frame(name, show_axes=False).remove
+        self._model = Model(scene, name + "/robot", robot, colour, 0.4)
+        words = "%s %.1f s" % (drive.who, drive.seconds)
+        scene.add_label(name + "/robot/label", words, position=(0.0, 0.0, 0.6))
+        Lines(scene, name + "/trail", colour, 0.02).path(self._rows[:, 1:3], 0.01)
 
-    def put(self, seconds: float, shown: bool) -> None:
+    def put(self, seconds: float) -> None:
         """Where it was at a time after its start."""
         k = max(0, int(np.searchsorted(self._rows[:, 0], seconds, "right")) - 1)
-        self._model.put(tuple(self._rows[k, 1:].tolist()) if shown else None)
-        if shown != self._trail.shown or not self._trail.drawn:
-            self._trail.shown = shown
-            self._trail.path(self._rows[:, 1:3], 0.01)
-
-    def remove(self) -> None:
-        """Take it off the scene."""
-        self._model.remove()
-        self._trail.remove()
+        self._model.put(tuple(self._rows[k, 1:].tolist()))
 
 
 class RaceTab:
-    """Keeps this visit's drives.
-
-    Args:
-        server: viser's; elements are added where its gui's context is.
-        robot: Description of the robot.
-        listener: Has TOPICS and the panel's.
-        pilot: Sets the methods.
-        world: Sends goals and puts the robot back.
-        methods: What there is for this robot, as in METHODS.
-    """
+    """Keeps this visit's drives. methods: {what the page calls it: method}, what there is for this robot."""
 
     def __init__(
-        self, server: Any, robot: Robot, listener: Listener, pilot: Pilot, world: WorldTab, methods: Tuple[str, ...]
+        self, server: Any, robot: Robot, listener: Listener, pilot: Pilot, world: WorldTab, methods: Dict[str, str]
     ):
         self._scene, self._robot, self._listener, self._pilot, self._world = server.scene, robot, listener, pilot, world
+        self._methods = methods
         self.drives: List[Drive] = []
-        self._ghosts: Dict[str, Ghost] = {}  # by method
+        self._goals: Set[str] = set()  # ids of those that were timed
+        self._ghosts: Dict[str, Ghost] = {}  # by who set the parameters
         self._now: Optional[Drive] = None
         self._ended = 0.0
         self.running = threading.Event()
-        gui, names = server.gui, [METHODS[method] for method in methods]
+        gui, names = server.gui, list(methods)
         self._choices = [
             gui.add_dropdown(place, (NOBODY, *names), initial_value=chosen)
             for place, chosen in (("first", names[0]), ("second", names[-2]), ("third", NOBODY))
@@ -102,63 +87,61 @@ class RaceTab:
         gui.add_button("end the race").on_click(lambda _: self._end())
         self._table = gui.add_markdown("No drive yet.")
 
-    def look(self, pose: Optional[Pose], show_ghosts: bool) -> bool:
+    def look(self, pose: Optional[Pose]) -> bool:
         """Time the present drive and move the ghosts. Returns whether a new drive has begun."""
-        goal, now = goal_status(self._listener), rospy.get_time()
-        touched = any(message.data for message in self._listener.fresh(COLLISION))
-        begun = goal is not None and goal.status in UNDER_WAY and self._is_new(goal.goal_id.id)
+        goal, now, who = goal_status(self._listener), rospy.get_time(), self._pilot.who
+        touched = any(message.data for message in self._listener.fresh(COLLISION, Bool))
+        under_way = goal is not None and goal.status in UNDER_WAY
+        begun = under_way and goal.goal_id.id not in self._goals
         if begun:
-            if self._now is not None:
-                self._finish("replaced")
-            self._now = Drive(goal.goal_id.id, self._pilot.method, self._world.name, now)
+            self._finish("replaced")
+            self._goals.add(goal.goal_id.id)
+            self._now = Drive(who, self._world.name, now, goal.goal_id.id == self._world.course_goal)
         drive = self._now
         if drive is not None:
             drive.seconds, drive.touched = now - drive.began, drive.touched or touched
-            if self._pilot.method not in drive.method.split(" + "):
-                drive.method += " + " + self._pilot.method
+            if who not in drive.who.split(THEN):
+                drive.who = who if drive.who == NOBODY else drive.who + THEN + who
             if pose is not None:
                 drive.rows.append((drive.seconds, *pose))
-            if self._is_done(drive, pose):
+            if drive.of_course and self._is_done(pose):
                 self._finish("finished")
                 self._world.stop()
-            elif goal is not None and goal.status not in UNDER_WAY:
-                self._finish(WORDS.get(goal.status, "ended"))
-        self._move_ghosts(show_ghosts)
+            elif goal is not None and not under_way:
+                self._finish(WORDS[goal.status])
+        self._move_ghosts()
         return begun
 
-    def _is_new(self, goal: str) -> bool:
-        return goal not in [drive.goal for drive in self.drives[-TABLE:] + ([self._now] if self._now else [])]
-
-    def _is_done(self, drive: Drive, pose: Optional[Pose]) -> bool:
-        """Whether a drive of the course is at its end."""
+    def _is_done(self, pose: Optional[Pose]) -> bool:
+        """Whether the robot is at the end of the course."""
         place, course = self._listener.place("world"), self._world.course
-        if drive.goal != self._world.course_goal or course is None or not (place and pose):
-            return False
-        return course.done(*transform_point(inverse(place), pose[0], pose[1]))
+        at = transform_point(inverse(place), *pose[:2]) if place and pose else None
+        return at is not None and course is not None and course.done(*at)
 
     def _finish(self, how: str) -> None:
         drive, self._now = self._now, None
-        drive.ended, self._ended = how, time.monotonic()
+        if drive is None:
+            return
+        drive.ended, self._ended = how + ", touched something" * drive.touched, time.monotonic()
         self.drives.append(drive)
         lines = ["| world | parameters by | time | |", "|---|---|---:|---|"]
         for one in reversed(self.drives[-TABLE:]):
-            touched = ", touched something" if one.touched else ""
-            lines.append("| %s | %s | %.1f s | %s%s |" % (one.world, one.by, one.seconds, one.ended, touched))
+            lines.append("| %s | %s | %.1f s | %s |" % (one.world, one.who, one.seconds, one.ended))
         self._table.content = "\n".join(lines)
 
-    def _move_ghosts(self, shown: bool) -> None:
+    def _move_ghosts(self) -> None:
         """The newest drive of each method in this world: beside the present drive, or all together."""
-        newest = {one.method: one for one in self.drives if one.world == self._world.name and one.rows}
-        for method in [name for name, ghost in self._ghosts.items() if newest.get(name) is not ghost.drive]:
-            self._ghosts.pop(method).remove()
-        for method, drive in newest.items():
-            if method not in self._ghosts:
-                name = "/ghost%d" % self.drives.index(drive)
-                self._ghosts[method] = Ghost(self._scene, self._robot, drive, name)
+        newest = {one.who: one for one in self.drives if one.world == self._world.name and one.rows}
+        for who in [who for who, ghost in self._ghosts.items() if newest.get(who) is not ghost.drive]:
+            self._ghosts.pop(who).remove()
+        for who, drive in newest.items():
+            if who not in self._ghosts:
+                name = "/ghosts/%d" % self.drives.index(drive)
+                self._ghosts[who] = Ghost(self._scene, self._robot, drive, name)
         longest = max((drive.seconds for drive in newest.values()), default=0.0) + BREAK
         at = self._now.seconds if self._now is not None else (time.monotonic() - self._ended) % longest
         for ghost in self._ghosts.values():
-            ghost.put(at, shown)
+            ghost.put(at)
 
     # -- a race ------------------------------------------------------------------------------------
     def _begin(self) -> None:
@@ -173,14 +156,14 @@ class RaceTab:
     def _race(self) -> None:
         """The chosen methods one after the other, each from the start; node.py draws and times meanwhile."""
         try:
-            names = [choice.value for choice in self._choices if choice.value != NOBODY]
-            for method in [name for shown in names for name, words in METHODS.items() if words == shown]:
-                problem = self._world.reset() or self._hand_to(method)
-                if problem or not self._wait(lambda: self._now is None, PATIENCE):
+            for method in [self._methods[one.value] for one in self._choices if one.value != NOBODY]:
+                if not self._world.reset() or not self._pilot.choose(method):
+                    return
+                if not self._wait(lambda: self._now is None, PATIENCE):
                     return
                 time.sleep(SETTLING)
                 goal = self._world.drive_course()
-                if not goal or not self._wait(lambda goal=goal: not self._is_new(goal), PATIENCE):
+                if not goal or not self._wait(lambda goal=goal: goal in self._goals, PATIENCE):
                     return
                 began = rospy.get_time()
                 if not self._wait(lambda began=began: self._now is None or rospy.get_time() - began > LIMIT):
@@ -189,17 +172,9 @@ class RaceTab:
         finally:
             self.running.clear()
 
-    def _hand_to(self, method: str) -> str:
-        problem = self._pilot.hold() if method == HAND else self._pilot.hand_to(method)
-        if problem:
-            self._world.say(problem)
-        return problem
-
     def _wait(self, condition: Callable[[], bool], seconds: float = float("inf")) -> bool:
         """Whether something becomes true before wall time is over and the race is ended."""
         until = time.monotonic() + seconds
-        while not condition():
-            if not self.running.is_set() or rospy.is_shutdown() or time.monotonic() > until:
-                return False
+        while not condition() and self.running.is_set() and not rospy.is_shutdown() and time.monotonic() < until:
             time.sleep(0.05)
-        return self.running.is_set()
+        return condition() and self.running.is_set()

@@ -11,7 +11,12 @@ from applr_ros1.common.angles import Pose, quaternion_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import wheel_places
 
+from .listening import Listener
+
 RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # from low to high
+
+PALETTE = ((47, 111, 222), (217, 72, 15), (43, 138, 62), (156, 54, 181))  # of curves and ghosts
+PALETTE += ((232, 89, 12), (12, 133, 153), (194, 37, 92), (92, 148, 13))
 
 
 def colours(share: Any) -> np.ndarray:
@@ -25,38 +30,32 @@ def lifted(points: np.ndarray, z: float) -> np.ndarray:
     return np.column_stack([points, np.full(len(points), z)]).astype(np.float32)
 
 
-def turned(yaw: float) -> Tuple[float, float, float, float]:
-    """The quaternion (w, x, y, z) of a turn about z."""
-    x, y, z, w = quaternion_of(yaw)
-    return w, x, y, z
+def put(handle: Any, pose: Pose, z: float = 0.0) -> None:
+    """Put something of the scene at pose (x, y, yaw), at height z [m]."""
+    x, y, sine, cosine = quaternion_of(pose[2])
+    handle.position, handle.wxyz = (*pose[:2], z), (cosine, x, y, sine)
 
 
 class Lines:
-    """Line segments that change; nothing is sent while they stay the same."""
+    """Line segments that change."""
 
     def __init__(self, scene: Any, name: str, colour: Tuple[int, int, int], thickness: float):
-        self.shown, self.drawn = True, False
-        self._colour = colour
-        self._handle = scene.add_line_segments(
-            name, np.zeros((1, 2, 3), np.float32), np.zeros((1, 2, 3), np.uint8), thickness=thickness, visible=False
-        )
+        self._colour = np.array(colour, np.uint8)
+        nothing = np.zeros((1, 2, 3)), np.zeros((1, 2, 3), np.uint8)
+        self._handle = scene.add_line_segments(name, *nothing, thickness=thickness, visible=False)
 
     def path(self, points: np.ndarray, z: float, shades: Optional[np.ndarray] = None) -> None:
         """Draw a line through points (n, 2) [m] at height z; shades: (n, 3) uint8 for each."""
-        segments = np.stack([lifted(points[:-1], z), lifted(points[1:], z)], axis=1)
+        flat = lifted(points, z)
+        segments = np.stack([flat[:-1], flat[1:]], axis=1)
         self.segments(segments, None if shades is None else np.stack([shades[:-1], shades[1:]], axis=1))
 
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
         """Draw segments (n, 2, 3) [m]; shades: (n, 2, 3) uint8."""
-        if len(points) and self.shown:
-            self.drawn = True
-            whole = np.broadcast_to(np.array(self._colour, np.uint8), points.shape)
-            self._handle.points, self._handle.colors = points, np.ascontiguousarray(whole if shades is None else shades)
-        self._handle.visible = bool(len(points)) and self.shown
-
-    def remove(self) -> None:
-        """Take the lines off the scene."""
-        self._handle.remove()
+        self._handle.visible = len(points) > 0
+        if len(points):
+            shades = np.broadcast_to(self._colour, points.shape).copy() if shades is None else shades
+            self._handle.points, self._handle.colors = points, shades
 
 
 class Model:
@@ -81,25 +80,25 @@ class Model:
         """Put it at pose (x, y, yaw), or nowhere."""
         self._frame.visible = pose is not None
         if pose is not None:
-            self._frame.position, self._frame.wxyz = (pose[0], pose[1], self._height), turned(pose[2])
+            put(self._frame, pose, self._height)
 
-    def remove(self) -> None:
-        """Take it off the scene."""
-        self._frame.remove()
+
+SHADES = np.zeros((256, 4), np.uint8)  # of each occupancy, -1 (unknown) last; cheap cells are faint, lethal ones strong
+SHADES[1:99, :3], SHADES[1:99, 3] = colours(np.linspace(0.1, 0.75, 98)), np.linspace(50, 170, 98)
+SHADES[99], SHADES[100] = (230, 80, 60, 190), (120, 20, 90, 220)
 
 
 class Costmap:
     """A costmap, kept up to date from whole maps and updates, and drawn where anything but free space is."""
 
     def __init__(self, scene: Any, name: str, z: float, period: float):
-        self.shown, self.frame = False, ""
-        self._scene, self._name, self._z, self._period = scene, name, z, period
-        self._cells, self._info, self._drawn, self._changed = None, None, 0.0, False
-        self._handle: Any = None
+        self._z, self._period = z, period
+        self._cells, self._info, self._frame, self._drawn, self._changed = None, None, "", 0.0, False
+        self._handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
 
     def take(self, message: Any) -> None:
         """A nav_msgs/OccupancyGrid."""
-        self._info, self.frame, self._changed = message.info, message.header.frame_id, True
+        self._info, self._frame, self._changed = message.info, message.header.frame_id, True
         self._cells = np.array(message.data, np.int8).reshape(message.info.height, message.info.width)
 
     def update(self, message: Any) -> None:
@@ -109,38 +108,19 @@ class Costmap:
             self._cells[y : y + m, x : x + n] = np.reshape(message.data, (m, n))
             self._changed = True
 
-    def draw(self, place: Optional[Pose]) -> None:
-        """Draw what is new, at most once in a period. place: of the map's frame."""
-        now = time.monotonic()
-        due = self._changed and now - self._drawn >= self._period
-        if self.shown and place is not None and self._cells is not None and due:
-            self._drawn, self._changed = now, False
-            self._show(place)
-        if self._handle is not None:
-            self._handle.visible = self.shown
-
-    def _show(self, place: Pose) -> None:
+    def draw(self, listener: Listener) -> None:
+        """Draw what is new, at most once in a period [s of wall time]."""
+        due = self._changed and time.monotonic() - self._drawn >= self._period
+        place = listener.place(self._frame) if due else None
+        if place is None:
+            return
+        self._drawn, self._changed = time.monotonic(), False
         rows, columns = (np.flatnonzero(self._cells.any(axis=axis)) for axis in (1, 0))
         if not len(rows):
             return
         (y0, y1), (x0, x1) = (rows[0], rows[-1] + 1), (columns[0], columns[-1] + 1)
-        image = SHADES[self._cells[y0:y1, x0:x1]]
-        cell, corner = self._info.resolution, self._info.origin.position
-        wide, high = (x1 - x0) * cell, (y1 - y0) * cell
-        middle = place[0] + corner.x + x0 * cell + wide / 2, place[1] + corner.y + y0 * cell + high / 2
-        if self._handle is None:
-            self._handle = self._scene.add_image(self._name, image, wide, high, cast_shadow=False)
-        self._handle.image, self._handle.render_width, self._handle.render_height = image, wide, high
-        self._handle.position = (*middle, self._z)
-
-
-def _shades() -> np.ndarray:
-    """(256, 4) uint8: the colour of each occupancy, -1 (unknown) last; cheap cells are faint, lethal ones strong."""
-    table = np.zeros((256, 4), np.uint8)
-    table[1:99, :3] = colours(np.linspace(0.1, 0.75, 98))
-    table[1:99, 3] = np.linspace(50, 170, 98)
-    table[99], table[100] = (230, 80, 60, 190), (120, 20, 90, 220)
-    return table
-
-
-SHADES = _shades()
+        cell, corner, handle = self._info.resolution, self._info.origin.position, self._handle
+        handle.image = SHADES[self._cells[y0:y1, x0:x1]]
+        handle.render_width, handle.render_height = (x1 - x0) * cell, (y1 - y0) * cell
+        x, y = corner.x + (x0 + x1) / 2 * cell, corner.y + (y0 + y1) / 2 * cell
+        handle.position = place[0] + x, place[1] + y, self._z
