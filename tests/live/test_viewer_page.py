@@ -76,8 +76,8 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
     wait_for(lambda: max_vel_x() == 0.5, 10.0, "the default, before the first goal")
 
 
-def test_a_second_page_shows_the_same_and_closes_alone(page):
-    with page.beside(rospy.get_param("/viewer/address")) as second:
+def test_a_second_page_shows_the_same_and_closes_alone(page, tmp_path):
+    with open_page(rospy.get_param("/viewer/address"), tmp_path, 500, HEIGHT) as second:
         second.wait("parameters by policy", "max_vel_x")
         page.slide("max_vel_x", 0.9)
         second.wait("parameters by by hand")

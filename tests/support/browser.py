@@ -33,8 +33,8 @@ OPTIONS = (
 class Page:
     """One page. complaints: errors of its console, exceptions of its scripts, requests that failed."""
 
-    def __init__(self, socket, targets):
-        self._socket, self._targets, self._numbers, self.complaints = socket, targets, itertools.count(1), []
+    def __init__(self, socket):
+        self._socket, self._numbers, self.complaints = socket, itertools.count(1), []
         for domain in ("Page", "Runtime", "Log"):
             self.call(domain + ".enable")
 
@@ -47,14 +47,6 @@ class Page:
             if message.get("id") == number:
                 assert "error" not in message, (method, message["error"])
                 return message["result"]
-
-    @contextlib.contextmanager
-    def beside(self, url):
-        """A second Page, of the same browser."""
-        number = self.call("Target.createTarget", url=url)["targetId"]
-        with connect(self._targets + number, max_size=2**26, proxy=None) as socket:
-            yield Page(socket, self._targets)
-        self.call("Target.closeTarget", targetId=number)
 
     def look(self, seconds=0.0):
         """Hear what the page says for a while; returns its complaints."""
@@ -178,9 +170,8 @@ def open_page(url, folder, width=1000, height=640):
         port = wait_for(lambda: _port(profile / "DevToolsActivePort"), 20.0, "the browser")
         with urlopen("http://127.0.0.1:%d/json/list" % port) as answer:
             target = next(page for page in json.load(answer) if page["type"] == "page")
-        address = target["webSocketDebuggerUrl"]
-        with connect(address, max_size=2**26, proxy=None) as socket:
-            page = Page(socket, address.rpartition("/")[0] + "/")
+        with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None) as socket:
+            page = Page(socket)
             page.call("Page.navigate", url=url)
             yield page
     except ConnectionClosed:

@@ -27,8 +27,7 @@ ANSWER = 1.0  # wall seconds that a service has to appear
 class Listener:
     """Subscribes to a topic when it is asked for it first. topic, kind: its name and the class of its messages.
 
-    Args:
-        fixed: Frame in which `place` gives poses.
+    fixed: the frame in which `place` gives poses.
     """
 
     def __init__(self, fixed: str):

@@ -25,14 +25,9 @@ IDLE = 0.2  # s between looks for a page
 
 
 class Viewer:
-    """The page and what it shows, the same to everybody who looks.
+    """The page and what it shows, the same to everybody who looks, served on host and port, or the next free port.
 
-    Args:
-        robot: Description of the robot.
-        prefix: What the names of its frames begin with.
-        fixed: Frame in which everything is drawn.
-        host: Address that the page is served on.
-        port: Its port; where another program has it, the next free one.
+    The names of the robot's frames begin with prefix; everything is drawn in the frame fixed.
     """
 
     def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int):

@@ -63,9 +63,7 @@ class Scene:
         self._chosen = Lines(scene, "/trajectories/chosen", (20, 160, 60), 0.06)
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
         self._trail_line = Lines(scene, "/trail/line", (0, 0, 0), 0.05)
-        self._costmaps = {
-            name: Costmap(scene, "/%s/image" % name, *how) for name, how in zip(COSTMAPS, ((0.006, 0.5), (0.003, 1.0)))
-        }
+        self._costmaps = {name: Costmap(scene, "/%s/image" % name, z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self.pose, self._trail = None, []  # type: Any, List[Tuple[float, float, float]]
         self._world = scene.add_frame("/world", show_axes=False)

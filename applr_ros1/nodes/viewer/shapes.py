@@ -17,6 +17,7 @@ RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [
 
 PALETTE = ((47, 111, 222), (217, 72, 15), (43, 138, 62), (156, 54, 181))  # of curves and ghosts
 PALETTE += ((232, 89, 12), (12, 133, 153), (194, 37, 92), (92, 148, 13))
+PERIOD = 0.5  # wall seconds between two pictures of a costmap
 
 
 def colours(share: Any) -> np.ndarray:
@@ -91,8 +92,8 @@ SHADES[99], SHADES[100] = (230, 80, 60, 190), (120, 20, 90, 220)
 class Costmap:
     """A costmap, kept up to date from whole maps and updates, and drawn where anything but free space is."""
 
-    def __init__(self, scene: Any, name: str, z: float, period: float):
-        self._z, self._period = z, period
+    def __init__(self, scene: Any, name: str, z: float):
+        self._z = z
         self._cells, self._info, self._frame, self._drawn, self._changed = None, None, "", 0.0, False
         self._handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
 
@@ -109,8 +110,8 @@ class Costmap:
             self._changed = True
 
     def draw(self, listener: Listener) -> None:
-        """Draw what is new, at most once in a period [s of wall time]."""
-        due = self._changed and time.monotonic() - self._drawn >= self._period
+        """Draw what is new, at most once in PERIOD."""
+        due = self._changed and time.monotonic() - self._drawn >= PERIOD
         place = listener.place(self._frame) if due else None
         if place is None:
             return
