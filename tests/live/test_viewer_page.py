@@ -146,10 +146,5 @@ def test_the_page_serves_a_robot_with_another_planner(page):
     assert max_vel_x("DWAPlannerROS") == pytest.approx(0.26)
     page.slide("max_vel_x", 0.1)
     wait_for(lambda: max_vel_x("DWAPlannerROS") < 0.2, 10.0, "the parameter")
-    page.click_on("hand back to the policy")
     page.turn_to("World", "drive the course")
     assert page.evaluate("[...document.querySelectorAll('input')].some(e => e.value == '%s')" % WAFFLE)
-    ahead(page)
-    page.turn_to("Race", "end the race")
-    wait_for(lambda: table(page), 60.0, "a drive")
-    assert table(page)[0][3] == "goal reached"

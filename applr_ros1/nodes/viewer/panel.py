@@ -51,7 +51,7 @@ class Panel:
         back.on_click(lambda _: pilot.choose("applr"))
         self.sliders = {name: self._slider(gui, i) for i, name in enumerate(pilot.space.names)}
         fastest = max(1.0, robot.base.max_speed)
-        self._speed_plot = _plot(gui, "speed [m/s]", ("speed [m/s]",), (-0.5, fastest), 150)
+        self._speed_plot = _plot(gui, "speed [m/s]", ("speed [m/s]",), (-0.5, fastest + 0.2), 150)
         self._plot = _plot(gui, "parameters, from least to most", pilot.space.names, (-0.05, 1.05), 240)
 
     def _slider(self, gui: Any, i: int) -> Any:

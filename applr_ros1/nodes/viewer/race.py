@@ -126,7 +126,7 @@ class RaceTab:
         self.drives.append(drive)
         lines = ["| world | parameters by | time | |", "|---|---|---:|---|"]
         for one in reversed(self.drives[-TABLE:]):
-            lines.append("| %s | %s | %.1f s | %s |" % (one.world, one.who, one.seconds, one.ended))
+            lines.append("| %s | %s | %.1f s | &nbsp; %s |" % (one.world, one.who, one.seconds, one.ended))
         self._table.content = "\n".join(lines)
 
     def _move_ghosts(self) -> None:

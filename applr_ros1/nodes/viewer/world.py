@@ -68,7 +68,7 @@ class WorldTab:
         given = str(rospy.get_param("~robot", robot.name))
         self._given = gui.add_dropdown("robot", tuple(dict.fromkeys((*NAMES, given))), initial_value=given)
         by_hand(self._given, lambda name: self._change_robot(name, given))
-        moving = gui.add_checkbox("moving obstacles", True)
+        moving = gui.add_checkbox("obstacles move", True)
         by_hand(moving, lambda on: ask(say, "sim_bridge/let_move", SetBool, on))
         by_hand(gui.add_checkbox("pause", False), lambda on: ask(say, "sim_bridge/pause", SetBool, on))
         gui.add_button("one step").on_click(lambda _: ask(say, "sim_bridge/step", Trigger))
