@@ -31,6 +31,7 @@ from .mechanics import STEP
 # then the noise of each side and each support
 RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _KEEP_PULL = exp(-STEP / 0.02)
+_JAM = 0.1  # a wheel on Gazebo's ground is pressed down by at most ten times its load
 _STICK = 0.01  # slip speed below which Gazebo's friction holds less than its full force [m/s]
 
 
@@ -178,11 +179,11 @@ def _pyramid(slip_x, slip_y, c, sn, friction):
 
     The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle of cosine c and sine sn). ODE takes it as
     the first direction of its friction pyramid without laying it on the ground: both directions hold with a share |c|,
-    and a part of the first force presses the wheel down or lifts it.
+    and a part of the first force presses the wheel down or lifts it. From a friction of 1 on it would jam.
     """
     ahead = slip_x * c
     over_x, over_y = max(abs(ahead), _STICK), max(abs(slip_y * c), _STICK)
-    press = 1.0 / (1.0 + friction * ahead / over_x * sn)
+    press = 1.0 / max(1.0 + friction * ahead / over_x * sn, _JAM)
     return press * c * c / over_x, press * c * c / over_y
 
 

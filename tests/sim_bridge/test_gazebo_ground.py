@@ -9,6 +9,7 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.robots import RobotError
 from sim_bridge.scenes import STEP, drive, small_world
+from training.env.drawn_robots import draw
 
 OPEN = small_world()
 
@@ -86,3 +87,21 @@ def test_odometry_lags_by_its_filter():
 def test_a_ground_that_a_robot_cannot_have_is_one_line(name, change, line):
     with pytest.raises(RobotError, match=line):
         robots.on_ground(robots.load(name), **change)
+
+
+@pytest.mark.parametrize("seed", [82, 153, 629])
+def test_a_tyre_of_high_friction_jams_and_does_not_push(seed):
+    """Drawn robots with a friction of .95 to 1.2: the pyramid alone would throw them off at 10 to 50 times the speed."""
+    robot = draw(np.random.default_rng(seed))
+    simulator = sim_bridge.make("kinematic", robot=robot, friction=1.2)
+    fastest, rng = 0.0, np.random.default_rng(seed)
+    for trial in range(4):
+        simulator.reset(OPEN, trial)
+        before = simulator.state.pose
+        for _ in range(10):
+            v, w = rng.choice([0.0, 0.3, 1.0]), rng.choice([-1.0, 0.0, 0.5, 1.0])
+            for _ in range(8):
+                pose = drive(simulator, v * robot.base.max_speed, w * robot.base.max_yaw_rate, STEP).pose
+                fastest = max(fastest, hypot(pose[0] - before[0], pose[1] - before[1]) / STEP)
+                before = pose
+    assert fastest < 4.0 * robot.base.max_speed
