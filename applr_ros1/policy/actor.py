@@ -111,7 +111,7 @@ class GeneralActor:
             raise ApplrError(f"{path}: {e}") from None
 
     def action(self, obs):
-        """The action (10,) or (n, 10) float32 in [-1, 1] for observations of encoding.Encoding."""
+        """The action (12,) or (n, 12) float32 in [-1, 1] for observations of encoding.Encoding."""
         return np.tanh(forward(self.layers, obs))
 
 

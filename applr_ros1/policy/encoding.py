@@ -50,8 +50,10 @@ PARAMETERS: Dict[str, Scale] = {
     "occdist_scale": Scale(0.005, 1.0, "", True),
     "path_distance_bias": Scale(0.4, 25.0, "weight", True),
     "goal_distance_bias": Scale(0.4, 25.0, "weight", True),
-    "inflation_radius": Scale(0.18, 1.8, "width", True),
+    "inflation_radius": Scale(0.18, 3.0, "width", True),
     "cost_scaling_factor": Scale(0.5, 12.0, "per_width", True),
+    "min_vel_x": Scale(-1.0, 0.0, "speed"),
+    "forward_point_distance": Scale(0.0, 1.0, "width"),
 }
 ALIASES = {"vth_samples": "vtheta_samples", "pdist_scale": "path_distance_bias", "gdist_scale": "goal_distance_bias"}
 MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
@@ -98,6 +100,8 @@ class Encoding:
         unit = np.array([units[scale.unit] for scale in scales])
         self._low, self._high = (unit * np.array([getattr(s, end) for s in scales]) for end in ("low", "high"))
         self._logarithmic = np.array([scale.logarithmic for scale in scales])
+        self._first = np.where(self._logarithmic, self._low, 1.0)
+        self._octaves = np.log2(np.where(self._logarithmic, self._high, 2.0) / self._first)
         names = [ALIASES.get(name, name) for name in self.space.names]
         self._place = [(names.index(name), i) for i, name in enumerate(PARAMETERS) if name in names]
         self._fixed = np.array([_start(tree, planner, name) for name in PARAMETERS], dtype=np.float64)
@@ -109,17 +113,17 @@ class Encoding:
         self._before: Optional[Tuple[np.ndarray, Context]] = None
 
     def action(self, theta: Any) -> np.ndarray:
-        """The action (10,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        """The action (12,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
         values = self._fixed.copy()
         for i, place in self._place:
             values[place] = theta[i]
         low, high = self._low, self._high
         linear = (values - low) / (high - low)
-        by_log = np.log(np.maximum(values, 1e-9) / low) / np.log(high / low)
+        by_log = np.log2(np.maximum(values, 1e-9) / self._first) / self._octaves
         return np.clip(2.0 * np.where(self._logarithmic, by_log, linear) - 1.0, -1.0, 1.0)
 
     def theta(self, action: Any) -> np.ndarray:
-        """The parameters (n,) of the robot's space for an action (10,), within the robot's ranges.
+        """The parameters (n,) of the robot's space for an action (12,), within the robot's ranges.
 
         Raises ApplrError for NaN, infinity and another length.
         """
@@ -127,7 +131,7 @@ class Encoding:
         if action.shape != (len(PARAMETERS),) or not np.isfinite(action).all():
             raise ApplrError(f"action {action!r:.80}: {len(PARAMETERS)} finite numbers are needed")
         share, low, high = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0), self._low, self._high
-        values = np.where(self._logarithmic, low * (high / low) ** share, low + share * (high - low))
+        values = np.where(self._logarithmic, self._first * 2.0 ** (self._octaves * share), low + share * (high - low))
         theta = self.space.theta0.copy()
         for i, place in self._place:
             theta[i] = values[place]

@@ -14,7 +14,7 @@ DWA = "DWAPlannerROS"
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
-    """Ten parameters of the local planner and the inflation layers; ranges include what the parameter files start with.
+    """Ten to twelve parameters of local planner and inflation layers; ranges include what the files start with.
 
     Args:
         base: The robot's base, whose limits bound the speeds.
@@ -38,12 +38,16 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         ("path_distance_bias", *weight, False, []),
         ("goal_distance_bias", *weight, False, []),
     ]
+    if dwa:
+        ranges.append(("forward_point_distance", 0.0, width, False, []))
+        if (find(tree, server, ("min_vel_x",)) or 0.0) < 0.0:  # no policy makes a robot reverse that its maker does not
+            ranges.append(("min_vel_x", 0.0, 0.0, False, []))
     aliases = {} if dwa else {"path_distance_bias": ("pdist_scale",), "goal_distance_bias": ("gdist_scale",)}
     found = [
         _with_start(tree, name, low, high, whole, (Setting(server, (name, *aliases.get(name, ()))), *more))
         for name, low, high, whole, more in ranges
     ]
-    for name, low, high in (("inflation_radius", 0.15 * width, 1.8 * width), ("cost_scaling_factor", 1.0, 20.0)):
+    for name, low, high in (("inflation_radius", 0.15 * width, 3.0 * width), ("cost_scaling_factor", 1.0, 20.0)):
         settings = tuple(Setting(layer, (name,)) for layer in inflation)
         found.append(_with_start(tree, name, low, high, False, settings))
     return tuple(found)

@@ -17,6 +17,7 @@ PAGES = {
     "project/security": "SECURITY.md",
     "project/examples": "examples/README.md",
     "explanation/models/applr": "applr_ros1/models/applr.md",
+    "explanation/models/general": "applr_ros1/models/general.md",
     "explanation/models/appld": "applr_ros1/models/appld.md",
     "explanation/models/husky": "applr_ros1/robots/husky/applr.md",
     "explanation/models/husky_static": "applr_ros1/robots/husky/static.md",

@@ -12,15 +12,23 @@ from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots.description import find
+from training.evaluation import trials
 from training.static_search import move_base_parameters
 from worlds import builtin
 
-TRAINED = [name for name in robots.NAMES if os.path.exists(methods.shipped(robot=robots.load(name)))]
+TRAINED = ["jackal", "husky", "turtlebot3_waffle_pi"]
 OTHERS = [name for name in TRAINED if name != "jackal"]
 
 
-def test_which_robots_have_models():
-    assert set(TRAINED) == {"jackal", "husky", "turtlebot3_waffle_pi"}
+def test_the_policy_for_every_robot_drives_those_without_their_own():
+    """The burger arrives in three test worlds."""
+    burger = robots.load("turtlebot3_burger")
+    assert methods.make("applr", burger).path == methods.shipped(methods.GENERAL)
+    assert os.path.getsize(methods.shipped(methods.GENERAL)) < 6e6
+    names = [(world, world) for world in ("generated:8", "generated:35", "generated:123")]
+    runner = trials.TrialRunner("kinematic", robot="turtlebot3_burger", monitor=True)
+    results = [runner.run(task).result for task in trials.plan(names, [("applr", "applr")], 1, seed=0)]
+    assert all(result.success for result in results), results
 
 
 @pytest.mark.parametrize("name", OTHERS)

@@ -91,7 +91,7 @@ def test_a_ground_that_a_robot_cannot_have_is_one_line(name, change, line):
 
 @pytest.mark.parametrize("seed", [82, 153, 629])
 def test_a_tyre_of_high_friction_jams_and_does_not_push(seed):
-    """Drawn robots with a friction of .95 to 1.2: the pyramid alone would throw them off at 10 to 50 times the speed."""
+    """Drawn robots with a friction of .95 to 1.2: they would be thrown off at 10 to 50 times their speed."""
     robot = draw(np.random.default_rng(seed))
     simulator = sim_bridge.make("kinematic", robot=robot, friction=1.2)
     fastest, rng = 0.0, np.random.default_rng(seed)

@@ -26,7 +26,7 @@ from applr_ros1.robots.description import (
 )
 
 NAME = "drawn"  # as a robot's name in training: each episode draws one
-JACKALS = 0.35  # share of episodes that the Jackal drives
+JACKALS = 0.3  # share of episodes that the Jackal drives
 JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 
 
@@ -41,10 +41,10 @@ def draw_another(rng: np.random.Generator) -> Robot:
     padding = padded * rng.uniform(0.02, 0.2)
     width = padded - 2.0 * padding
     length = width * rng.uniform(1.0, 1.6)
-    speed = _log_uniform(rng, max(0.2, 0.8 * padded), min(2.0, 5.0 * padded))
+    speed = _log_uniform(rng, max(0.15, 0.5 * padded), min(2.0, 4.5 * padded))
     turn = rng.uniform(1.0, 4.0)
     skid = rng.random() < 0.5
-    braking = speed * rng.uniform(1.5, 8.0)
+    braking = speed * rng.uniform(1.5, 12.0)
     wheel = 0.15 * width
     friction = rng.uniform(0.4, 1.0)
     base = Base(
@@ -142,9 +142,9 @@ def _parameters(rng: np.random.Generator, base: Base, body: Body, padding: float
     if dwa:
         planner.update(
             max_vel_trans=speed,
-            min_vel_trans=0.2 * speed,
-            min_vel_x=float(rng.choice([0.0, -0.2])) * speed,
-            min_vel_theta=0.2 * turn,
+            min_vel_trans=rng.uniform(0.0, 0.5) * speed,
+            min_vel_x=float(rng.choice([0.0, -0.2, -1.0])) * speed,
+            min_vel_theta=rng.uniform(0.1, 0.5) * turn,
             max_vel_y=0.0,
             min_vel_y=0.0,
             acc_lim_y=0.0,
@@ -152,7 +152,7 @@ def _parameters(rng: np.random.Generator, base: Base, body: Body, padding: float
             path_distance_bias=near(32.0),
             goal_distance_bias=near(22.0),
             occdist_scale=near(0.02, 4.0),
-            forward_point_distance=0.6 * padded,
+            forward_point_distance=float(rng.choice([0.325, rng.uniform(0.1, 0.8) * padded])),
             scaling_speed=0.8 * speed,
         )
     else:
@@ -191,7 +191,7 @@ def _parameters(rng: np.random.Generator, base: Base, body: Body, padding: float
             "raytrace_range": reach + 0.5,
             "scan": scan,
         },
-        "inflation_layer": {"inflation_radius": near(0.7 * padded), "cost_scaling_factor": near(6.0)},
+        "inflation_layer": {"inflation_radius": near(0.9 * padded), "cost_scaling_factor": near(6.0)},
     }
     local = int(np.clip(14.0 * padded, 3.0, 8.0))
     return {

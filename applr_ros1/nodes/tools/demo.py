@@ -143,8 +143,6 @@ def prepare(words, file):
     robot = load(values["robot"])
     if values["policy"] != "none":
         values = with_folders(dict(values, method=values["method"] + ":" + values["policy"]))
-    else:
-        values["method"] = usual_method(robot, values["method"])
     methods.make(values["method"], robot, commands=False)
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
@@ -163,14 +161,6 @@ def with_folders(values):
         if values[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(values[name])):
             found[name] = os.path.abspath(values[name])
     return found
-
-
-def usual_method(robot, method):
-    """The method, but dwa instead of applr for a robot without a policy, which is said."""
-    if method != "applr" or os.path.exists(methods.shipped(robot=robot)):
-        return method
-    say(f"robot {robot.name} has no policy of its own: method dwa; train one or give policy:=FILE")
-    return "dwa"
 
 
 class Stack(roslaunch.pmon.ProcessListener):

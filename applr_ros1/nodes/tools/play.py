@@ -15,9 +15,8 @@ import rospy
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.nodes.viewer.world import PLAYED
-from applr_ros1.robots import load
 
-from .demo import UP_WITHIN, launch_file, own_stack, say, usual_method, with_folders
+from .demo import UP_WITHIN, launch_file, own_stack, say, with_folders
 
 USAGE = """usage: play.py [--no-browser] [--host ADDRESS] [ARG:=VALUE ...]
 
@@ -64,6 +63,4 @@ def prepare(words, file):
             values[name] = value
         else:
             raise ApplrError(f"{word} is no argument: give --no-browser, --host ADDRESS or ARG:=VALUE (--help)")
-    if not {"method", "policy"} & set(values):
-        values["method"] = usual_method(load(values.get("robot", known["robot"])), known["method"])
     return browser, [f"{name}:={value}" for name, value in with_folders(values).items()]

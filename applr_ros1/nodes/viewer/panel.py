@@ -21,7 +21,7 @@ from .pilot import METHODS, Pilot
 from .shapes import PALETTE
 
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
-FILES = {"static": "static.json", "appld": "appld.safetensors", "applr": "applr.safetensors"}  # that a robot may lack
+FILES = {"static": "static.json", "appld": "appld.safetensors"}  # that a robot may lack
 WORDS = ("has a goal that waits", "drives to a goal", "goal cancelled", "goal reached", "gave up", "goal rejected")
 WORDS += ("goal being cancelled", "goal being cancelled", "goal cancelled", "goal lost")  # by GoalStatus.status
 SPAN = 30.0  # s that the plots show

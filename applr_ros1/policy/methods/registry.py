@@ -24,17 +24,24 @@ from applr_ros1.policy.parameter_space import counts_cells, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
+POLICY = "applr.safetensors"  # of a robot
+GENERAL = "general.safetensors"  # of every robot without one
 OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
 
 
-def shipped(name: str = "applr.safetensors", robot: Robot = JACKAL) -> str:
-    """Path of a robot's own model: in its folder, else, for the Jackal, the one that comes with the package.
+def shipped(name: str = POLICY, robot: Robot = JACKAL) -> str:
+    """Path of a model: in the robot's folder, else one that comes with the package.
 
-    The latter lies beside the code, or below share/ of an install space.
+    Those are the Jackal's, and a policy for every robot that has none of its own. They lie beside the code, or below
+    share/ of an install space.
     """
     own = os.path.join(robot.folder, name)
-    if robot.name != JACKAL.name or os.path.exists(own):
+    if os.path.exists(own):
         return own
+    if robot.name != JACKAL.name:
+        if name != POLICY:
+            return own
+        name = GENERAL
     package = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
     prefix = os.path.join(package, *[os.pardir] * 4)
     for folder in (package, os.path.join(prefix, "share", "applr_ros1", "applr_ros1")):
@@ -91,7 +98,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "applr": (
         lambda robot: _actor(shipped(robot=robot), robot),
-        "the robot's shipped policy; the Jackal's decides every second",
+        "the robot's own policy; where it has none, the included one for every robot",
     ),
     "applr_2s": (
         lambda robot: at_period(_actor(_for_two_seconds(robot), robot), "2"),

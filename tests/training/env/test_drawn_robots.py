@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.encoding import Encoding
+from applr_ros1.policy.encoding import PARAMETERS, Encoding
 from applr_ros1.robots import JACKAL, limits
 from training.env import drawn_robots
 from training.env.env import ApplrEnv
@@ -27,7 +27,7 @@ def test_robots_span_what_they_should_and_contradict_nothing():
 def test_each_episode_has_another_robot_and_depends_on_its_seed_only():
     def drive(env, seed):
         observation, _ = env.reset(seed=seed)
-        rewards = [env.step(np.full(10, 0.1, np.float32))[1] for _ in range(2)]
+        rewards = [env.step(np.full(len(PARAMETERS), 0.1, np.float32))[1] for _ in range(2)]
         return env.episode.robot, observation, rewards
 
     options = {"worlds": "generated:learn,dynamic:100", "robot": "drawn", "observation": "dimensionless", "period": 1.0}
