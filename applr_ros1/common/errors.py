@@ -71,8 +71,8 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
 def run_script(module: str, node: bool = False) -> None:
     """Imports the module of a command, runs its main() and ends the process. For the files in scripts/.
 
-    A Ctrl-C during the import, which takes seconds, is one line as well; so is a Python package that is missing. The
-    folder of the script is taken from sys.path: its sim_bridge.py would hide the package of that name.
+    A Ctrl-C during the import, which takes seconds, ends the process without a word; a Python package that is missing
+    is one line. The folder of the script is taken from sys.path: its sim_bridge.py would hide the package of that name.
 
     Args:
         module: such as "training.evaluate".
@@ -86,6 +86,9 @@ def run_script(module: str, node: bool = False) -> None:
 
 
 def _main_of(module: str, node: bool) -> Optional[int]:
+    usual = signal.getsignal(signal.SIGINT)
+    if usual is signal.default_int_handler:  # its exception would be lost in a library's destructor
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         loaded = importlib.import_module(module)
     except ModuleNotFoundError as missing:
@@ -96,6 +99,7 @@ def _main_of(module: str, node: bool) -> Optional[int]:
             f"Python's {name} is not installed for {sys.executable}: run ./applr packages in the repository of "
             "applr_ros1, then build this workspace again"
         ) from None
+    signal.signal(signal.SIGINT, usual)
     words = [word for word in sys.argv[1:] if ":=" not in word] if node else []
     if {"-h", "--help"} & set(sys.argv[1:]) and (node or hasattr(loaded, "USAGE")):
         print(getattr(loaded, "USAGE", loaded.__doc__))
