@@ -1,6 +1,7 @@
 """For all tests: what is left out, what counts as a failure, how tests are shared among processes, figures of faults.
 
-A test marked `ros` that fails is run once more: it lives in real time, on a machine that others use, too.
+A test marked `ros` that fails is run once more: it lives in real time, on a machine that others use, too. A test that
+takes more than five minutes fails; those marked `long` may take hours.
 
 `./applr test` runs pytest-xdist. Tests of one file that start ROS nodes stay together (`--dist loadgroup`), and so do
 the files of a folder whose conftest.py has a stack that they share: rospy knows one master per process. Between two
@@ -57,6 +58,8 @@ def pytest_make_collect_report(collector):
 
 def pytest_itemcollected(item):
     item.user_properties += [("fault", number) for mark in item.iter_markers("fault") for number in mark.args]
+    if item.get_closest_marker("long"):
+        item.add_marker(pytest.mark.timeout(0))
     if item.get_closest_marker("ros"):
         item.add_marker(pytest.mark.flaky(reruns=1))
         item.add_marker(pytest.mark.xdist_group(group_of(item.path).stem))
