@@ -31,8 +31,8 @@ def _problems(robot: Robot) -> Iterator[str]:
     yield from _base(robot)
     yield from _ground(robot)
     yield from _laser(robot)
-    yield from _space(robot)
     yield from _files(robot)
+    yield from _space(robot)
     for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
         asked, most = getattr(robot.monitor, name), getattr(robot.base, limit)
         if asked > most:

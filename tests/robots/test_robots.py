@@ -154,7 +154,10 @@ def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("TrajectoryPlannerROS: {max_vel_x: 1%s}\n" % ("0" * 400), "the parameter files start with inf, include it"),
+        (
+            "TrajectoryPlannerROS: {max_vel_x: 3.0}\n",
+            "TrajectoryPlannerROS/max_vel_x is 3 in the parameter files: base.max_speed is 2",
+        ),
     ],
 )
 def test_a_file_that_does_not_fit_the_others_is_one_line(tmp_path, text, line):
