@@ -164,7 +164,6 @@ def drive(
     state,
     rolling,
     steps,
-    times,
     targets,
     circles,
     boxes,
@@ -179,7 +178,7 @@ def drive(
 ):
     """Advance state (SIZE,) and rolling (wheels.new_drive()) by `steps` steps of STEP.
 
-    times (k,), targets (k, 2): the velocity targets and the steps from which they hold. circles (n, 5) x, y,
+    targets (k, 3): the steps from which velocity targets hold, and these. circles (n, 5) x, y,
     radius, velocity, boxes (m, 5): what may be hit. scalars, supports, parts: of Mechanics. table: wheels.rim_table().
     noise (steps, wheels.noises()) standard normal. friction, ground: as wheels.tyres() takes them.
     """
@@ -204,11 +203,10 @@ def drive(
     x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
     contact, rolled, k_target = False, 0.0, 0
     for step in range(steps):
-        while k_target + 1 < times.shape[0] and times[k_target + 1] <= step:
+        while k_target + 1 < targets.shape[0] and targets[k_target + 1, 0] <= step:
             k_target += 1
-        wheels.turn_wheels(
-            rolling, targets[k_target, 0], targets[k_target, 1], table, scalars, noise[step], slip, ground
-        )
+        _, v, yaw_rate = targets[k_target]
+        wheels.turn_wheels(rolling, v, yaw_rate, table, scalars, noise[step], slip, ground)
         rims[0], rims[1] = rolling[wheels.LEFT], rolling[wheels.RIGHT]
         rolled += 0.5 * (rims[0] + rims[1])
         du, ds, dw = wheels.tyres(rolling, u, s, w, scalars, supports, friction, lift, ground)

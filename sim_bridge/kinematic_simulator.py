@@ -7,8 +7,8 @@ Same interface, laser, odometry, wheels and tyres; in the plane, with contacts b
 from __future__ import annotations
 
 from dataclasses import replace
-from math import cos, sin
-from typing import Any, List, Optional, Tuple
+from math import ceil, cos, inf, sin
+from typing import Any, Optional, Tuple
 
 import numpy as np
 
@@ -76,26 +76,26 @@ class KinematicSimulator(Simulator):
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps <= 0:
             return
-        times, targets = self._schedule(steps)
         circles = self._circles
         if self.world.movers:
             now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
             velocity = (then - now)[:, :2] / (steps * STEP)
             velocity[np.hypot(*velocity.T) > JUMP] = 0.0
             circles = np.concatenate([circles, np.hstack([now, velocity])])
+        ground, shape = self._ground(), (steps, self._noises)
+        noise = self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)  # Gazebo's wheels turn evenly
         kernel.drive(
             self._body,
             self._rolling,
             steps,
-            times,
-            targets,
+            self._schedule(steps),
             circles,
             self._boxes,
             *self._constants,
-            self._noise.standard_normal((steps, self._noises)),
+            noise,
             self._friction * self.drawn.friction,
             self.drawn.slip,
-            self._ground(),
+            ground,
         )
         self._steps += steps
         x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
@@ -110,16 +110,15 @@ class KinematicSimulator(Simulator):
         )
 
     def _schedule(self, steps):
-        """The velocity target of each step, as (from which step, (v, w)), where it changes."""
+        """(k, 3): from which step on a velocity target holds, and the target [m/s, rad/s]."""
         start, command = self._steps, self._command
-        times: List[int] = [0]
-        targets: List[Tuple[float, float]] = [self._target(start * STEP)]
-        stops = command.until - 1e-9  # the time-out; most often neither it nor a new command falls into these steps
-        if not command.pending and not start * STEP < stops <= (start + steps - 1) * STEP:
-            return np.array(times), np.array(targets)
-        for step in range(1, steps):
-            target = self._target((start + step) * STEP)
-            if target != targets[-1]:
-                times.append(step)
-                targets.append(target)
-        return np.array(times), np.array(targets)
+        rows = [(0, *self._target(start * STEP))]
+        step, last = 0, (start + steps - 1) * STEP
+        while True:  # on to the next command or the time-out
+            change = command.pending[0][0] if command.pending else inf
+            if (start + step) * STEP < command.until - 1e-9:
+                change = min(change, command.until)
+            if change - 1e-9 > last:
+                return np.array(rows)
+            step = max(step + 1, ceil((change - 1e-9) / STEP) - start)
+            rows.append((step, *self._target((start + step) * STEP)))

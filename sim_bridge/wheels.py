@@ -47,7 +47,7 @@ def noises(supports: np.ndarray) -> int:
     return 2 + len(supports)
 
 
-@kernel
+@kernel(error_model="numpy", forceinline=True)
 def turn_wheels(drive, v, w, table, scalars, noise, slip, ground):
     """One step of the velocity controller towards (v, w) [m/s, rad/s], within its acceleration limits.
 
@@ -95,7 +95,7 @@ def _rims(v, w, table, scalars):
     return v + sign * more, 0.5 * scalars[m.TRACK] * w * spread
 
 
-@kernel
+@kernel(error_model="numpy", forceinline=True)
 def tyres(drive, u, s, w, scalars, supports, friction, lift, ground):
     """Change (du, ds, dw) of the body's velocity by its tyres and casters in one step.
 
@@ -111,7 +111,7 @@ def tyres(drive, u, s, w, scalars, supports, friction, lift, ground):
     return _tyres(supports.shape[0], drive, u, s, w, scalars, supports, friction, lift, ground)
 
 
-@kernel(inline="always")
+@kernel(inline="always", error_model="numpy")
 def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
     mass, inertia, creep = scalars[m.MASS], scalars[m.YAW_INERTIA], scalars[m.TYRE_CREEP]
     tip_x = drive[PULL_X] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_X]
@@ -173,7 +173,7 @@ def _tyres(n, drive, u, s, w, scalars, supports, friction, lift, ground):
     return du, ds, dw
 
 
-@kernel
+@kernel(error_model="numpy")
 def _pyramid(slip_x, slip_y, c, sn, friction):
     """Force over slip, ahead and aside, of one edge of a wheel on Gazebo's ground, for a unit of friction times load.
 
