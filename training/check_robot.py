@@ -22,6 +22,7 @@ from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
 from applr_ros1.robots.geometry import bounding_box
+from sim_bridge.mechanics import mechanics
 from training.common.command_line import AnyRobot, parsed
 from training.common.options import Options, argument
 
@@ -31,9 +32,13 @@ OUTSIDE = 0.01  # m by which body and wheels may reach beyond the padded footpri
 
 
 def summary(described: Robot) -> List[str]:
-    """Lines about a robot, for people. Raises an ApplrError of one line for what the planner or the space refuses."""
+    """Lines about a robot, for people.
+
+    Raises an ApplrError of one line for what the planner, the parameter space or the simulators refuse.
+    """
     base, laser, tree = described.base, described.laser, described.parameters()
     planner = MoveBase(tree)
+    mechanics(described)
     outline = np.asarray(planner.local_costmap.footprint)
     length, width = np.ptp(outline, axis=0)
     fitting = width / WIDTH
@@ -67,6 +72,12 @@ def summary(described: Robot) -> List[str]:
         for parameter, start in zip(described.space, space.theta0)
     ]
     lines += ["remark: " + line for line in warnings(tree) + traps(planner.parameters)]
+    frames = {planner.parameters[name]["global_frame"].lstrip("/") for name in planner.costmaps}
+    if planner.missing_map or frames != {described.frames.odom}:
+        lines.append(
+            "remark: without a map both costmaps need the frame %s and no static layer: say so in "
+            "move_base.without_map" % described.frames.odom
+        )
     if with_map is not None:
         MoveBase(with_map)
         lines += ["remark, with a map: " + line for line in warnings(with_map) if "remark: " + line not in lines]

@@ -142,6 +142,20 @@ def test_check_says_what_it_makes_of_a_description(crate, capsys):
     assert "base.max_speed of this base is 0.8" in capsys.readouterr().err
 
 
+def test_check_names_what_no_drive_could_begin_with(crate, capsys):
+    def check(text):
+        (crate / "robot.yaml").write_text(text)
+        robots.reader._read.cache_clear()
+        return check_robot.main([str(crate)])
+
+    layer = '{name: map, type: "costmap_2d::StaticLayer"}'
+    for change in ("global_frame: map", "plugins: [%s]" % layer):
+        assert check(CRATE.replace("global_costmap: {", "global_costmap: {%s, " % change)) == 0
+        assert "remark: without a map both costmaps need" in capsys.readouterr().out
+    assert check(CRATE.replace("casters: [[-0.14,", "casters: [[0.14,")) == 1
+    assert "its centre of mass" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("name", "trap"),
     [("husky", "before a narrow gap"), ("turtlebot3_waffle_pi", "a robot that backs"), ("turtlebot3_burger", None)],

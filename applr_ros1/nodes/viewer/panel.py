@@ -95,7 +95,8 @@ class Panel:
             doing = "does not answer"
         else:
             doing = "waits for a goal" if goal is None else WORDS[goal.status]
-        yield "move_base **%s**, %.2f m/s, parameters by **%s**" % (doing, self.speed, self._pilot.who)
+        speed = round(self.speed, 2) + 0.0  # never -0.00
+        yield "move_base **%s**, %.2f m/s, parameters by **%s**" % (doing, speed, self._pilot.who)
         action = self._listener.newest(ACTION, String)
         if action is not None:
             yield "collision monitor: %s" % action.data

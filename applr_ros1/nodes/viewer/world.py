@@ -26,13 +26,8 @@ from .listening import Listener, ask, by_hand, tell
 
 CURRENT = "sim_bridge/current_world"
 TURN, GOAL, PUT, TAKE = "turns the view", "sets a goal", "puts an obstacle down", "takes an obstacle away"
-THIRD = COUNT // 3
-LEVELS = {
-    "any": (0, COUNT),
-    "easy": (0, THIRD),
-    "middling": (THIRD, 2 * THIRD),
-    "hard": (2 * THIRD, COUNT),
-}  # of `ranked`
+THIRD = COUNT // 3  # of `ranked`
+LEVELS = {"any": slice(None), "easy": slice(THIRD), "medium": slice(THIRD, 2 * THIRD), "hard": slice(2 * THIRD, None)}
 RADIUS = 0.075  # m, of an obstacle that is put down: that of BARN's cylinders, at the Jackal's scale
 FACTORS = (0.1, 5.0)  # of real time
 PLAYED = "/play/arguments"  # parameter: what ./applr play was called with; it starts anew with what is put there
@@ -64,7 +59,7 @@ class WorldTab:
         gui.add_button("load this world").on_click(lambda _: self._load(self._name.value))
         level = gui.add_dropdown("difficulty", tuple(LEVELS))
         another = gui.add_button("next world")
-        another.on_click(lambda _: self._load(random.choice(ranked()[slice(*LEVELS[level.value])])))
+        another.on_click(lambda _: self._load(random.choice(ranked()[LEVELS[level.value]])))
         given = str(rospy.get_param("~robot", robot.name))
         self._given = gui.add_dropdown("robot", tuple(dict.fromkeys((*NAMES, given))), initial_value=given)
         by_hand(self._given, lambda name: self._change_robot(name, given))
