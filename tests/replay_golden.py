@@ -10,8 +10,6 @@ import argparse
 import hashlib
 import json
 import sys
-import zipfile
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +24,6 @@ from tests import replay_dwa
 
 FORMAT = "planner-golden-1"
 FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")
-
-
-class GoldenError(ValueError):
-    """A set that cannot be replayed; the message is one line."""
 
 
 class Scenario:
@@ -49,32 +43,12 @@ class Scenario:
 
 
 def load(folder):
-    """The scenarios of the set in `folder`. Raises GoldenError."""
-    manifest, arrays = Path(folder) / "manifest.json", Path(folder) / "arrays.npz"
-    for path in (manifest, arrays):
-        if not path.is_file():
-            raise GoldenError("%s is not there: name a folder with manifest.json and arrays.npz" % path)
-    try:
-        content = json.loads(manifest.read_text(encoding="utf-8"))
-        kinds = FORMATS.get(content.get("format")) if isinstance(content, dict) else None
-        if kinds is None:
-            raise GoldenError("%s is not of a format %s" % (manifest, " or ".join(FORMATS)))
-        opened = np.load(arrays, allow_pickle=False)
-        if not hasattr(opened, "files"):
-            raise GoldenError("%s is a single array: an .npz archive is needed" % arrays)
-        scenarios = [Scenario(fields, opened) for fields in content["scenarios"]]
-    except GoldenError:
-        raise
-    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as problem:
-        raise GoldenError(
-            "%s cannot be read: %s" % (folder, " ".join(str(problem).split()) or repr(problem))
-        ) from problem
-    if not scenarios:
-        raise GoldenError("%s holds no scenarios" % manifest)
+    """The scenarios of the set in `folder`."""
+    content = json.loads((Path(folder) / "manifest.json").read_text(encoding="utf-8"))
+    arrays = np.load(Path(folder) / "arrays.npz", allow_pickle=False)
+    scenarios = [Scenario(fields, arrays) for fields in content["scenarios"]]
     for scenario in scenarios:
-        scenario.compare = kinds.get(scenario.kind)
-        if scenario.compare is None:
-            raise GoldenError("%s: scenario %s is of the unknown kind %r" % (manifest, scenario.id, scenario.kind))
+        scenario.compare = FORMATS[content["format"]][scenario.kind]
     return scenarios
 
 
@@ -238,42 +212,28 @@ def difference(ours, expected):
 
 
 def replay(scenario):
-    """{what: largest difference} of everything in which the scenario differs. Raises GoldenError."""
+    """{what: largest difference} of everything in which the scenario differs."""
     found = {}
-    try:
-        for what, ours, expected, *tolerance in scenario.compare(scenario):
-            worst = difference(ours, expected)
-            if worst > (tolerance[0] if tolerance else 0.0):
-                found[what] = worst
-    except KeyError as problem:
-        raise GoldenError("scenario %s lacks %s" % (scenario.id, problem)) from problem
-    except (OSError, ValueError, TypeError, IndexError, zipfile.BadZipFile, zlib.error) as problem:
-        reason = " ".join(str(problem).split())
-        raise GoldenError("scenario %s cannot be replayed: %s" % (scenario.id, reason)) from problem
+    for what, ours, expected, *tolerance in scenario.compare(scenario):
+        worst = difference(ours, expected)
+        if worst > (tolerance[0] if tolerance else 0.0):
+            found[what] = worst
     return found
 
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", metavar="DIR", help="folder with manifest.json and arrays.npz")
-    options = parser.parse_args(arguments)
-    try:
-        scenarios = load(options.folder)
-        clean = True
-        for kind in sorted({scenario.kind for scenario in scenarios}):
-            mine = [scenario for scenario in scenarios if scenario.kind == kind]
-            differing = {scenario.id: found for scenario in mine for found in [replay(scenario)] if found}
-            worst = max([value for found in differing.values() for value in found.values()], default=0.0)
-            print(
-                "%-13s %4d scenarios, %4d mismatches, largest difference %g" % (kind, len(mine), len(differing), worst),
-                flush=True,
-            )
-            for name, found in list(differing.items())[:5]:
-                print("  %s: %s" % (name, ", ".join("%s by %g" % pair for pair in found.items())), file=sys.stderr)
-            clean = clean and not differing
-    except GoldenError as problem:
-        print("replay_golden: %s" % problem, file=sys.stderr)
-        return 2
+    scenarios, clean = load(parser.parse_args(arguments).folder), True
+    for kind in sorted({scenario.kind for scenario in scenarios}):
+        mine = [scenario for scenario in scenarios if scenario.kind == kind]
+        differing = {scenario.id: found for scenario in mine for found in [replay(scenario)] if found}
+        worst = max([value for found in differing.values() for value in found.values()], default=0.0)
+        counts = "%-13s %4d scenarios, %4d mismatches, largest difference %g"
+        print(counts % (kind, len(mine), len(differing), worst), flush=True)
+        for name, found in list(differing.items())[:5]:
+            print("  %s: %s" % (name, ", ".join("%s by %g" % pair for pair in found.items())), file=sys.stderr)
+        clean = clean and not differing
     return 0 if clean else 1
 
 

@@ -46,11 +46,6 @@ def sim_speed_kinematic():
     return _speed("kinematic")
 
 
-def sim_speed_kinematic_5hz():
-    """With five global plans per simulated second."""
-    return _speed("kinematic", 5.0)
-
-
 def sim_speed_pybullet():
     return _speed("pybullet")
 
@@ -67,10 +62,10 @@ def reset_pybullet():
     return 1e3 * best, "ms"
 
 
-def _speed(simulator, planner_frequency=20.0):
+def _speed(simulator):
     """Simulated seconds per wall second on one core, with new random parameters every two seconds, resets included."""
     warm_up()
-    move_base = MoveBase(dict(JACKAL, planner_frequency=planner_frequency))
+    move_base = MoveBase(dict(JACKAL, planner_frequency=20.0))
     _drive(simulator, move_base, _random, decisions=1)
     best = 0.0
     for _ in range(3):

@@ -1,7 +1,6 @@
 """Figures of learning: gradient steps of TD3, ours and stable-baselines3's in one run, and the actor's inference.
 
-Also, run by hand: `python -m tests.benchmarks.learning intake [cuda]`, transitions/s that the learner takes in;
-`python -m tests.benchmarks.learning actors 1 2 4`, transitions per second that so many actors make.
+By hand, also on a GPU: `python -m tests.benchmarks.learning [cuda]`.
 """
 
 import sys
@@ -110,68 +109,8 @@ def actor_inference():
     return 1e6 / _rate(lambda: actor.action(observation), rounds=5, seconds=0.2), "us"
 
 
-def learner_intake(device="cpu", utd_ratio=0.1, seconds=8.0):
-    """Transitions/s from packed bytes to the replay and the store, with the paper's share of gradient steps."""
-    import tempfile
-
-    from training.learner.learner import Learner, LearnerOptions
-    from training.replay.trajectory import Layout
-
-    blobs = [t.pack() for t in _trajectories(20000 if utd_ratio == 0 else 4000)]
-    with tempfile.TemporaryDirectory() as folder:
-        learner = Learner(
-            Layout(),
-            LearnerOptions(buffer_size=300_000, utd_ratio=utd_ratio, device=device),
-            folder,
-        )
-        begun = time.perf_counter()
-        for blob in blobs:
-            learner.take(blob)
-            learner.train()
-            if time.perf_counter() - begun > seconds:
-                break
-        return learner.transitions / (time.perf_counter() - begun), "transitions/s"
-
-
-def actor_rate(actors, seconds=20.0):
-    """Transitions per second of so many processes with random parameters in the built-in train worlds."""
-
-    from training.actors.pool import make_pool
-    from training.actors.scheduler import TaskScheduler
-    from training.actors.tasks import RunnerSpec, WorkerSettings
-    from training.replay.trajectory import Trajectory
-
-    scheduler = TaskScheduler(0, 250, lambda transitions: 0.5, random=10**9)
-    scheduler.ready = True
-    options = {"env": "training.env.env:ApplrEnv", "options": {"worlds": "generated:train"}}
-    settings = WorkerSettings(collect=RunnerSpec("training.actors.collector:Collector", options))
-    pool = make_pool(settings, scheduler.next_task, actors)
-    try:
-        came, begun = 0, None
-        while begun is None or time.perf_counter() - begun < seconds:
-            for answer in pool.poll(0.2):
-                if begun is not None:
-                    came += len(Trajectory.unpack(answer.data))
-            if (
-                begun is None
-                and min(scheduler._next_episode.values(), default=0) > 1
-                and len(scheduler._next_episode) == actors
-            ):
-                begun = time.perf_counter()  # every actor has driven an episode: all is compiled
-        return came / (time.perf_counter() - begun), "transitions/s"
-    finally:
-        pool.close()
-
-
 if __name__ == "__main__":
-    if "actors" in sys.argv:
-        for n in map(int, sys.argv[sys.argv.index("actors") + 1 :]):
-            print("%d actors: %.1f %s" % (n, *actor_rate(n)))
-        sys.exit()
     where = "cuda" if "cuda" in sys.argv else "cpu"
-    if "intake" in sys.argv:
-        for share in (0.0, 0.1, 1.0):
-            print("intake with %.1f gradient steps per transition: %.0f %s" % (share, *learner_intake(where, share)))
     for figure in (td3_updates, sb3_td3_updates):
         try:
             print("%s on %s: %.1f %s" % (figure.__name__, where, *figure(where)))

@@ -1,5 +1,5 @@
-"""The planner's maps on courses like BARN's: the inflation of the local map, navfn on the global one, and what scan and
-maps cost in a control cycle. Called by run.py.
+"""The planner's maps on courses like BARN's: the inflation of the local map and navfn on the global one. Called by
+run.py.
 
 Times are processor time. FORMAT.md of the golden set has the C++ figures: inflation of 200 x 200 cells 179 us, navfn
 on 800 x 800 cells 1,076 us.
@@ -59,27 +59,6 @@ def navfn():
         times.append(np.min(runs, axis=0))
     every = np.concatenate(times)
     return 1e6 * np.mean(every), "us (mean over %d positions; median %.0f us)" % (len(every), 1e6 * np.median(every))
-
-
-def scan_and_maps():
-    """Projection of a scan and one update of both costmaps, per control cycle while driving."""
-    times = []
-    for clouds, _ in map(_drive, COURSES):
-        runs = []
-        for _ in range(REPEATS):
-            local, world = _maps()
-
-            def cycle(pose, scan, local=local, world=world):
-                cloud = project(scan)
-                local.update(pose, cloud)
-                world.update(pose, cloud)
-
-            cycle = _timed(cycle)
-            for pose, scan in clouds:
-                cycle(pose, scan)
-            runs.append(cycle.took)
-        times.append(np.min(runs, axis=0))
-    return 1e6 * np.mean(np.concatenate(times)), "us"
 
 
 def _maps():

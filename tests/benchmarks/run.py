@@ -21,7 +21,6 @@ FIGURES = {  # name -> module beside this file, in the order in which they are m
     "navfn": "maps",
     "control_cycle": "cycle",
     "sim_speed_kinematic": "cycle",
-    "sim_speed_kinematic_5hz": "cycle",
     "sim_speed_pybullet": "cycle",
     "reset_pybullet": "cycle",
     "td3_updates": "learning",

@@ -12,7 +12,6 @@ from geometry_msgs.msg import Point32, Quaternion, Transform, Vector3
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
 
-from applr_ros1.common import angles
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
 from applr_ros1.nodes.transforms import LaserMount
@@ -53,46 +52,27 @@ def test_update_is_the_window():
     assert prepared.payload == conversions.OCCUPANCY[costmap().cells[1:4, 2:5]].tobytes()
 
 
-@pytest.mark.parametrize("n", [0, 1, 50])
-@pytest.mark.parametrize("frame", ["odom", "a_longer/frame"])
-def test_path_equals_the_generated_message(n, frame):
+@pytest.mark.parametrize("n", [0, 50])
+def test_path_equals_the_generated_message(n):
+    frame = "a_longer/frame"
     poses = np.random.default_rng(1).normal(size=(n, 3))
     plain = Path(header=conversions.header(frame, STAMP))
     plain.poses = [conversions.pose_stamped(p, frame, STAMP) for p in poses.tolist()]
     assert written(conversions.path(poses, frame, STAMP)) == written(plain)
 
 
-def test_occupancy_of_every_cost():
-    table = conversions.OCCUPANCY
-    assert table[[0, 1, 2, 126, 252, 253, 254, 255]].tolist() == [0, 1, 1, 49, 98, 99, 100, -1]
-    assert (np.diff(table[:255].astype(int)) >= 0).all()
-
-
 @pytest.mark.parametrize(
     ("q", "upright"),
     [
-        ((0, 0, 0, 1), True),
-        ((0, 0, 1, 0), True),
         ((0, 0, 3, 4), True),
         ((0, 0, 0, 0), False),
-        ((1, 0, 0, 0), False),
         ((0, 0, math.nan, 1), False),
-        ((0, 0, math.inf, 1), False),
         ((0.03, 0, 0, 1), False),
         ((0.01, 0, 0, 1), True),
-        ((0, 0, 1e-4, 1e-4), False),
     ],
 )
 def test_quaternions(q, upright):
     assert conversions.is_upright(Quaternion(*map(float, q))) is upright
-
-
-def test_compose_and_yaw():
-    x, y, yaw = angles.compose((1.0, 2.0, math.pi / 2), (1.0, 0.0, math.pi))
-    assert (x, y) == pytest.approx((1.0, 3.0))
-    assert yaw == pytest.approx(-math.pi / 2)
-    q = conversions.pose_stamped((0, 0, -2.5), "odom", STAMP).pose.orientation
-    assert angles.yaw_of(q) == pytest.approx(-2.5)
 
 
 @pytest.mark.parametrize(

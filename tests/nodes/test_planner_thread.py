@@ -1,5 +1,5 @@
-"""The planner's thread: requests that are withdrawn, errors that are reported, changes that are published in order; and
-the simulator bridge's lock. No ROS master is needed.
+"""The planner's thread: requests that are withdrawn, errors that are reported, changes that are published in order. No
+ROS master is needed.
 """
 
 import threading
@@ -110,15 +110,14 @@ def test_requests_at_a_shutdown_are_refused(running):
     assert errors == ["move_base is shutting down"] * 2
 
 
-@pytest.mark.parametrize("error", [ValueError("one"), OSError("two"), KeyError("three")])
-def test_an_error_in_posted_work_is_logged(running, logged, error):
+def test_an_error_in_posted_work_is_logged(running, logged):
     def fail():
-        raise error
+        raise KeyError("three")
 
     running.planner.post(fail)
     running.planner.ask(lambda: None)
-    assert len(logged) == 1
-    assert type(error).__name__ in logged[0]
+    (line,) = logged
+    assert "KeyError" in line
 
 
 def test_changes_are_published_in_the_order_in_which_they_come_into_force(running, monkeypatch):
@@ -159,34 +158,3 @@ def test_changes_are_published_in_the_order_in_which_they_come_into_force(runnin
     running.planner.ask(lambda: None)
     assert len(in_force) == 100
     assert published == in_force
-
-
-def test_a_reset_of_the_simulator_changes_the_seed_under_the_lock(monkeypatch):
-    from sim_bridge import ros_bridge
-
-    class Watched(ros_bridge.Bridge):
-        def __init__(self):
-            self.lock, self.arrived, self.base_time, self._seed = threading.Lock(), threading.Condition(), 1.0, 3
-            self.start, self.makes_clock = None, True
-            state = SimpleNamespace(time=2.0)
-            seeds = self.seeds = []
-            self.simulator = SimpleNamespace(
-                world="w", state=state, reset=lambda world, seed, start: seeds.append(seed), scan=lambda: None
-            )
-            self.topics = SimpleNamespace(
-                publish_world=nothing, publish_state=nothing, publish_scan=nothing, publish_clock=nothing
-            )
-
-        @property
-        def seed(self):
-            return self._seed
-
-        @seed.setter
-        def seed(self, value):
-            assert self.lock.locked(), "the seed was changed without the lock"
-            self._seed = value
-
-    monkeypatch.setattr(ros_bridge, "_clear_costmaps", lambda: None)
-    bridge = Watched()
-    bridge.on_reset(None)
-    assert bridge.seeds == [4]

@@ -7,15 +7,11 @@ import sys
 
 import pytest
 
-import sim_bridge
-import worlds
-from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import ParameterError
 from tests.support import ROOT
 from tests.support.jackal import tree
 from tests.support.toy_robot import ToyRobot, run, start
-from training.env.episode import laser_pose
 
 DWA = "DWAPlannerROS"
 
@@ -58,26 +54,6 @@ def test_the_latch_is_read_from_move_bases_own_name_space():
         robot.twist = (0.0, 0.0)
         run(made, robot, 0.1)
         assert (robot.twist[0] == 0.0) is own
-
-
-def test_the_simulated_jackal_drives_through_a_course():
-    world = worlds.load("generated:0")
-    simulator, made = sim_bridge.make("kinematic"), MoveBase(tree())
-    state = simulator.reset(world, seed=1)
-    made.set_goal(simulator.to_odom(world.course.goal), state.time)
-    result, touched = None, False
-    while result is None and state.time < 60.0:
-        laser = simulator.robot.laser
-        beams = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        scan = LaserScan(state.time, *beams, simulator.scan(), laser_pose(state.odom_pose))
-        cycle = made.step(state.time, state.odom_pose, state.odom_twist, scan)
-        if cycle.command is not None:
-            simulator.command(*cycle.command)
-        result = cycle.result
-        state = simulator.advance(0.05)
-        touched |= state.contact
-    assert result == ("succeeded", "Goal reached.")
-    assert not touched
 
 
 def test_warmed_up_it_compiles_nothing_while_it_drives():

@@ -78,62 +78,6 @@ def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
 # -- driving -----------------------------------------------------------------------------------------------------
 
 
-def test_follows_the_plan_and_shows_it():
-    made = local_planner(straight(9.0))
-    ok, command = made.compute_velocity((0, 0, 0), (0.3, 0.0), costmap())
-    assert ok
-    assert command == (0.5, 0.0)
-    assert made.local_plan.shape == (50, 3)
-    assert made.cropped_plan[-1, 0] == pytest.approx(5.05)
-    assert len(made.cost_cloud(costmap())) > 30000
-    assert not made.goal_reached
-
-
-def test_a_cycle_without_a_command_shows_nothing_of_the_one_before():
-    made = local_planner()
-    assert made.compute_velocity((0.0, 0.0, 0.0), (0.0, 0.0), costmap())[0]
-    assert min(len(made.local_plan), len(made.cropped_plan)) > 1
-    made.set_plan(np.zeros((0, 3)))
-    assert not made.compute_velocity((0.0, 0.0, 0.0), (0.0, 0.0), costmap())[0]
-    assert len(made.local_plan) == len(made.cropped_plan) == 0
-
-
-def test_no_valid_control_is_a_standing_robot():
-    walled = costmap()
-    walled.cells[:, 130] = 254
-    made = local_planner()
-    assert made.compute_velocity((0, 0, 0), (0, 0), walled) == (False, (0.0, 0.0))
-    assert len(made.local_plan) == 0
-    assert len(made.cropped_plan)
-
-
-def drive(made, pose, twist=(0.0, 0.0), cycles=200):
-    """Ideal robot at 20 Hz; returns the poses and commands until the goal is reached or control fails."""
-    poses, commands = [pose], []
-    for _ in range(cycles):
-        ok, (v, w) = made.compute_velocity(poses[-1], twist, costmap())
-        commands.append((v, w))
-        if not ok or made.goal_reached:
-            return poses, commands, ok
-        x, y, yaw = poses[-1]
-        poses.append((x + v * math.cos(yaw) * 0.05, y + v * math.sin(yaw) * 0.05, yaw + w * 0.05))
-        twist = v, w
-    return poses, commands, ok
-
-
-@pytest.mark.parametrize("yaw", [0.0, 1.5, -2.0, math.pi])
-def test_reaches_place_and_heading_of_the_goal(yaw):
-    made = local_planner(straight(2.0, yaw))
-    poses, commands, ok = drive(made, (0.0, 0.0, 0.0))
-    x, y, heading = poses[-1]
-    assert ok
-    assert made.goal_reached
-    assert commands[-1] == (0.0, 0.0)
-    assert math.hypot(x - 2.0, y) <= 0.25
-    assert abs(math.remainder(heading - yaw, 2 * math.pi)) <= 0.157
-    assert len(made.local_plan) == 0
-
-
 def test_stops_before_it_turns():
     made = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
     assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), costmap()) == (True, (0.4, pytest.approx(0.2)))
@@ -177,13 +121,6 @@ def test_the_goal_is_seen_in_the_cycle_that_reaches_it_although_plans_keep_comin
         assert not made.goal_reached
         assert made.compute_velocity((0.9, 0, 0), (0.5, 0.0), costmap()) == (True, (0.0, 0.0))
         assert made.goal_reached
-
-
-def test_reconfigure_clears_what_was_reached():
-    made = local_planner(straight(1.0))
-    made.compute_velocity((0.9, 0, 0), (0, 0), costmap())
-    made.reconfigure(PARAMS)
-    assert not made.goal_reached
 
 
 def test_latch_keeps_the_place_reached():

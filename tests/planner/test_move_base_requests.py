@@ -43,15 +43,6 @@ def test_reset_may_keep_what_was_reconfigured():
     assert made.configuration(PLANNER)["max_vel_x"] == 0.5
 
 
-def test_reconfigure_takes_effect_in_the_next_cycle():
-    made, robot = start((6.0, 0.0, 0.0))
-    run(made, robot, 1.0)
-    assert made.reconfigure(PLANNER, {"max_vel_x": 1e9})["max_vel_x"] == 20.0
-    made.reconfigure(PLANNER, {"max_vel_x": 1.2})
-    run(made, robot, 1.0)
-    assert robot.twist[0] == pytest.approx(1.2)
-
-
 @pytest.mark.parametrize(
     ("server", "values"),
     [
@@ -146,11 +137,6 @@ def test_clear_costmaps_empties_both_and_the_last_scan_marks_again():
     assert not made.global_costmap.cells.any()
     run(made, robot, 0.1, scans=False)
     assert (made.local_costmap.cells == 254).any()
-
-
-def test_parameters_that_cannot_be_run_are_named():
-    with pytest.raises(ParameterError, match="controller_frequency"):
-        MoveBase(quick(controller_frequency=0))
 
 
 def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():

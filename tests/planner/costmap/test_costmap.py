@@ -138,15 +138,6 @@ def test_first_roll_of_the_jackals_local_map():
     assert costmap.origin[0] == -99 * 0.05 + 0.05
 
 
-def test_origin_accumulates_its_rounding():
-    costmap, origin = local(), 0.0
-    for i in range(200):
-        x = 0.07 * i
-        costmap.update((x, 0.0, 0.0))
-        origin = origin + int((x - 199.5 * 0.05 / 2 - origin) / 0.05) * 0.05
-        assert costmap.origin[0] == origin
-
-
 def test_a_far_jump_empties_the_map():
     costmap = local()
     costmap.update(HERE, hit(1.0, 0.0))
@@ -203,33 +194,3 @@ def test_robot_clears_the_cells_under_it():
     off.obstacles.cells[:] = 254
     off.update((1.9, 0.0, 0.0))  # a corner is off the map: nothing is cleared
     assert (off.cells == 254).all()
-
-
-def test_clear_and_the_scan_that_survives_it():
-    costmap = fixed()
-    costmap.update(HERE, hit(1.02, 0.02))
-    assert costmap.cells.any()
-    costmap.clear()
-    assert not costmap.cells.any()
-    assert not costmap.obstacles.cells.any()
-    costmap.update(HERE)
-    assert (costmap.cells == 254).any()
-
-
-def test_a_changed_radius_keeps_the_map_and_shows_at_the_next_update():
-    costmap = fixed()
-    costmap.update(HERE, hit(1.02, 0.02))
-    before = np.count_nonzero(costmap.cells)
-    costmap.configure(costmap.inflation.name, inflation_radius=0.5)
-    assert np.count_nonzero(costmap.cells) == before
-    costmap.update(HERE)
-    assert np.count_nonzero(costmap.cells) > before
-    assert (costmap.cells == 254).sum() == 1
-
-
-def test_footprint_cost_is_that_of_the_outline():
-    costmap = fixed()
-    costmap.update(HERE, hit(1.02, 0.02))
-    assert costmap.footprint_cost(*HERE) == 0
-    assert costmap.footprint_cost(0.72, 0.0, 0.0) == -1
-    assert costmap.footprint_cost(9.0, 0.0, 0.0) == -3

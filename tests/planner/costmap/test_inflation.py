@@ -1,6 +1,5 @@
 """The inflation layer: costs, bounds and windows by hand; spreading and repairing against the plain queue."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +9,7 @@ from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap import brushfire
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.inflation_layer import LARGEST_F32, InflationLayer, InflationParameters, cost_at
-from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
+from applr_ros1.planner.costmap.inflation_layer import LARGEST_F32, InflationLayer, InflationParameters
 from tests.support import map_scenes, plain_maps
 
 RADII = (0.0, 0.04, 0.1, 0.25, 0.28, 0.3, 0.6, 1.3)
@@ -27,11 +25,6 @@ def blank(nx, ny, value=0):
     return np.full((ny, nx), value, np.uint8)
 
 
-def test_cost_of_a_distance():
-    assert [cost_at(d, 0.05, 0.265, 10.0) for d in (0, 1, 5.3)] == [254, 253, 253]
-    assert cost_at(6, 0.05, 0.265, 10.0) == int(252 * math.exp(-10.0 * (6 * 0.05 - 0.265))) == 177
-
-
 def test_reach_is_whole_cells_not_metres():
     for radius, reach in ((0.0, 0), (0.25, 5), (0.28, 6), (0.30, 6)):
         layer = make(40, 40, InflationParameters(radius))
@@ -40,13 +33,6 @@ def test_reach_is_whole_cells_not_metres():
         base[20, 20] = 254
         layer.update(master, base, (0, 0, 40, 40))
         assert np.count_nonzero(master[20]) == (2 * reach + 1 if reach else 1)
-
-
-def test_without_a_radius_nothing_is_written():
-    master, base = blank(9, 9), blank(9, 9)
-    base[4, 4] = 254
-    make(9, 9, InflationParameters(0.0)).update(master, base, (0, 0, 9, 9))
-    np.testing.assert_array_equal(master, base)
 
 
 def test_fewer_than_three_points_make_all_within_reach_inscribed():
@@ -72,22 +58,6 @@ def test_bounds():
     layer.configure(replace(layer.parameters, enabled=False))
     layer.reset()
     assert not layer.full_pass_due
-
-
-def test_outside_the_window_costs_are_raised_and_never_lowered():
-    layer, master, base = make(60, 60, InflationParameters(0.3)), blank(60, 60), blank(60, 60)
-    base[30, 30] = 254
-    layer.update(master, base, (0, 0, 60, 60))
-    whole = master.copy()
-    np.copyto(base, master)
-    base[25:36, 30:] = 0  # the window is reset, the obstacle gone
-    layer.update(master, base, (30, 25, 60, 36))
-    np.testing.assert_array_equal(master[:, :30], whole[:, :30])
-    assert not master[25:36, 30:].any()
-    base = master.copy()
-    base[28, 40] = 254  # an obstacle outside the window, but within reach of it
-    layer.update(master, base, (45, 25, 60, 36))
-    assert master[28, 36] > 0
 
 
 @given(
@@ -167,24 +137,3 @@ def test_levels_fit_their_type():
     step_level, distances = brushfire.tables(brushfire.MAX_REACH)
     assert brushfire.SEED < step_level.max() == len(distances) < brushfire.NONE
     assert (2 * brushfire.MAX_REACH + 1) ** 2 <= brushfire.CODE + 1
-
-
-def test_a_disabled_layer_leaves_old_costs_until_the_window_passes():
-    costmap = Costmap(
-        2.025,
-        2.025,
-        0.05,
-        footprint=map_scenes.JACKAL,
-        inflation=InflationParameters(0.3),
-        obstacles=ObstacleParameters(footprint_clearing_enabled=False),
-    )
-    costmap.obstacles.cells[20, 20] = 254
-    costmap.update((1.0, 1.0, 0.0))
-    assert costmap.cells[20, 24] == 253
-    costmap.configure(costmap.inflation.name, enabled=False)
-    costmap.update((1.0, 1.0, 0.0))  # no bounds: nothing happens
-    assert costmap.window is None
-    assert costmap.cells[20, 24] == 253
-    costmap.configure(costmap.obstacles.name, footprint_clearing_enabled=True)
-    costmap.update((1.0, 1.0, 0.0))
-    assert costmap.cells[20, 24] == 0

@@ -54,11 +54,6 @@ def test_infinite_ranges_count_when_they_are_declared_valid():
     assert len(project(scan([], (1.0, 2.0, 3.0))).points) == 0
 
 
-def test_a_shorter_scan_has_its_own_directions():
-    for n in (3, 720, 3, 1081):
-        assert len(project(scan([1.0] * n)).points) == n
-
-
 @given(
     st.lists(st.floats(0.125, 29.0, width=32), min_size=1, max_size=40),
     st.floats(-20, 20),
@@ -102,12 +97,6 @@ def test_hits_between_the_ranges_erase_their_cell():
     assert made.cells[cell(made, 3.52, 0.0)] == 254
 
 
-def test_marking_comes_after_all_clearing():
-    made = layer()
-    observe(made, cloud((0.52, 0.02, 0.0), (1.02, 0.02, 0.0)))
-    assert made.cells[cell(made, 0.52, 0.02)] == 254
-
-
 @pytest.mark.parametrize(
     ("height", "cleared", "marked"),
     [
@@ -143,23 +132,6 @@ def test_a_sensor_off_the_map_clears_nothing():
     assert bounds == NOWHERE  # the hit is 3 m away and does not mark
 
 
-def test_a_ray_that_leaves_the_map_clears_up_to_its_edge():
-    made = layer(n=40, origin=(-1.0, -1.0), default=255)
-    observe(made, cloud((2.9, 0.02, 0.0), (-2.9, 0.02, 0.0), (0.02, 2.9, 0.0), (0.02, -2.9, 0.0)))
-    assert (made.cells[20] == 0).all()
-    assert (made.cells[:, 20] == 0).all()
-    assert not (made.cells == 254).any()
-
-
-def test_the_last_scan_is_applied_again():
-    made = layer()
-    observe(made, cloud((1.02, 0.02, 0.0)))
-    made.reset()
-    assert not made.cells.any()
-    made.update_bounds(NOWHERE, (0.0, 0.0, 0.0), NO_FOOTPRINT)
-    assert made.cells[cell(made, 1.02, 0.02)] == 254
-
-
 def test_no_scan_no_bounds():
     assert layer().update_bounds(NOWHERE, (0.0, 0.0, 0.0), NO_FOOTPRINT) == NOWHERE
     square = np.array([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [-0.2, 0.1]])
@@ -177,15 +149,6 @@ def test_whole_numbers_as_parameters_compile_nothing_new():
 
 
 # -- recovery ---------------------------------------------------------------------------------------------------------
-def test_clearing_outside_a_square_leaves_its_inside():
-    made = layer(n=40, origin=(-1.0, -1.0))
-    made.cells[:] = 254
-    made.clear_outside((0.025, 0.025, 0.0), 0.5)
-    inside = np.argwhere(made.cells == 254)
-    assert inside.min() == 16
-    assert inside.max() == 24
-    assert len(inside) == 81
-    assert (made.cells[made.cells != 254] == 255).all()
 
 
 def test_clearing_outside_makes_the_whole_map_due_once():

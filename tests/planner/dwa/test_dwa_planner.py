@@ -4,11 +4,8 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
 
 from applr_ros1.planner.dwa.planner import DWAPlanner
-from applr_ros1.planner.dwa.velocities import spread
-from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.planner.trajectory.test_trajectory_planner import (
     FEET,
     JACKAL_FOOT,
@@ -129,34 +126,6 @@ def test_chooses_as_scoring_every_sample():
     assert legal > 300
 
 
-@pytest.mark.parametrize(
-    ("bottom", "top", "n", "expected"),
-    [
-        (0.25, 0.25, 5, [0.25]),
-        (0.0, 1.0, 1, [0.0, 1.0]),
-        (-1.0, 1.0, 2, [-1.0, 0.0, 1.0]),
-        (-1.0, 1.0, 3, [-1.0, 0.0, 1.0]),
-        (-1.0, 2.0, 3, [-1.0, 0.0, 0.5, 2.0]),
-        (1.0, -1.0, 3, [1.0, 0.0, -1.0]),
-        (0.5, -0.5, 2, [0.5, -0.5]),
-    ],
-)
-def test_values_of_an_axis(bottom, top, n, expected):
-    values = np.zeros(8)
-    assert values[: spread(bottom, top, n, values)].tolist() == expected
-
-
-def test_slow_samples_need_a_fast_turn():
-    planner = DWAPlanner(dict(BURGER, acc_lim_theta=20.0), 0.1)
-    planner.find_best_path(open_map(), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0))
-    every = planner.score_all_samples()
-    slow = np.abs(every.velocities[:, 0]) < 0.11 - 1e-4
-    turning = np.abs(every.velocities[:, 2]) > 1.37
-    assert (slow & ~turning).any()
-    assert (slow & turning).any()
-    assert np.array_equal(every.counts > 0, ~slow | turning)
-
-
 def test_a_barred_direction_is_not_chosen_until_the_robot_has_moved_on():
     planner = DWAPlanner(BURGER, 0.1)
     flags = [0] * 15
@@ -184,14 +153,6 @@ def test_a_changed_footprint_counts_at_once():
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
 
 
-def test_weights_follow_the_resolution():
-    planner = DWAPlanner(BURGER, 0.1)
-    for resolution in (0.05, 0.1):
-        planner.find_best_path(open_map(resolution=resolution), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0))
-        assert planner.scales[1:3] == [0.02, resolution * 20.0]
-        assert planner.scales[4] == resolution * 32.0
-
-
 def test_reset_is_a_new_object():
     costmap, plan = open_map(), [(0, 0), (1, 0.3)]
     planner = DWAPlanner(BURGER, 0.1)
@@ -203,23 +164,3 @@ def test_reset_is_a_new_object():
     assert planner.check((0.2, 0, 0))[0] > 1e300  # the grids count as never flooded
     again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
     assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"sim_granularity": 0.0}, "sim_granularity = 0.0 must be above 0"),
-        ({"occdist_scale": -0.1}, "occdist_scale = -0.1 must be 0 or more"),
-        ({"sim_time": math.nan}, "sim_time = nan is not a finite number"),
-    ],
-)
-def test_useless_parameters_are_refused_and_change_nothing(changes, words):
-    planner = DWAPlanner(BURGER, 0.1)
-    with pytest.raises(ParameterError, match=words):
-        planner.reconfigure(changes)
-    assert planner.find_best_path(open_map(), [(0, 0), (1, 0)], (0, 0, 0), (0, 0, 0)).cost >= 0
-
-
-def test_a_missing_parameter_is_named():
-    with pytest.raises(ParameterError, match="sim_time is missing"):
-        DWAPlanner({name: value for name, value in BURGER.items() if name != "sim_time"})

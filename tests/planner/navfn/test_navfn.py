@@ -172,13 +172,6 @@ def test_the_robots_cell_becomes_free():
     assert costmap.changed_since(version) == (10, 20, 11, 21)
 
 
-def test_unknown_cells():
-    cells = np.full((40, 40), 255, np.uint8)
-    costmap, planner = costmap_of(cells), Navfn()
-    assert len(compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0), 0.0, True)) > 0
-    assert len(compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0), 0.0, False)) == 0
-
-
 @seeds(6)
 def test_a_planner_that_remembers_answers_as_a_new_one(seed):
     """Along a drive with a growing map, requests repeat, goals and flags change; only cells that changed are read."""

@@ -214,19 +214,6 @@ def test_closed_forms_end_where_the_steps_end():
 # -- behaviour ---------------------------------------------------------------------------------------------------
 
 
-def test_drives_to_a_goal_straight_ahead():
-    result = planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    assert (result.v, result.w) == (0.5, 0.0)
-    assert result.drive == (0.5, 0.0)
-    assert result.points.shape == (50, 3)
-    assert tuple(result.points[0]) == (0, 0, 0)
-
-
-def test_slows_down_before_the_last_point():
-    result = planner([(0, 0), (0.5, 0)]).find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    assert result.v <= 0.25
-
-
 def test_turns_towards_a_goal_behind():
     made = planner([(0, 0), (-3, 0)])
     result = made.find_best_path(open_map(), (0, 0, 0.2), (0, 0, 0))
@@ -234,15 +221,6 @@ def test_turns_towards_a_goal_behind():
     assert result.w > 0
     assert made.state[:4] == [0, 0, 1, 0]
     assert (made.state[5:7]) == [0.0, 0.0]
-
-
-def test_a_barred_turn_is_not_taken():
-    """stuck_left bars negative turns and stuck_right positive ones, as in C++."""
-    made = planner([(0, 0), (-3, 0)])
-    for flags, sign in (([0, 1], -1), ([1, 0], 1)):
-        made.state = flags + [0] * 8
-        result = made.find_best_path(open_map(), (0, 0, 0.2), (0, 0, 0))
-        assert not result.w * sign < 0 or result.v > 0
 
 
 def test_enclosed_robot_backs_up_and_says_so():
@@ -253,18 +231,6 @@ def test_enclosed_robot_backs_up_and_says_so():
     assert (result.cost, result.v, result.drive, result.count) == (1.0, -0.5, (-0.5, 0.0), 0)
     assert result.points.shape == (0, 3)
     assert made.state[4] == 1
-
-
-def test_no_way_to_the_goal_is_no_command():
-    costmap = open_map()
-    costmap.cells[:, 120] = 254
-    result = planner().find_best_path(costmap, (0, 0, 0), (0, 0, 0))
-    assert result.cost == -2.0
-    assert result.drive == (0.0, 0.0)
-
-
-def test_empty_plan_is_no_command():
-    assert planner([]).find_best_path(open_map(), (0, 0, 0), (0, 0, 0)).cost < 0
 
 
 @pytest.mark.parametrize(
@@ -310,35 +276,6 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     unscaled = planner(meter_scoring=False)
     unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     assert unscaled.effective["path_distance_bias"] == 0.75
-
-
-def test_reconfigure_takes_some_values_and_keeps_the_rest():
-    made = planner()
-    made.reconfigure({"max_vel_x": 1.5, "unknown_to_it": 3})
-    assert made.effective["max_vel_x"] == 1.5
-    assert made.effective["sim_time"] == 2.0
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("max_vel_x", math.nan),
-        ("sim_time", 0.0),
-        ("occdist_scale", -0.1),
-    ],
-)
-def test_refused_parameters_change_nothing(name, value):
-    made = planner()
-    before = made.effective
-    with pytest.raises(ApplrError, match=name) as caught:
-        made.reconfigure({name: value, "max_vel_theta": 0.3})
-    assert "\n" not in str(caught.value)
-    assert made.effective == before
-
-
-def test_missing_parameter_is_named():
-    with pytest.raises(ApplrError, match="acc_lim_x"):
-        TrajectoryPlanner(JACKAL_FOOT, {})
 
 
 def test_a_map_of_another_size_is_taken_up():

@@ -204,19 +204,6 @@ def test_shipped_file_drives():
     assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
 
 
-@pytest.mark.ros
-def test_as_a_mode_of_the_node():
-    pytest.importorskip("rospy")
-    from tests.support.ros_harness import session, wait_for
-
-    node = session().python("-m", "applr_ros1.scripts.applr", "_method:=appld:published")
-    try:
-        wait_for(lambda: "ready, method appld:published" in node.text or not node.alive(), 10.0, "applr node")
-        assert node.alive(), node.text
-    finally:
-        node.end()
-
-
 def test_mistakes_are_one_line(tmp_path, capsys):
     empty = tmp_path / "empty.bag"
     empty.write_bytes(b"")
