@@ -36,6 +36,13 @@ def test_every_number_equals_the_cpp_one(folder, kind, scenarios):
     assert not differing
 
 
+def changed(scenario, name, values):
+    """The scenario with other values in one of its arrays."""
+    made = copy.copy(scenario)
+    made.array = lambda wanted: values if wanted == name else scenario.array(wanted)
+    return made
+
+
 DWA_CHANGES = {  # scenario, array, place: a number that is changed a little
     "a sample": ("dwa_000", "samples", (3, 2)),
     "a critic": ("dwa_000", "critics", (400, 4)),
@@ -55,23 +62,21 @@ def test_one_number_of_the_dwa_planner_is_found(scenarios):
     for what, (identity, name, place) in DWA_CHANGES.items():
         (scenario,) = [scenario for scenario in scenarios[GOLDEN_DWA] if scenario.id == identity]
         assert not replay_golden.replay(scenario), what
-        changed, values = copy.copy(scenario), scenario.array(name).copy()
+        values = scenario.array(name).copy()
         values[place] += 1 if values.dtype.kind in "iu" else 2e-9 + 4e-6 * (values.dtype == np.float32)
-        changed.array = lambda wanted, own=scenario, n=name, v=values: v if wanted == n else own.array(wanted)
-        assert replay_golden.replay(changed), what
+        assert replay_golden.replay(changed(scenario, name, values)), what
 
 
 def test_the_command_names_what_differs(scenarios, capsys, monkeypatch):
     (inflation,) = [scenario for scenario in scenarios[GOLDEN] if scenario.id == "infl_001"]
-    monkeypatch.setattr(replay_golden, "load", lambda folder: [inflation])
+    mine = [inflation]
+    monkeypatch.setattr(replay_golden, "load", lambda folder: mine)
     assert replay_golden.main([GOLDEN]) == 0
     said = "%-13s    1 scenarios,    %d mismatches, largest difference %d\n"
     assert capsys.readouterr().out == said % ("inflation", 0, 0)
-    changed = inflation.array("costmap").copy()
-    changed[3, 5] ^= 1
-    monkeypatch.setattr(
-        inflation, "array", lambda name, own=inflation.array: changed if name == "costmap" else own(name)
-    )
+    costmap = inflation.array("costmap").copy()
+    costmap[3, 5] ^= 1
+    mine[:] = [changed(inflation, "costmap", costmap)]
     assert replay_golden.main([GOLDEN]) == 1
     out, err = capsys.readouterr()
     assert out == said % ("inflation", 1, 1)
