@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common import angles, files, user_module
-from applr_ros1.common.arguments import number_within, without_remappings
+from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from tests.support import ROOT
 
@@ -95,10 +95,6 @@ def test_only_regular_files_within_the_bound_are_read(tmp_path):
     assert files.read_bytes(tmp_path / "long", 11) == b"x" * 11
     with pytest.raises(files.StorageError, match="not JSON"):
         files.read_json(tmp_path / "text")
-
-
-def test_remapping_arguments_are_left_out():
-    assert without_remappings(["--seed", "3", "__name:=train", "scan:=/front/scan"]) == ["--seed", "3"]
 
 
 def test_numbers_within_bounds():

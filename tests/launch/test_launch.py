@@ -89,8 +89,6 @@ def test_a_robot_without_files_for_a_map():
 @pytest.mark.parametrize(
     ("arguments", "nodes"),
     [
-        ((), {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/send_goal"}),
-        (("sim:=false",), {"/move_base", "/collision_monitor", "/applr"}),
         (("sim:=false", "monitor:=false"), {"/move_base", "/applr"}),
         (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/applr", "/send_goal"}),
         (

@@ -90,29 +90,8 @@ def test_launch_files_clear_what_an_earlier_launch_left():
             assert found["parameters"]["/move_base/global_costmap/width"] == 60
 
 
-@pytest.mark.parametrize(
-    ("name", "required"),
-    [
-        ("jackal_applr", []),
-        ("replay", ["bag"]),
-        ("two_jackals", []),
-        ("velocity_method", ["method"]),
-        ("barn_controller", []),
-    ],
-)
-def test_roslaunch_lists_the_arguments_of_a_launch_file(name, required):
-    listed = inside("roslaunch", "--ros-args", "applr_ros1", name + ".launch")
-    assert listed.returncode == 0, listed.stderr
-    needed, _, others = listed.stdout.rpartition("Optional Arguments:")
-    assert re.findall(r"^  (\w+)", needed, re.MULTILINE) == required
-    with open(os.path.join(LAUNCH, name + ".launch"), encoding="utf-8") as file:
-        known = re.findall(r'<arg name="(\w+)"[^>]*?\sdoc=', file.read())
-    assert {*re.findall(r"^  (\w+)", others, re.MULTILINE), *required} == set(known)
-    assert "undocumented" not in listed.stdout
-
-
-@pytest.mark.parametrize("argument", ["seed:=1.5", "real_time_factor:=fast", "sim:=perhaps", "meter_scoring:=heavy"])
-def test_roslaunch_refuses_values_of_the_wrong_type(argument):
+def test_roslaunch_refuses_values_of_the_wrong_type():
+    argument = "real_time_factor:=fast"
     done = inside("roslaunch", "--dump-params", "applr_ros1", "jackal_applr.launch", argument)
     assert argument.partition(":=")[2] in done.stderr
     assert not done.stdout
@@ -123,11 +102,8 @@ def test_roslaunch_refuses_values_of_the_wrong_type(argument):
     ("words", "line"),
     [
         (["wrold:=generated:7"], "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, world, "),
-        (["world"], "world is no argument: give ARG:=VALUE"),
         (["world:=generated:300"], "generated:300"),
-        (["robot:=spot"], "spot"),
         (["method:=faster"], "method 'faster' is not known"),
-        (["policy:=/no/such.safetensors"], "/no/such.safetensors"),
         (["method:=examples/07_own_controller/pursuit.py:Pursuit"], "start it with velocity_method.launch"),
         (["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
         (["goal:=none"], "the demo needs sim:=true"),

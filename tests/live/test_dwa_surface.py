@@ -55,24 +55,6 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
         assert rosservice.get_service_type(name) == kind
 
 
-def test_the_server_describes_the_cpp_parameters_and_clamps(node):
-    import rospy
-    from dynamic_reconfigure.client import Client
-
-    client = Client(SERVER, timeout=5.0)
-    got = {p["name"]: p for p in client.get_parameter_descriptions(timeout=5.0)}
-    for p in SURFACE["dynamic_reconfigure"][SERVER]:
-        mine = got.pop(p["name"])
-        low, high = (float(v) if v in ("inf", "-inf") else v for v in (p["min"], p["max"]))
-        assert (mine["type"], mine["min"], mine["max"], mine["default"]) == (p["type"], low, high, p["default"])
-    assert not got
-    assert client.get_configuration(timeout=5.0)["vy_samples"] == 1
-    assert client.update_configuration({"acc_lim_x": 99.0})["acc_lim_x"] == 20.0
-    wait_for(lambda: rospy.get_param(SERVER + "/acc_lim_x") == 20.0, 3.0, "mirror")
-    assert client.update_configuration({"restore_defaults": True})["acc_lim_x"] == 10.0
-    client.close()
-
-
 def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(master, node):
     """The Husky's parameters and policy. The layers of these parameter files have other names than the Husky's."""
     import actionlib

@@ -86,12 +86,3 @@ def test_moving_circles_are_seen_where_they_are():
     lidar = Lidar(JACKAL, *NOTHING)
     assert lidar.scan(0, 0, 0, np.array([(2.0, 0.0, 0.5)]))[360] == pytest.approx(1.5, abs=1e-3)
     assert lidar.scan(0, 0, 0)[360] == np.inf
-
-
-def test_the_order_of_earlier_scans_does_not_matter():
-    rng = np.random.default_rng(3)
-    circles = np.column_stack([rng.uniform(-6, 6, (200, 2)), np.full(200, 0.075)])
-    used = Lidar(JACKAL, circles, [])
-    for x in np.linspace(-5, 5, 40):
-        used.scan(x, -7.0, 1.0)
-    assert (used.scan(1.0, -7.0, 0.4) == Lidar(JACKAL, circles, []).scan(1.0, -7.0, 0.4)).all()

@@ -15,24 +15,15 @@ def run(*arguments):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
 
 
-@pytest.mark.parametrize("spec", ["generated:7", "physical_course"])
-def test_draw(tmp_path, spec):
-    done = run("worlds.draw", spec, tmp_path / "out.png")
+def test_draw(tmp_path):
+    done = run("worlds.draw", "physical_course", tmp_path / "out.png")
     assert done.returncode == 0
     assert (tmp_path / "out.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("generated:999", "out.png"),
-        ("generated:7", "/nowhere/out.png"),
-        ("generated:7", "out.nonsense"),
-        ("generated:7", "/dev/full"),
-    ],
-)
-def test_draw_mistakes(arguments):
-    done = run("worlds.draw", *arguments)
+@pytest.mark.parametrize("out", ["/nowhere/out.png", "out.nonsense"])
+def test_draw_mistakes(out):
+    done = run("worlds.draw", "generated:7", out)
     assert done.returncode == 1
     assert done.stderr.startswith("draw: ")
     assert done.stderr.count("\n") == 1

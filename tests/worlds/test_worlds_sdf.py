@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import worlds
-from tests.support.worlds_sdf import as_barn, cylinder, moving, put, sdf
+from tests.support.worlds_sdf import as_barn, cylinder, put, sdf
 from worlds import builtin, sdf_writer
 
 
@@ -37,11 +37,6 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
     world = worlds.load(put(tmp_path, sdf(body), "w.world"))
     # model turns by 90 degrees: link at (1, 3), collision one to its left: (0, 3)
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
-
-
-def test_nested_models(tmp_path):
-    body = "<model name='outer'><pose>1 0 0 0 0 0</pose>%s</model>" % cylinder(2.0, 3.0, name="inner")
-    assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders, [[3.0, 3.0, 0.075]])
 
 
 def test_saved_state_overrides_poses_as_in_gazebo(tmp_path):
@@ -138,22 +133,6 @@ def _same(a, b):
     return True
 
 
-def test_dynabarns_room_with_its_cylinder_and_its_wall(tmp_path):
-    rows = "".join("obs_3,9,1,%s\n" % row for row in ("0,-10,1", "4.5,0,2", "9,10,3"))
-    (tmp_path / "movers.csv").write_text("plugin,length,repeat,time,x,y\n" + rows)
-    wall = (
-        "<model name='back_wall'><pose frame=>-10 0 .5 0 0 0</pose><link name='l'><collision name='c'><geometry>"
-        "<box><size>.5 20 1</size></box></geometry></collision></link></model>"
-    )  # sic: DynaBARN's attribute
-    world = worlds.load(put(tmp_path, sdf(moving("obs_3", -0.225, 0.075) + wall), "world_1.world"))
-    assert len(world.cylinders) == 0
-    assert world.boxes.shape == (1, 5)
-    assert world.movers[0].radius == 0.5
-    assert world.movers[0].waypoints == ((0, -10, 1), (4.5, 0, 2), (9, 10, 3))
-    assert world.course.start == (11.0, 0.0, math.pi)
-    assert world.course.goal[:2] == (-9.0, 0.0)
-
-
 def test_folder_in_the_order_of_numbers(tmp_path):
     for number in (10, 9, 2):
         put(tmp_path, as_barn(worlds.load("generated:%d" % number)), "world_%d.world" % number)
@@ -244,7 +223,7 @@ def test_a_frame_that_cannot_be_had_is_one_line(tmp_path, body, words):
     assert "\n" not in str(no.value)
 
 
-@pytest.mark.parametrize("scale", ["0 0 0", "1 -1 1", "-2 -2 -2", "1 1", "nan 1 1"])
+@pytest.mark.parametrize("scale", ["1 -1 1", "1 1"])
 def test_a_scale_that_cannot_be_is_one_line(tmp_path, scale):
     state = "<state world_name='default'><model name='m'><scale>%s</scale></model></state>" % scale
     with pytest.raises(worlds.WorldError, match="scale, state of model 'm' in .*w.world is ") as no:
