@@ -8,8 +8,11 @@ import time
 
 import numpy as np
 import pytest
+import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
+from tests.support.processes import is_alive
+from training.actors import local
 from training.actors.collector import Collector
 from training.actors.local import ROOT
 from training.actors.pool import make_pool
@@ -18,6 +21,7 @@ from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import POLICY, Answer, Collect, RunnerSpec, Trial, TrialResult, WorkerSettings
 from training.learner.learner import Learner, LearnerOptions
 from training.replay.trajectory import Layout, Trajectory
+from training.td3.td3 import TD3, TD3Options
 from training.train import main
 
 LAYOUT = Layout(0, 1, 1)
@@ -45,12 +49,8 @@ def trial(number, method="dwa"):
     return Trial("w", method, number, number, "", POLICY if method == "policy" else method, "ours")
 
 
-def weights(seed=0):
-    import safetensors.numpy
-
-    from training.td3.td3 import TD3, TD3Options
-
-    return safetensors.numpy.save(TD3(1, 1, TD3Options(net_arch=[8]), seed=seed).actor_weights())
+def weights(seed=0, units=(8,)):
+    return safetensors.numpy.save(TD3(1, 1, TD3Options(net_arch=list(units)), seed=seed).actor_weights())
 
 
 def collect(pool, seconds, enough=lambda answers: False):
@@ -72,14 +72,6 @@ def test_exploration_noise_has_the_tasks_standard_deviation():
 def trajectories(answers):
     assert not any(answer.error for answer in answers), answers
     return [Trajectory.unpack(answer.data) for answer in answers]
-
-
-def gone(pid):
-    try:
-        with open("/proc/%d/stat" % pid) as file:
-            return file.read().rsplit(")", 1)[1].split()[0] == "Z"
-    except OSError:
-        return True
 
 
 def test_in_process_is_the_same_every_time_and_pulls_the_newest_policy():
@@ -114,10 +106,32 @@ def test_processes_deliver_each_episode_once_and_are_gone_after():
         begun = time.monotonic()
         pool.close()
     assert time.monotonic() - begun < 5
-    assert all(gone(pid) for pid in pids)
+    assert not any(map(is_alive, pids))
     keys = [(t.info["actor"], t.info["episode"]) for t in got]
     assert len(keys) == len(set(keys)) > 40
     assert {a for a, _ in keys} == {"actor-0", "actor-1"}
+
+
+SLOW_START = "import sys, time\nif 'training.actors.worker' in sys.orig_argv:\n    time.sleep(2.5)\n"
+
+
+def test_a_worker_that_starts_slowly_gets_a_policy_larger_than_the_socket_holds(tmp_path, monkeypatch):
+    """Its first message waits unread for longer than a message may stop in the middle."""
+    (tmp_path / "sitecustomize.py").write_text(SLOW_START)
+    monkeypatch.syspath_prepend(tmp_path)  # a worker's path begins with this one's
+    monkeypatch.setattr(local, "HALF_A_MESSAGE", 1)
+    large = weights(units=(512, 512))
+    assert len(large) > 500_000  # Linux's buffers hold some 200 kB
+    tasks = scheduler()
+    tasks.ready = False  # no task before there is a policy
+    pool = make_pool(TOY, tasks.next_task, 1)
+    try:
+        pool.publish(0, large)
+        tasks.ready = True
+        assert trajectories(collect(pool, 30, lambda answers: len(answers) >= 2))
+        assert pool.replaced == 0
+    finally:
+        pool.close()
 
 
 @pytest.mark.fault("20")
@@ -137,9 +151,6 @@ def test_a_killed_and_a_stopped_process_are_replaced():
 
 def test_actors_end_when_the_learner_is_killed(tmp_path):
     """SIGKILL to the learner: its processes notice within seconds, by their closed sockets."""
-    import subprocess
-    import sys
-
     code = (
         "import sys, time; from tests.training.actors.test_workers import *\n"
         "pool = make_pool(TOY, scheduler().next_task, 2)\n"
@@ -151,10 +162,10 @@ def test_actors_end_when_the_learner_is_killed(tmp_path):
     process.kill()
     process.wait()
     end = time.monotonic() + 5
-    while time.monotonic() < end and not all(gone(pid) for pid in pids):
+    while time.monotonic() < end and any(map(is_alive, pids)):
         time.sleep(0.05)
     assert len(pids) == 2
-    assert all(gone(pid) for pid in pids)
+    assert not any(map(is_alive, pids))
 
 
 def test_actors_that_all_die_end_the_run_in_one_line():
@@ -253,7 +264,6 @@ class Driver:
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_trial_has_one_answer_and_pinned_trials_the_pinned_policy(workers):
     """A trial whose worker dies is given again, and in the end answered by an error; the others do not suffer."""
-    from training.actors.pool import make_pool
     from training.actors.worker import PolicyWeights
 
     todo = [trial(i, "policy") for i in range(12) if workers or i not in (3, 5)]
@@ -365,13 +375,3 @@ def test_training_on_ray_nodes_one_of_which_is_killed(tmp_path):
             pool.close()
     finally:
         cluster.shutdown()
-
-
-@pytest.mark.slow
-def test_training_on_local_ray(tmp_path):
-    pytest.importorskip("ray")
-    out = tmp_path / "run"
-    options = ["--env=tests.support.toy_env:Line", "--total-timesteps=600", "--eval-freq=300", "--ray-address=local"]
-    assert main([*SMALL, *options, "--out", str(out)]) == 0
-    assert Learner.saved(out)["transitions"] >= 600
-    assert len((out / "evaluations.jsonl").read_text().splitlines()) >= 2

@@ -11,13 +11,12 @@ from rosbags.highlevel import AnyReader
 
 import sim_bridge
 import worlds
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import load
 from training import appld
-from training.bags.reader import BagError, TopicNames
+from training.bags.reader import TopicNames
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import demonstration
 from training.baselines.appld import fit as appld_fit
@@ -69,7 +68,7 @@ def test_bag_is_read_as_it_was_driven(bag):
     )
 
 
-@pytest.mark.parametrize("spec", ["generated:20", "generated:120", "generated:290", "physical_course"])
+@pytest.mark.parametrize("spec", ["generated:290", "physical_course"])
 def test_demonstrators_route_keeps_off_obstacles(spec):
     world = worlds.load(spec)
     points = demonstrator.route(world)
@@ -137,26 +136,8 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     out = tmp_path / "mine.safetensors"
-    assert (
-        appld.main(
-            [
-                str(bag),
-                "--out",
-                str(out),
-                "--evaluations",
-                "10",
-                "--longest",
-                "20",
-                "--contexts",
-                "2",
-                "--penalty",
-                "0.5",
-                "--steps",
-                "60",
-            ]
-        )
-        == 0
-    )
+    short = ["--evaluations", "10", "--longest", "20", "--contexts", "2", "--penalty", "0.5", "--steps", "60"]
+    assert appld.main([str(bag), "--out", str(out), *short]) == 0
     log = json.loads((tmp_path / "mine_log.json").read_text())
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
     assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
@@ -164,7 +145,6 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     assert "scripted" in card
     assert "| occdist_scale |" in card
     assert str(tmp_path) not in card
-    method = methods.make("appld:%s" % out)
     method = methods.make("appld:%s" % out)
     d = demonstration.read(bag)
     obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
@@ -184,17 +164,6 @@ def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_
     assert error.count("\n") == 1
 
 
-def test_published_sets_as_a_mode():
-    method = methods.make("appld:published").policy
-    seen = set()
-    for ahead, beside in ((2.0, 2.0), (1.2, 1.0), (1.2, 0.4), (0.7, 1.0)):
-        obs = np.full(729, beside - 1.0, np.float32)
-        obs[300:420] = ahead - 1.0
-        seen.add(method.names[method.context(obs)])
-        assert np.array_equal(method.theta(obs), SPACE.clip(method.theta(obs)))
-    assert seen == set(runtime.PUBLISHED)
-
-
 def test_shipped_file_drives():
     """The file in models/ is one of these, and its card says that a script demonstrated."""
     path = methods.shipped("appld.safetensors")
@@ -202,26 +171,3 @@ def test_shipped_file_drives():
     assert 2 <= len(found.names) <= 8
     assert "scripted" in json.loads(found.metadata["training"])["demonstrations"][0]["demonstrator"]
     assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
-
-
-def test_mistakes_are_one_line(tmp_path, capsys):
-    empty = tmp_path / "empty.bag"
-    empty.write_bytes(b"")
-    broken = tmp_path / "broken.bag"
-    broken.write_bytes(b"#ROSBAG V2.0\n" + bytes(200))
-    for arguments, word in (
-        (["nowhere.bag"], "nowhere.bag"),
-        ([str(empty)], "empty"),
-        ([str(broken)], "damaged"),
-        ([str(broken), "--contexts", "-1"], "--contexts"),
-        ([str(tmp_path / "none")], "none"),
-    ):
-        assert appld.main(arguments + ["--out", str(tmp_path / "x.safetensors")]) == 1
-        said = capsys.readouterr().err
-        assert word in said
-        assert said.count("\n") == 1
-    assert not list(tmp_path.glob("x*"))
-    with pytest.raises(BagError):
-        demonstration.read(broken)
-    with pytest.raises(ApplrError):
-        methods.make("appld:%s" % broken)

@@ -31,15 +31,7 @@ def test_refused_texts_do_not_grow_without_end():
 
 @pytest.mark.parametrize(
     "content",
-    [
-        {"log": []},
-        {"log": {}},
-        {"theta": 1},
-        {"theta": [1.0] * 8},
-        {"theta": {"max_vel_x": float("nan")}},
-        [1],
-        {"max_vel_x": "fast"},
-    ],
+    [{"log": []}, {"theta": 1}, [1], {"max_vel_x": "fast"}],
 )
 def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys):
     start = tmp_path / "start.json"
@@ -57,10 +49,9 @@ def test_a_search_does_not_start_from_a_malformed_file(content, tmp_path, capsys
     ("command", "arguments", "word"),
     [
         (appld, ["x.bag", "--out", "x.safetensors", "--seed", "-1"], "--seed"),
-        (appld, ["x.bag", "--out", "x.safetensors", "--steps", "many"], "--steps"),
+        (appld, ["nowhere.bag", "--out", "x.safetensors"], "nowhere.bag"),
         (bags_to_dataset, ["x.bag"], "--out"),
         (demonstrate, ["x.bag", "--seed", "-1"], "--seed"),
-        (static_search, ["--seed", "-1"], "--seed"),
         (static_search, ["--population", "3"], "--population"),
     ],
 )
@@ -120,16 +111,6 @@ def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, m
         assert peak < 1 << 24
     finally:
         tracemalloc.stop()
-
-
-def test_compressed_data_are_what_they_were(tmp_path):
-    data = os.urandom(1 << 18) + bytes(1 << 18)
-    assert compression.unpack(bz2.BZ2Decompressor, bz2.compress(data) + bz2.compress(b"more")) == data + b"more"
-    assert compression.unpack(lz4.frame.LZ4FrameDecompressor, lz4.frame.compress(data)) == data
-    assert compression.unpack(compression.zstd.ZstdDecompressor, compression.zstd.compress(data)) == data
-    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:10_000]):
-        with pytest.raises(EOFError):
-            compression.unpack(bz2.BZ2Decompressor, cut)
 
 
 def test_a_file_that_unpacks_to_too_much_is_left_off(tmp_path, monkeypatch):

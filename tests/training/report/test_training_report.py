@@ -154,11 +154,6 @@ def test_barn_metric_by_hand():
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
-def test_sets_are_barns():
-    assert [
-        data.set_of(w)
-        for w in ("generated:0", "generated:1", "world_0", "world_1", "physical_course", "house", "generated:999")
-    ] == ["Test", "Training", "Test", "Training", "Physical course", "Other", "Other"]
 
 
 def test_table_1_counts_successes_in_seconds_and_decisions(results):
@@ -225,14 +220,6 @@ def test_any_two_methods_are_compared_in_pairs(results):
     assert row["method faster in"].startswith("0 (")
     assert int(row["other faster in"].split()[0]) > 0.8 * len(worlds)
     assert rows["Physical course"][table.columns.index("p")] == "–"  # one world is no sample of worlds
-
-
-def test_pairs_are_corrected_for_their_number(results):
-    assert statistics.holm_adjusted(np.array([0.01, np.nan, 0.04, 0.03])) == pytest.approx(
-        [0.03, np.nan, 0.06, 0.06], nan_ok=True
-    )
-    same = statistics.paired(results, "dwa", "dwa", results.of_set("Test"))
-    assert (same.difference, same.p) == (0.0, 1.0)
 
 
 def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
@@ -327,13 +314,6 @@ def test_evaluations_with_other_planners_stand_beside_in_one_table(tmp_path, fol
     (tmp_path / "evaluation.json").write_text(json.dumps(dict(settings, simulator="pybullet")))
     with pytest.raises(ApplrError, match="different simulators"):
         write(folder, beside=[str(tmp_path)])
-
-
-def test_nothing_to_report_is_one_line(tmp_path, folder):
-    with pytest.raises(ApplrError, match="no trials"):
-        write(tmp_path)
-    with pytest.raises(ApplrError, match="learning curves"):
-        write(folder, str(tmp_path))
 
 
 def test_regions():
