@@ -30,29 +30,25 @@ FIELDS = ("simulated_s", "wall_s", "process", "pid", "memory_mb", "descriptors",
 def processes_below(root):
     """{name: pid} of the stack's processes: the nodes by their ROS names, the others by their programs."""
     found = {}
-    for pid in [root, *(process.pid for process in psutil.Process(root).children(recursive=True))]:
+    parent = psutil.Process(root)
+    for process in [parent, *parent.children(recursive=True)]:
         try:
-            words = Path("/proc/%d/cmdline" % pid).read_text().split("\0")
-        except OSError:
+            words = process.cmdline()
+        except psutil.Error:
             continue
         named = [word.partition(":=")[2] for word in words if word.startswith("__name:=")]
         programs = [Path(word).name for word in words[:2] if word and "python" not in Path(word).name]
         name = named[0] if named else (programs or ["?"])[0]
-        found.setdefault(name, pid)
+        found.setdefault(name, process.pid)
     return found
 
 
 def measure(pid):
     """(resident memory [MB], open descriptors, threads) of a process, or None once it has ended."""
     try:
-        status = Path("/proc/%d/status" % pid).read_text()
-        fields = dict(line.split(":", 1) for line in status.splitlines() if ":" in line)
-        return (
-            int(fields["VmRSS"].split()[0]) / 1024.0,
-            len(os.listdir("/proc/%d/fd" % pid)),
-            int(fields["Threads"]),
-        )
-    except (OSError, KeyError):
+        process = psutil.Process(pid)
+        return process.memory_info().rss / 2**20, process.num_fds(), process.num_threads()
+    except psutil.Error:
         return None
 
 

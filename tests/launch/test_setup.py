@@ -233,15 +233,6 @@ def test_a_missing_python_is_named_where_nothing_may_be_installed(clone, tmp_pat
     assert lines[0].endswith("apt-get install -y --no-install-recommends python3")
 
 
-def test_without_network_pip_says_so(clone):
-    code, lines = clone(
-        "setup", stand_ins=ALL, PIP_NO_INDEX="1", PIP_FIND_LINKS="/no/such/folder", PIP_CONFIG_FILE=os.devnull
-    )
-    assert code == 1
-    assert "network" in lines[-1]
-    assert all(line.startswith("applr: ") for line in lines)
-
-
 def test_a_second_run_does_nothing():
     if not os.path.exists(os.path.join(ROOT, ".applr", "venv.stamp")):
         pytest.skip("set-up has not been done here")

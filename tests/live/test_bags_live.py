@@ -11,18 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.jackal import JACKAL
 from tests.support.ros_harness import ROOT, session, wait_for
 
 pytestmark = pytest.mark.ros
 WORLD = "generated:0"
-FILES = (
-    ("move_base_params", ""),
-    ("base_local_planner_params", ""),
-    ("costmap_common_params", "/global_costmap"),
-    ("costmap_common_params", "/local_costmap"),
-    ("odom_nav_params/global_costmap_params", ""),
-    ("odom_nav_params/local_costmap_params", ""),
-)
 RECORDED = [
     "/clock",
     "/tf",
@@ -48,21 +41,10 @@ def stack():
 
     ros = session()
     rospy.set_param("/use_sim_time", True)
-    for name, where in FILES:
-        subprocess.run(
-            ["rosparam", "load", ROOT / "applr_ros1" / "robots" / "jackal" / (name + ".yaml"), "/move_base" + where],
-            env=ros.env,
-            check=True,
-        )
+    rospy.set_param("/move_base", JACKAL)
     planner = ros.python("-m", "applr_ros1.scripts.move_base", "odom:=odometry/filtered")
-    robot = ros.python(
-        "-m",
-        "applr_ros1.scripts.sim_bridge",
-        "__name:=sim_bridge",
-        "_world:=" + WORLD,
-        "_simulator:=kinematic",
-        "_real_time_factor:=2",
-    )
+    options = "_world:=" + WORLD, "_simulator:=kinematic", "_real_time_factor:=2"
+    robot = ros.python("-m", "applr_ros1.scripts.sim_bridge", *options)
     for node in (planner, robot):
         wait_for(lambda node=node: "ready" in node.text or not node.alive(), 180.0, "the stack")
         assert node.alive(), node.text
@@ -116,15 +98,8 @@ def test_recording_to_driving(stack, tmp_path):
     found = list(trajectories(read(bag), report=report))
     assert report.transitions >= 3, report
     assert report.verified >= report.transitions, report
-    run(
-        shutil.which("rosbags-convert") or Path(sys.executable).parent / "rosbags-convert",
-        "--src",
-        bag,
-        "--dst",
-        tmp_path / "ros2",
-        "--dst-storage",
-        "mcap",
-    )
+    convert = shutil.which("rosbags-convert") or Path(sys.executable).parent / "rosbags-convert"
+    run(convert, "--src", bag, "--dst", tmp_path / "ros2", "--dst-storage", "mcap")
     converted = list(trajectories(read(tmp_path / "ros2")))
     for name in ("scan", "rest", "action", "reward"):
         np.testing.assert_array_equal(
@@ -133,28 +108,9 @@ def test_recording_to_driving(stack, tmp_path):
     said = run(sys.executable, "-m", "training.bags_to_dataset", tmp_path / "ros2", "--out", tmp_path / "dataset")
     assert "%d transitions" % report.transitions in said
 
-    run(
-        sys.executable,
-        "-m",
-        "training.train",
-        "--dataset",
-        tmp_path / "dataset",
-        "--out",
-        tmp_path / "run",
-        "--gradient-steps",
-        "20",
-        "--bc-alpha",
-        "2.5",
-        "--net-arch",
-        "32",
-        "32",
-        "--batch-size",
-        "8",
-        "--eval-worlds",
-        "none",
-        "--device",
-        "cpu",
-    )
+    short = "--gradient-steps", 20, "--net-arch", 32, 32, "--batch-size", 8, "--eval-worlds", "none", "--device", "cpu"
+    learn = sys.executable, "-m", "training.train", "--dataset", tmp_path / "dataset", "--out", tmp_path / "run"
+    run(*learn, "--bc-alpha", 2.5, *short)
     (actor,) = sorted((tmp_path / "run").rglob("*.safetensors"))[:1]
     rospy.wait_for_service("/sim_bridge/reset", 5.0)
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()

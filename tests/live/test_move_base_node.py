@@ -88,14 +88,6 @@ def test_simple_goal_topic(idle):
     subscriber.unregister()
 
 
-def test_goal_in_another_frame(idle):
-    idle.jackal.put((0.0, 0.0, math.pi / 2))
-    time.sleep(0.3)
-    idle.client.send_goal(goal(0.6, 0.0, 0.0, frame="base_link"))
-    assert finish(idle.client)[0] == SUCCEEDED
-    assert idle.jackal.robot.pose[1] == pytest.approx(0.6, abs=0.27)
-
-
 # -- services ------------------------------------------------------------------------------------------------------
 def test_make_plan_and_its_refusal_while_driving(idle):
     import rospy

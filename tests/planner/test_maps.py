@@ -133,7 +133,7 @@ def compare_layers(order, track_unknown):
         "o": lambda k: LayerDescription(
             "o%d" % k, ObstacleParameters(combination_method=k % 2), (Source(raytrace_range=1.5),), 255 if k else None
         ),
-        "i": lambda k: LayerDescription("i%d" % k, InflationParameters(0.3 + 0.1 * k, 3.0, True, bool(k % 2))),
+        "i": lambda k: LayerDescription("i%d" % k, InflationParameters(0.3 + 0.1 * k, 3.0)),
     }
     made = costmap(*[kinds[letter](k) for k, letter in enumerate(order)], track_unknown=track_unknown)
     given = StaticMap(
@@ -151,18 +151,7 @@ def compare_layers(order, track_unknown):
     for k, layer in enumerate(made.layers):
         if order[k] == "i":
             p = layer.parameters
-            inflate(
-                master,
-                0,
-                0,
-                N,
-                N,
-                p.inflation_radius,
-                0.1,
-                p.cost_scaling_factor,
-                made.inscribed_radius,
-                p.inflate_unknown,
-            )
+            inflate(master, *(0, 0, N, N), p.inflation_radius, 0.1, p.cost_scaling_factor, made.inscribed_radius, False)
             continue
         known = layer.cells != 255
         if order[k] == "s":

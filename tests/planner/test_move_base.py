@@ -8,7 +8,7 @@ import pytest
 from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.timer import Timer
-from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, ToyRobot, quick, ring, run, start
+from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, Told, ToyRobot, quick, ring, run, start
 
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
@@ -98,22 +98,6 @@ def test_a_sealed_goal_is_given_up_where_recovery_rounds_are_limited():
     assert 2 <= first[2] < 5  # one where it came nearer, and two without progress
 
 
-class Backing:
-    """A local planner that backs out until it is told that the way back is blocked, and then turns."""
-
-    goal_reached, cropped_plan, local_plan = False, module.NO_PLAN, module.NO_PLAN
-    ended = 0
-
-    def set_plan(self, plan):
-        pass
-
-    def end_escape(self):
-        self.ended += 1
-
-    def compute_velocity(self, pose, twist, costmap, frame=None):
-        return True, (-0.5, 0.0)
-
-
 @pytest.mark.fault("17b")
 @pytest.mark.parametrize("planner", ["ours", "cpp-like"])
 @pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
@@ -122,7 +106,7 @@ def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner
     robot, commands, recoveries = ToyRobot(), [], []
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
-    made.local_planner = Backing()
+    made.local_planner = Told(lambda n: (True, (-0.5, 0.0)))  # backs out, whatever comes of it
     result = None
     while robot.time < 20.0 and result is None:
         cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
@@ -138,7 +122,7 @@ def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner
         return
     assert {c for t, c in commands if 0.2 < t < 0.6} == {(-0.5, 0.0)}
     assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], "after half a second something else"
-    assert made.local_planner.ended
+    assert made.local_planner.escapes_ended
     if free:  # half a second of it, then the planner's own again
         share = sum(c == free for t, c in commands if t < 2.5)
         assert 9 <= share <= 12
@@ -151,8 +135,7 @@ def test_a_robot_that_is_held_back_tries_other_motions_and_then_recovers(planner
 @pytest.mark.parametrize("watched", [True, False])
 def test_a_robot_without_a_command_tries_other_motions_where_a_monitor_watches(watched):
     made, robot = start((4.0, 0.0, 0.0), tree=quick(controller_patience=15.0))
-    made.local_planner = Backing()
-    made.local_planner.compute_velocity = lambda *scene: (False, (0.0, 0.0))
+    made.local_planner = Told(lambda n: (False, (0.0, 0.0)))
     driven = set()
     while robot.time < 4.0:
         command = made.step(robot.time, robot.pose, robot.twist, robot.scan()).command
@@ -197,28 +180,9 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on
 
 
-class Refusing:
-    """A local planner that finds no command, but for a while."""
-
-    goal_reached, cropped_plan, local_plan = False, module.NO_PLAN, module.NO_PLAN
-
-    def __init__(self, refuse=lambda n: True, command=(0.0, 0.0)):
-        self.calls, self.refuse, self.command = 0, refuse, command
-
-    def set_plan(self, plan):
-        self.plan = plan
-
-    def reconfigure(self, values):
-        pass
-
-    def compute_velocity(self, pose, twist, costmap, frame=None):
-        self.calls += 1
-        return (False, (0.0, 0.0)) if self.refuse(self.calls) else (True, self.command)
-
-
 def test_no_valid_control_ends_in_its_own_words():
     made, robot = start((3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False))
-    made.local_planner = Refusing()
+    made.local_planner = Told(lambda n: (False, (0.0, 0.0)))
     cycles = []
     assert run(made, robot, 20.0, cycles=cycles) == ("aborted", module.NO_CONTROL)
     assert [c.recovery[2] for _, c in cycles if c.recovery] == ["conservative_reset", "aggressive_reset"]
@@ -229,7 +193,7 @@ def test_no_valid_control_ends_in_its_own_words():
 
 def test_a_valid_command_starts_the_recoveries_over():
     made, robot = start((3.0, 0.0, 0.0))
-    made.local_planner = Refusing(lambda n: not 24 <= n <= 27)
+    made.local_planner = Told(lambda n: (24 <= n <= 27, (0.0, 0.0)))
     cycles = []
     run(made, robot, 20.0, cycles=cycles)
     names = [c.recovery[0] for _, c in cycles if c.recovery]
@@ -240,7 +204,7 @@ def test_a_valid_command_starts_the_recoveries_over():
 @pytest.mark.fault("17")
 def test_oscillation_recovers_and_aborts_in_its_own_words():
     made, robot = start((3.0, 0.0, 0.0), tree=quick(oscillation_timeout=1.0, clearing_rotation_allowed=False))
-    made.local_planner = Refusing(lambda n: False)
+    made.local_planner = Told(lambda n: (True, (0.0, 0.0)))
     cycles = []
     assert run(made, robot, 10.0, cycles=cycles) == ("aborted", module.OSCILLATING)
     begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]

@@ -133,18 +133,8 @@ class PlainCostmap:
             self.obstacle_costs(pose, x0, y0, xn, yn)
         if self.inflation.enabled:
             p = self.inflation
-            inflate(
-                self.master,
-                x0,
-                y0,
-                xn,
-                yn,
-                p.inflation_radius,
-                self.res,
-                p.cost_scaling_factor,
-                self.inscribed,
-                p.inflate_unknown,
-            )
+            shape = p.inflation_radius, self.res, p.cost_scaling_factor, self.inscribed, p.inflate_unknown
+            inflate(self.master, *window, *shape)
 
     def obstacle_bounds(self, pose, bounds):
         p, source, grid = self.obstacles, self.source, self.layer

@@ -7,6 +7,7 @@ import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.state_machine import NO_PLAN
 from tests.support.jackal import JACKAL
 
 BEAMS, ANGLE_MIN, ANGLE_MAX = 720, -2.35619, 2.35619
@@ -73,6 +74,25 @@ def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, c
         if cycle.result and until_result:
             return cycle.result
     return None
+
+
+class Told:
+    """A local planner whose n-th command is answer(n): (whether there is one, (v, w))."""
+
+    goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
+
+    def __init__(self, answer):
+        self.answer, self.calls, self.escapes_ended = answer, 0, 0
+
+    def set_plan(self, plan):
+        pass
+
+    def end_escape(self):
+        self.escapes_ended += 1
+
+    def compute_velocity(self, pose, twist, costmap, frame=None):
+        self.calls += 1
+        return self.answer(self.calls)
 
 
 # -- MoveBase with small maps ------------------------------------------------------------------------------------

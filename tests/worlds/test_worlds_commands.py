@@ -29,17 +29,6 @@ def test_draw_mistakes(out):
     assert done.stderr.count("\n") == 1
 
 
-def test_draw_without_matplotlib(tmp_path):
-    code = (
-        "import sys; sys.modules['matplotlib'] = None; sys.argv[1:] = ['generated:7', 'x.png'];"
-        "import worlds.draw as d; sys.exit(d.main())"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert done.returncode == 1
-    assert "install python3-matplotlib" in done.stderr
-    assert done.stderr.count("\n") == 1
-
-
 def test_compare_prints_both_sides():
     done = run("worlds.compare")
     assert done.returncode == 0

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from applr_ros1 import robots
 from applr_ros1.planner.dwa.planner import DWAPlanner
+from applr_ros1.planner.parameters.check import complete
 from tests.planner.trajectory.test_trajectory_planner import (
     FEET,
     JACKAL_FOOT,
@@ -16,35 +18,7 @@ from tests.planner.trajectory.test_trajectory_planner import (
 )
 
 BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
-BURGER = dict(
-    max_vel_trans=0.22,
-    min_vel_trans=0.11,
-    max_vel_x=0.22,
-    min_vel_x=-0.22,
-    max_vel_y=0.0,
-    min_vel_y=0.0,
-    max_vel_theta=2.75,
-    min_vel_theta=1.37,
-    acc_lim_x=2.5,
-    acc_lim_y=0.0,
-    acc_lim_theta=3.2,
-    sim_time=1.5,
-    sim_granularity=0.025,
-    angular_sim_granularity=0.1,
-    path_distance_bias=32.0,
-    goal_distance_bias=20.0,
-    occdist_scale=0.02,
-    twirling_scale=0.0,
-    oscillation_reset_dist=0.05,
-    oscillation_reset_angle=0.2,
-    forward_point_distance=0.325,
-    scaling_speed=0.25,
-    max_scaling_factor=0.2,
-    vx_samples=20,
-    vy_samples=1,
-    vth_samples=40,
-    use_dwa=True,
-)
+BURGER = dict(complete(robots.load("turtlebot3_burger").parameters())["DWAPlannerROS"], vy_samples=1)
 
 
 def open_map(nx=60, ny=60, resolution=0.05, foot=BURGER_FOOT):

@@ -8,13 +8,11 @@ from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
-from applr_ros1.planner.costmap.scan import project
 from applr_ros1.planner.navfn import window
 from applr_ros1.planner.navfn.flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
 from applr_ros1.planner.navfn.navfn import Navfn
 from tests.support import map_scenes
 from tests.support.plain_navfn import plain_plan
-from tests.support.seeds import seeds
 
 RES = 0.05
 
@@ -170,49 +168,6 @@ def test_the_robots_cell_becomes_free():
     assert len(Navfn().plan(costmap, (0.52, 1.02), (1.5, 1.0, 0.0))) > 0
     assert costmap.cells[20, 10] == 0
     assert costmap.changed_since(version) == (10, 20, 11, 21)
-
-
-@seeds(6)
-def test_a_planner_that_remembers_answers_as_a_new_one(seed):
-    """Along a drive with a growing map, requests repeat, goals and flags change; only cells that changed are read."""
-    rng = np.random.default_rng(seed)
-    circles = map_scenes.cylinders(rng, 5.0, 0.35)
-    costmap = Costmap(8, 6, RES, (-4, -3), footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3))
-    other = costmap_of(np.zeros((120, 160), np.uint8), (-4, -3))
-    planner, goal, allow_unknown = Navfn(), (3.0, 0.5, 0.3), True
-    for pose in map_scenes.drive(rng, 40, step=0.06):
-        costmap.update(pose, project(map_scenes.laser(circles, pose, rng, beams=90)))
-        if rng.random() < 0.1:
-            goal = tuple(rng.uniform(-2.9, 2.9, 3))
-        if rng.random() < 0.1:
-            allow_unknown = not allow_unknown
-        if rng.random() < 0.1:
-            costmap.configure(costmap.inflation.name, inflation_radius=float(rng.uniform(0.1, 0.6)))
-        asked = other if rng.random() < 0.05 else costmap
-        for _ in range(rng.integers(1, 3)):
-            plan = planner.plan(asked, pose[:2], goal, 0.0, allow_unknown)
-            fresh = Navfn()
-            np.testing.assert_array_equal(plan, fresh.plan(asked, pose[:2], goal, 0.0, allow_unknown))
-            np.testing.assert_array_equal(planner.potential, fresh.potential)
-            np.testing.assert_array_equal(planner.costs, fresh.costs)
-
-
-def test_changes_that_the_flood_did_not_see_cost_nothing():
-    cells = np.zeros((80, 80), np.uint8)
-    costmap, planner = costmap_of(cells), Navfn()
-    plan = planner.plan(costmap, (2.0, 2.0), (2.5, 2.0, 0.0))
-    plan[:] = 0  # the caller's own copy
-    reached = planner.potential < 1e9
-    assert not reached[5, 5]
-    planner._potential[:] += 0.0
-    marker = planner._potential
-    cells[5, 5] = 100
-    costmap.paint(cells)
-    planner._lines[:] = 0  # a new flood would now find old potentials
-    again = planner.plan(costmap, (2.0, 2.0), (2.5, 2.0, 0.0))
-    assert planner._potential is marker
-    assert len(again) == len(plan)
-    assert again.any()
 
 
 def test_a_map_too_small_to_have_an_inside():

@@ -8,8 +8,6 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.footprint import footprint_cost
-from applr_ros1.planner.costmap.footprint_cost import line_offsets, outline_cost
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.trajectory import bounds, scoring
@@ -162,39 +160,6 @@ def test_chooses_as_the_plain_way(seed):
     assert (result.cost, result.v, result.w, result.count) == (cost, v, w, len(points))
     assert np.array_equal(result.points, np.array(points).reshape(-1, 3))
     assert after == list(state.values())
-
-
-@seeds(60)
-def test_outline_cost_equals_the_footprints(seed):
-    random = np.random.default_rng(seed)
-    foot = FEET[seed % len(FEET)]
-    costmap = random_map(random, foot)
-    nx, ny = costmap.size
-    lines = line_offsets(foot, costmap.resolution, nx)
-    ox, oy = costmap.origin.tolist()
-    for _ in range(20):
-        x, y, yaw = random_pose(random, costmap)
-        cx, cy = costmap.world_to_map(x, y)
-        if cx < 0:
-            continue
-        ours = outline_cost(
-            costmap.cells,
-            costmap.cells.reshape(-1),
-            ox,
-            oy,
-            costmap.resolution,
-            foot,
-            lines,
-            x,
-            y,
-            math.cos(yaw),
-            math.sin(yaw),
-            cx,
-            cy,
-            0.0,
-        )
-        theirs = footprint_cost(costmap.cells, ox, oy, costmap.resolution, foot, x, y, yaw)
-        assert ours == theirs if theirs >= 0 else ours < 0
 
 
 def test_closed_forms_end_where_the_steps_end():

@@ -14,7 +14,6 @@ from training import evaluate
 from training.evaluation.store import read_trace
 from worlds import movers_table, sdf_writer
 
-SIMULATORS = ("kinematic", "pybullet")
 WALL = (
     "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
     "<size>24 .5 1</size></box></geometry></collision></link></model>"
@@ -41,13 +40,11 @@ def dynabarn(folder, crossing):
     return put(folder, sdf(body), "world_3.world")
 
 
-@pytest.mark.parametrize("simulator", SIMULATORS)
-def test_dynabarn_is_driven(tmp_path, simulator):
+def test_dynabarn_is_driven(tmp_path):
     """20 m past a cylinder that crosses the course 7 m ahead of the start, back and forth."""
     path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
-    rows, measures = drive(
-        tmp_path / "out", "--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--no-report"
-    )
+    given = "--worlds", path, "--methods", "fast_dwa", "--simulator", "kinematic"
+    rows, measures = drive(tmp_path / "out", *given, "--no-report")
     assert [r["world"] for r in rows] == ["world_3"]
     assert rows[0]["success"] == "True", measures
     assert 18.0 < float(rows[0]["path_length_m"]) < 26.0
@@ -57,13 +54,12 @@ def test_dynabarn_is_driven(tmp_path, simulator):
     mover = worlds.load(path).movers[0]
     gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(trace["time"], trace["pose"])]
     assert 0.1 < min(gap) < 3.0
-    evaluate.main(["--worlds", path, "--methods", "fast_dwa", "--simulator", simulator, "--trials", "1", "--out",
-                   str(tmp_path / "out")])  # fmt: skip
+    drive(tmp_path / "out", *given)
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
         assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's world of that number
 
 
-@pytest.mark.parametrize("simulator", SIMULATORS)
+@pytest.mark.parametrize("simulator", ["kinematic", "pybullet"])
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path, simulator):
     """Under the paper's rules the trial goes on, and the row says that it touched."""
     path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
@@ -72,24 +68,14 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path, simulator):
     assert int(row["decisions"]) > 3
 
 
-@pytest.mark.parametrize("simulator", SIMULATORS)
-def test_barn_challenge(tmp_path, simulator):
+def test_barn_challenge(tmp_path):
     """Its start, goal and limit; a collision ends the run; both versions of the metric in the report."""
     base = worlds.load("generated:2")
     bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))  # from behind, faster
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
     sdf_writer.write(world, str(tmp_path / "hit.world"))
-    arguments = [
-        "--worlds",
-        "generated:2,%s" % (tmp_path / "hit.world"),
-        "--methods",
-        "dwa",
-        "--simulator",
-        simulator,
-        "--protocol",
-        "barn-challenge",
-    ]
-    rows, measures = drive(tmp_path / "out", *arguments)
+    given = "--methods", "dwa", "--simulator", "kinematic", "--protocol", "barn-challenge"
+    rows, measures = drive(tmp_path / "out", "--worlds", "generated:2,%s" % (tmp_path / "hit.world"), *given)
     free, hit = rows
     assert free["success"] == "True"
     assert free["collided"] == "False"

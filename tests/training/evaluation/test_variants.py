@@ -6,9 +6,9 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.state_machine import NO_PATH, NO_PLAN, OSCILLATING
+from applr_ros1.planner.state_machine import NO_PATH, OSCILLATING
 from applr_ros1.planner.variant import draw
-from tests.support.toy_robot import ToyRobot, quick, ring, run
+from tests.support.toy_robot import Told, ToyRobot, quick, ring, run
 from training import evaluate
 
 
@@ -28,16 +28,6 @@ def test_what_is_drawn_depends_on_the_seed_alone():
 
 
 # -- the defects of C++, driven --------------------------------------------------------------------------------------
-class Standing:
-    """A local planner that finds the zero command valid: the robot oscillates on the spot."""
-
-    goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
-
-    def set_plan(self, plan):
-        pass
-
-    def compute_velocity(self, pose, twist, costmap, frame=None):
-        return True, (0.0, 0.0)
 
 
 def first_recovery(planner, seed, **changes):
@@ -45,7 +35,7 @@ def first_recovery(planner, seed, **changes):
     made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
-    made.local_planner = Standing()
+    made.local_planner = Told(lambda n: (True, (0.0, 0.0)))  # it oscillates on the spot
     result = run(made, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1

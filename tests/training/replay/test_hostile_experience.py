@@ -153,14 +153,3 @@ def test_a_stopped_demonstration_says_that_it_is_partial(tmp_path, monkeypatch, 
 
 
 # -- pipes and devices where a run keeps its files --------------------------------------------------------------------
-@pytest.mark.fault("18c")
-@pytest.mark.parametrize("name", ["lock", "evaluations.jsonl"])
-def test_a_pipe_in_a_runs_folder_is_one_line_at_once(name, tmp_path):
-    from training.common.folders import Lock
-    from training.evaluation.periodic import _read
-
-    os.mkfifo(tmp_path / name)
-    use = {"lock": Lock, "evaluations.jsonl": lambda folder: _read(folder / name)}
-    with pytest.raises(ApplrError, match="pipe|cannot be locked") as problem:
-        use[name](tmp_path)
-    assert "\n" not in str(problem.value)
