@@ -5,7 +5,8 @@ takes more than five minutes fails; those marked `long` may take hours.
 
 `./applr test` runs pytest-xdist. Tests of one file that start ROS nodes stay together (`--dist loadgroup`), and so do
 the files of a folder whose conftest.py has a stack that they share: rospy knows one master per process. Between two
-groups tests.support.ros_harness starts a new master and takes this process' topics off it.
+groups tests.support.ros_harness starts a new master and takes this process' topics off it; between two tests it deletes
+the parameters of nodes that have ended.
 
 Tests marked `long` are left out unless `-m` names them. A file that imports what is not installed (ROS, or torch under
 Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table docs/results/faults.csv` writes
@@ -76,6 +77,8 @@ def pytest_runtest_teardown(item, nextitem):
     harness = sys.modules.get("tests.support.ros_harness")
     if harness and (nextitem is None or group_of(nextitem.path) != group_of(item.path)):
         harness.close_session()
+    elif harness:
+        harness.forget_ended()
 
 
 @pytest.fixture

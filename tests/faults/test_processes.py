@@ -8,7 +8,7 @@ import rospy
 from dynamic_reconfigure.client import Client
 
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.move_base_stack import PLANNER, SUCCEEDED
+from tests.support.move_base_stack import PLANNER, SUCCEEDED, finish
 from tests.support.ros_harness import slowness, wait_for
 
 pytestmark = pytest.mark.ros
@@ -148,5 +148,4 @@ def test_fifty_changes_of_parameters_in_a_second(stack, measured, seconds):
         client.close()
     stack.back_to_the_start()
     stack.send(1.5)
-    assert stack.client.wait_for_result(rospy.Duration(15.0))
-    assert stack.client.get_state() == SUCCEEDED
+    assert finish(stack.client, 15.0)[0] == SUCCEEDED

@@ -5,7 +5,7 @@ import math
 import pytest
 import rospy
 
-from tests.support.move_base_stack import ABORTED, SUCCEEDED
+from tests.support.move_base_stack import ABORTED, SUCCEEDED, finish
 from tests.support.ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
@@ -161,13 +161,10 @@ def test_the_clock_jumps_back(stack, measured):
     stack.under_way()
     count = len(stack.decisions)
     took = stack.stands_after(lambda: setattr(stack.relay, "shift", stack.relay.shift - 50.0))
-    assert stack.client.wait_for_result(rospy.Duration(5.0))
-    assert stack.client.get_state() == ABORTED
-    assert stack.client.get_goal_status_text() == "Aborting because the clock jumped back."
+    assert finish(stack.client, 5.0) == (ABORTED, "Aborting because the clock jumped back.")
     wait_for(lambda: "jumped back" in stack.said("applr"), 3.0, "the applr node's line")
     stack.back_to_the_start()
     stack.send(1.5)
-    assert stack.client.wait_for_result(rospy.Duration(15.0))
-    assert stack.client.get_state() == SUCCEEDED
+    assert finish(stack.client, 15.0)[0] == SUCCEEDED
     assert len(stack.decisions) > count
     measured("stands after", took, "s")

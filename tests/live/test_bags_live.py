@@ -51,8 +51,6 @@ def stack():
     yield ros
     for node in (planner, robot):
         node.end()
-    rospy.delete_param("/use_sim_time")
-    rospy.delete_param("/move_base")
 
 
 def drive(ros, seconds, **parameters):

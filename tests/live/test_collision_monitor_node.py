@@ -81,4 +81,3 @@ def test_unknown_and_impossible_parameters_are_one_line(stack):
         assert child.process.wait(30.0) == 1
         assert words in child.text
         assert "Traceback" not in child.text
-        rospy.delete_param("/wrong_monitor")

@@ -11,7 +11,7 @@ from applr_ros1.robots import load
 from tests.support import DATA, ros_harness
 from tests.support.fake_jackal import FakeJackal
 from tests.support.jackal import tree
-from tests.support.move_base_stack import POSTS, goal, start
+from tests.support.move_base_stack import POSTS, finish, goal, start
 from tests.support.ros_harness import wait_for
 
 pytestmark = pytest.mark.ros
@@ -27,7 +27,6 @@ def master():
 
 @pytest.fixture(scope="module")
 def node(master):
-    import rospy
 
     parameters = copy.deepcopy(tree())
     parameters["DWAPlannerROS"].update(
@@ -38,7 +37,6 @@ def node(master):
     yield child
     jackal.close()
     assert child.end() == 0, child.text
-    rospy.delete_param("/move_base")
 
 
 def test_topics_and_services_are_those_of_the_cpp_node(node):
@@ -85,8 +83,7 @@ def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(10.0))
     client.send_goal(goal(1.0))
-    assert client.wait_for_result(rospy.Duration(30.0)), node.text
-    assert client.get_goal_status_text() == "Goal reached."
+    assert finish(client, 30.0)[1] == "Goal reached.", node.text
     assert len(decisions) >= 2
     for theta in decisions[:-1]:  # the newest may have come too late
         assert has(space.from_dict(theta)), theta

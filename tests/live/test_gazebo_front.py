@@ -54,7 +54,6 @@ def gazebo():
     yield child
     rospy.set_param("/use_sim_time", False)
     child.end(15.0)
-    rospy.delete_param("/sim_bridge")
     assert "Traceback" not in child.text, child.text
 
 
@@ -157,7 +156,6 @@ def move_base(gazebo):
     assert child.alive(), child.text
     yield child
     child.end(15.0)
-    rospy.delete_param("/move_base")
 
 
 def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):

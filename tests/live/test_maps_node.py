@@ -121,4 +121,3 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts(master):
     jackal.close()
     assert node.end() == 0, node.text
     assert "Traceback" not in node.text
-    rospy.delete_param("/move_base")

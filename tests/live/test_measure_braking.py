@@ -30,8 +30,6 @@ def robot(tmp_path_factory):
     course = Course((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [10.0, 0.0]]))
     write(World("open", np.array([(15.0, 0.0, 0.1)]), np.empty((0, 5)), course), str(path))
     ros = session()
-    if rospy.has_param("/sim_bridge"):  # of the simulated robot of another test
-        rospy.delete_param("/sim_bridge")
     rospy.set_param("/use_sim_time", True)
     options = "_simulator:=kinematic", "_world:=%s" % path, "_real_time_factor:=1"
     child = ros.python(ROOT / "applr_ros1/scripts/sim_bridge.py", *options)

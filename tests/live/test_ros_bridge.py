@@ -342,7 +342,6 @@ def test_mistakes_end_it_with_one_line(parameters, words):
     lines = [line for line in child.text.splitlines() if line.strip()]
     assert len(lines) == 1, child.text
     assert words in lines[0], child.text
-    rospy.delete_param("/wrong_bridge")
 
 
 def test_factor_zero_keeps_step_with_who_commands():

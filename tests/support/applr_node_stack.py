@@ -64,7 +64,7 @@ def stack(ros, robot, tmp_path):
         client.close()
     for child in reversed(started):
         child.kill()
-    for name in ("/fake", "/applr", "/use_sim_time"):
+    for name in ("/fake", "/use_sim_time"):
         if rospy.has_param(name):
             rospy.delete_param(name)
 

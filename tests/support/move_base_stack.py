@@ -50,7 +50,6 @@ def stack(master):
     yield SimpleNamespace(node=node, jackal=jackal, client=client)
     jackal.close()
     assert node.end() == 0, node.text
-    rospy.delete_param("/move_base")
 
 
 @pytest.fixture

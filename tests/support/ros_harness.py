@@ -89,7 +89,7 @@ class RosMaster:
             ),
         )
         self.env.pop("ROS_HOSTNAME", None)
-        self._children = []
+        self._children, self._nodes = [], []
         self._master = Child(["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log")
         wait_for(lambda: _answers(self.port) or not self._master.alive(), 15.0, "ROS master")
         assert self._master.alive(), self._master.text
@@ -103,7 +103,20 @@ class RosMaster:
 
     def python(self, *args, **env):
         """Starts a Python script (or "-m", module) with this interpreter. Returns its Child."""
-        return self.spawn(sys.executable, *args, **env)
+        child = self.spawn(sys.executable, *args, **env)
+        script = Path(str(args[1] if args[0] == "-m" else args[0]).replace("applr_ros1.scripts.", "")).stem
+        self._nodes.append((next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child))
+        return child
+
+    def forget_ended(self):
+        """Deletes the parameters of scripts' nodes that have ended: the next one of that name begins with its own."""
+        import rospy
+
+        living = {name for name, child in self._nodes if child.alive()}
+        for name in {name for name, _ in self._nodes} - living:
+            if rospy.has_param("/" + name):
+                rospy.delete_param("/" + name)
+        self._nodes = [(name, child) for name, child in self._nodes if child.alive()]
 
     def close(self):
         for child in reversed(self._children):
@@ -152,6 +165,12 @@ def _remember(kind, end):
         _joined.append(getattr(self, end))
 
     kind.__init__ = init
+
+
+def forget_ended():
+    """What ended nodes have left on the session's parameter server goes."""
+    if _session is not None:
+        _session.forget_ended()
 
 
 def close_session():
