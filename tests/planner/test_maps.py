@@ -21,7 +21,7 @@ from tests.support import map_scenes
 from tests.support.jackal import JACKAL_DWA
 from tests.support.map_scenes import wall_with_a_door
 from tests.support.plain_maps import inflate
-from tests.support.toy_robot import ToyRobot, quick, ring
+from tests.support.toy_robot import ToyRobot, quick
 
 HERE = (0.0, 0.0, 0.0)
 N = 40
@@ -329,25 +329,6 @@ def test_a_source_that_should_speak_and_does_not_stops_the_robot():
         assert cycle.stale is (k > 6)
     assert cycle.silent == ("points", 0.32)
     assert cycle.command == (0.0, 0.0)
-
-
-def test_two_layers_each_see_their_own_source():
-    """A ring of posts seen by one layer alone: switched off, its marks go and those of the other stay."""
-    tree = quick()
-    local = tree["local_costmap"]
-    local["plugins"] = [
-        {"name": "near", "type": "costmap_2d::ObstacleLayer"},
-        *local["plugins"],
-    ]
-    local["near"] = {"observation_sources": "low", "low": {"data_type": "LaserScan", "topic": "low/scan"}}
-    made, robot, low = MoveBase(tree), ToyRobot(HERE, [(1.5, 0.0, 0.2)]), ToyRobot(HERE, ring(0.0, 0.0, 1.0))
-    made.step(0.0, HERE, (0.0, 0.0), {"front/scan": robot.scan(), "low/scan": low.scan()})
-    assert (made.local_costmap.cells == 254).sum() > 60
-    made.reconfigure("local_costmap/near", {"enabled": False})
-    made.step(0.05, HERE, (0.0, 0.0), {"front/scan": robot.scan()})
-    marked = np.argwhere(made.local_costmap.cells == 254) * 0.05 + made.local_costmap.origin[::-1]
-    assert 3 <= len(marked) < 20
-    assert (np.hypot(marked[:, 1] - 1.5, marked[:, 0]) < 0.3).all()
 
 
 def test_the_map_of_a_world_is_what_the_laser_sees():

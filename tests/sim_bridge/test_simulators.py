@@ -328,14 +328,3 @@ def test_kinematic_needs_no_pybullet():
     assert done.returncode == 0
     assert "cannot be imported" in done.stdout
     assert done.stderr == ""
-
-
-def test_what_nobody_sees_has_no_mesh():
-    """Bullet makes a mesh for each cylinder of a body without a visual shape: ten times as long as the whole reset."""
-    simulator = sim_bridge.make("pybullet")
-    simulator.reset(world([(0.5 * i, 2.0, 0.075) for i in range(40)]), 0)
-    assert len(simulator._obstacles) == 3
-    for body in simulator._obstacles:
-        shapes = simulator._p.getVisualShapeData(body, physicsClientId=simulator._client)
-        assert [shape[2] for shape in shapes] == [simulator._p.GEOM_BOX]
-    simulator.close()

@@ -4,13 +4,13 @@ import copy
 import json
 import math
 import os
+import re
 import subprocess
 import sys
 
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters import declarations as parameters
 from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError, servers
@@ -144,36 +144,49 @@ def test_jackal_is_clean_and_complete_is_stable():
     assert full["aggressive_reset"]["reset_distance"] == 1.84
 
 
+SEEN = "local_costmap/obstacles_layer/"
+
+
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        ("TrajectoryPlannerROS/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
+        (PLANNER + "/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
         ("zzz", 1.0, "no such parameter; remove it"),
-        ("TrajectoryPlannerROS/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
-        ("TrajectoryPlannerROS/vx_samples", 6.5, "give a whole number"),
-        ("TrajectoryPlannerROS/max_vel_x", math.nan, "give a finite number"),
-        ("TrajectoryPlannerROS/dwa", 1, "give true or false"),
-        ("TrajectoryPlannerROS/pdist_scale", 0.5, "one of them"),
+        (PLANNER + "/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
+        (PLANNER + "/vx_samples", 6.5, "give a whole number"),
+        (PLANNER + "/max_vel_x", math.nan, "give a finite number"),
+        (PLANNER + "/sim_time", 10**400, "beyond 1e308"),
+        (PLANNER + "/dwa", 1, "give true or false"),
+        (PLANNER + "/pdist_scale", 0.5, "one of them"),
+        (PLANNER + "/sim_granularity", 1e-9, "is 1e-09: .*more than 100000 points"),
+        ("rotate_recovery/sim_granularity", 1e-9, "100000 poses"),
         ("controller_frequency", 0, "cannot work"),
+        ("base_local_planner", "teb_local_planner/TebLocalPlannerROS", "teb_.*: give base_local_planner/Traj"),
         ("local_costmap/width", 100000, "cells"),
+        ("local_costmap/resolution", 20.0, "local_costmap/width, height are 10 x 10 m.*20 m.*no cells"),
+        ("local_costmap/footprint", [[10**400, 0], [1, 0], [0, 1]], "at least three points"),
         ("local_costmap/robot_base_frame", "base", "give the same"),
         ("local_costmap/plugins", [{"name": "v", "type": "costmap_2d::VoxelLayer"}], "give a name and a type of"),
         ("local_costmap/plugins", 2 * [{"name": "a", "type": "costmap_2d::StaticLayer"}], "two layers named a"),
-        ("local_costmap/obstacles_layer/scan/data_type", "Range", "LaserScan or PointCloud2"),
+        ("local_costmap/plugins", [{"name": "width", "type": "costmap_2d::ObstacleLayer"}], "'width'"),
+        (SEEN + "scan/data_type", "Range", "LaserScan or PointCloud2"),
+        (SEEN + "scan/data_type", "PointCloud2", "front/scan, another source takes LaserScan: give one type"),
+        (SEEN + "observation_sources", ["scan"], "give text"),
+        (SEEN + "observation_sources", "enabled", "'enabled'.* no parameter's"),
         ("local_costmap", 3, "no such parameter"),
         ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
+        ("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}], "'local_costmap'.*another"),
+        ("recovery_behaviors", [{"name": "a b", "type": TURN}], "'a b'.*letters"),
+        ("recovery_behaviors", [{"type": TURN}], "give a name and a type"),
     ],
 )
 def test_check_says_what_where_and_what_to_do(path, value, words):
-    name = path.rpartition("/")[2]
-    problems = check(changed(path, value))
-    assert any(words in problem and name in problem for problem in problems), problems
+    tree = changed(path, value)
+    problems = check(tree)
+    assert any(re.search(words, problem) and path.split("/")[0] in problem for problem in problems), problems
     assert all("\n" not in problem for problem in problems)
-
-
-def test_older_name_alone_is_taken():
-    full = complete({PLANNER: {"pdist_scale": 0.4}})
-    assert full[PLANNER]["path_distance_bias"] == full[PLANNER]["pdist_scale"] == 0.4
+    with pytest.raises(ParameterError):
+        complete(tree)
 
 
 def test_scan_source_may_have_any_name():
@@ -233,39 +246,6 @@ def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
     assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # the source's own is nearer
 
 
-def test_a_topic_has_one_type():
-    tree = copy.deepcopy(JACKAL)
-    tree["local_costmap"]["obstacles_layer"]["scan"]["data_type"] = "PointCloud2"
-    (line,) = check(tree)
-    assert line.endswith("PointCloud2 from the topic front/scan, another source takes LaserScan: give one type")
-
-
-def test_own_recoveries_bring_their_parameters():
-    tree = {
-        "recovery_behaviors": [{"name": "wide", "type": parameters.RECOVERY_TYPES[0]}],
-        "wide": {"reset_distance": 7.0},
-    }
-    assert check(tree) == []
-    assert complete(tree)["wide"]["reset_distance"] == 7.0
-
-
-def test_planners_that_are_not_built_in_are_refused():
-    (line,) = check({"base_local_planner": "teb_local_planner/TebLocalPlannerROS"})
-    assert line.startswith("base_local_planner is teb_local_planner/TebLocalPlannerROS: give base_local_planner/Traj")
-
-
-# -- trees and requests that no robot can run with, and what C++ files may hold
-
-
-def one_line(tree, *words):
-    (line,) = check(tree)
-    assert "\n" not in line
-    for word in words:
-        assert word in line, line
-    with pytest.raises(ParameterError):
-        complete(tree)
-
-
 def test_what_would_be_clamped_to_a_useless_zero_is_refused_as_zero_is():
     config = Configuration(complete(JACKAL))
     assert len(NOT_ZERO) > 5
@@ -292,26 +272,6 @@ def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
     tree = {"global_costmap": {"plugins": plugins}, "local_costmap": {"plugins": plugins}}
     assert check(tree) == []
     assert MoveBase(tree).global_costmap.size == (200, 200)
-
-
-@pytest.mark.parametrize(
-    ("tree", "words"),
-    [
-        (changed("local_costmap/obstacles_layer/observation_sources", ["scan"]), ["observation_sources", "give text"]),
-        (changed("local_costmap/obstacles_layer/observation_sources", "enabled"), ["'enabled'", "no parameter's"]),
-        (changed("local_costmap/plugins", [{"name": "width", "type": "costmap_2d::ObstacleLayer"}]), ["'width'"]),
-        (changed("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}]), ["'local_costmap'", "another"]),
-        (changed("recovery_behaviors", [{"name": "a b", "type": TURN}]), ["'a b'", "letters"]),
-        (changed("recovery_behaviors", [{"type": TURN}]), ["give a name and a type"]),
-        (changed("local_costmap/footprint", [[10**400, 0], [1, 0], [0, 1]]), ["at least three points"]),
-        (changed(PLANNER + "/sim_time", 10**400), ["TrajectoryPlannerROS/sim_time", "beyond 1e308"]),
-        (changed("local_costmap/resolution", 20.0), ["local_costmap/width, height are 10 x 10 m", "20 m", "no cells"]),
-        (changed(PLANNER + "/sim_granularity", 1e-9), ["sim_granularity is 1e-09", "more than 100000 points"]),
-        (changed("rotate_recovery/sim_granularity", 1e-9), ["rotate_recovery/sim_granularity", "100000 poses"]),
-    ],
-)
-def test_a_tree_that_cannot_be_run_is_one_line(tree, words):
-    one_line(tree, *words)
 
 
 def test_a_request_for_endless_trajectories_is_refused():
