@@ -54,15 +54,8 @@ def drive(bend, blind_from, monitor):
     state = simulator.reset(BLOCKED, 0)
     first, blind_since, stood = None, None, None
     for _ in range(160):
-        scan = LaserScan(
-            state.time,
-            LASER.first_angle,
-            LASER.increment,
-            LASER.range_min,
-            LASER.range_max,
-            simulator.scan(),
-            compose(state.odom_pose, LASER.pose),
-        )
+        beams = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
+        scan = LaserScan(state.time, *beams, simulator.scan(), compose(state.odom_pose, LASER.pose))
         if state.pose[0] >= blind_from:
             first = scan.ranges if first is None else first
             blind_since = state.time if blind_since is None else blind_since

@@ -206,20 +206,10 @@ def test_install_space(tmp_path):
 
 
 def demo(tmp_path, *arguments):
-    return subprocess.Popen(
-        [
-            APPLR,
-            "demo",
-            *arguments,
-            "picture:=%s" % (tmp_path / "drive.png"),
-            "animation:=%s" % (tmp_path / "drive.gif"),
-        ],
-        env=dict(os.environ, TMPDIR=str(tmp_path)),
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
+    pictures = "picture:=%s" % (tmp_path / "drive.png"), "animation:=%s" % (tmp_path / "drive.gif")
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    environment = dict(os.environ, TMPDIR=str(tmp_path))
+    return subprocess.Popen([APPLR, "demo", *arguments, *pictures], env=environment, start_new_session=True, **pipes)
 
 
 def test_demo_reaches_the_goal(tmp_path):

@@ -34,16 +34,8 @@ def scan_of(points, pose, stamp=0.0, **changes):
         off = np.abs((angles - bearing + math.pi) % (2 * math.pi) - math.pi)
         hit = off < math.asin(min(1.0, 0.05 / distance))
         ranges[hit] = np.minimum(ranges[hit], distance - 0.05)
-    fields = {
-        "stamp": stamp,
-        "angle_min": -ANGLE,
-        "angle_increment": 2 * ANGLE / (BEAMS - 1),
-        "range_min": 0.1,
-        "range_max": 30.0,
-        "ranges": ranges,
-        "sensor_pose": (x, y, pose[2]),
-    }
-    return LaserScan(**dict(fields, **changes))
+    seen = LaserScan(stamp, -ANGLE, 2 * ANGLE / (BEAMS - 1), 0.1, 30.0, ranges, (x, y, pose[2]))
+    return replace(seen, **changes)
 
 
 def wall(x, half_width=1.0):

@@ -19,35 +19,14 @@ KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_sca
 
 def config_type(parameters):
     """What a .cfg file would generate: dynamic_reconfigure's description of one group of parameters."""
+    always = {"level": 0, "edit_method": ""}
     rows = [
-        {
-            "name": name,
-            "type": p.type,
-            "default": p.default,
-            "level": 0,
-            "description": p.doc,
-            "min": p.min,
-            "max": p.max,
-            "edit_method": "",
-        }
+        dict(always, name=name, type=p.type, default=p.default, description=p.doc, min=p.min, max=p.max)
         for name, p in parameters
     ]
-    group = {
-        "name": "Default",
-        "type": "",
-        "id": 0,
-        "parent": 0,
-        "state": True,
-        "groups": [],
-        "parameters": rows,
-        "upper": "DEFAULT",
-        "lower": "groups",
-        "cstate": "true",
-        "parentname": "Default",
-        "class": "DEFAULT",
-        "parentclass": "",
-        "field": "default",
-    }
+    names = {"name": "Default", "parentname": "Default", "upper": "DEFAULT", "lower": "groups", "field": "default"}
+    kinds = {"type": "", "class": "DEFAULT", "parentclass": "", "cstate": "true"}
+    group = {**names, **kinds, "id": 0, "parent": 0, "state": True, "groups": [], "parameters": rows}
     return SimpleNamespace(
         config_description=group,
         min={r["name"]: r["min"] for r in rows},

@@ -94,13 +94,8 @@ def test_processes_deliver_each_episode_once_and_are_gone_after():
     pool = make_pool(TOY, scheduler().next_task, 2)
     try:
         pool.publish(0, weights())
-        got = trajectories(
-            collect(
-                pool,
-                30,
-                lambda answers: len(answers) > 40 and {a.task.actor for a in answers} == {"actor-0", "actor-1"},
-            )
-        )
+        both = {"actor-0", "actor-1"}
+        got = trajectories(collect(pool, 30, lambda a: len(a) > 40 and {each.task.actor for each in a} == both))
         pids = [link.process.pid for link in pool.links]
     finally:
         begun = time.monotonic()
@@ -212,32 +207,18 @@ def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on(tmp_path):
     broken.reward[1] = np.nan
     import pickle
 
-    for blob in (
-        trajectory(1).pack(),
-        trajectory(1).pack(),
-        b"",
-        b"nonsense" * 20,
-        broken.pack(),
-        pickle.dumps([1]),
-        trajectory(2).pack(),
-        trajectory(4, version=0).pack(),
-        trajectory(5, version=9).pack(),
-        trajectory(6, version="new").pack(),
-    ):
+    nonsense = b"", b"nonsense" * 20, broken.pack(), pickle.dumps([1])
+    late = trajectory(4, version=0), trajectory(5, version=9), trajectory(6, version="new")
+    good = trajectory(1), trajectory(1), trajectory(2)
+    one, again, two, old, new, odd = (each.pack() for each in (*good, *late))
+    for blob in (one, again, *nonsense, two, old, new, odd):
         learner.take(blob)
         learner.train()
     assert learner.transitions == 30
     assert learner.td3.updates == 30
     reasons = " | ".join(learner.refused)
-    for part in (
-        "came twice",
-        "truncated",
-        "not a safetensors file",
-        "NaN",
-        "more than 15 updates old",
-        "is not a whole number",
-    ):
-        assert part in reasons
+    words = "came twice", "truncated", "not a safetensors file", "NaN", "more than 15 updates old", "not a whole number"
+    assert all(part in reasons for part in words), reasons
     assert learner.lag.most == 11
     assert learner.lag.count == 3
 

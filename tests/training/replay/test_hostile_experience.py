@@ -82,15 +82,9 @@ def bag_with_chunk(path, packed, method):
     first = len(start) + 4096
     chunk = record(packed, op=b"\x05", compression=method, size=u32(2**31))
     index = record(u32(1) + u32(0) + u32(0), op=b"\x04", ver=u32(1), conn=u32(0), count=u32(1))
-    tail = record(definition, op=b"\x07", conn=u32(0), topic=b"/front/scan") + record(
-        u32(0) + u32(1),
-        op=b"\x06",
-        ver=u32(1),
-        chunk_pos=u64(first),
-        start_time=u64(0),
-        end_time=u64(0),
-        count=u32(1),
-    )
+    times = {"start_time": u64(0), "end_time": u64(0)}
+    tail = record(definition, op=b"\x07", conn=u32(0), topic=b"/front/scan")
+    tail += record(u32(0) + u32(1), op=b"\x06", ver=u32(1), chunk_pos=u64(first), **times, count=u32(1))
     fields = {"index_pos": u64(first + len(chunk) + len(index)), "conn_count": u32(1), "chunk_count": u32(1)}
     bare = record(b"", op=b"\x03", **fields)
     path.write_bytes(start + record(b" " * (4096 - len(bare)), op=b"\x03", **fields) + chunk + index + tail)

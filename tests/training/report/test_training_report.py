@@ -35,19 +35,9 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
     plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
-    settings = {
-        **SETTINGS,
-        "worlds": worlds,
-        "world_specs": worlds,
-        "methods": {
-            "dwa": {"parameters": {"max_vel_x": 0.5}},
-            "applr": {"class": "Actor"},
-            METHODS[2]: {"class": "Actor", "frozen": "max_vel_x"},
-        },
-        "simulator": "kinematic",
-        "protocol": "paper",
-        "seed": 0,
-    }
+    settings = dict(SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0)
+    learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor", "frozen": "max_vel_x"}}
+    settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
     store = trial_store.Store(out, settings, plan)
     rng = np.random.default_rng(1)
     for task in plan:
@@ -55,19 +45,8 @@ def folder(tmp_path_factory):
         mean *= {"dwa": 1.0, "applr": 0.75}.get(task.method, 0.85)
         good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
         seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
-        result = TrialResult(
-            success=good,
-            timeout=not good,
-            time_s=seconds,
-            decisions=math.ceil(seconds / 2),
-            path_length_m=6.5,
-            reason="finished" if good else "time limit",
-            route_m=7.0,
-            min_clearance_m=0.3,
-            mean_jerk=5.0,
-            mean_turn=1.0,
-            switching=0.1,
-        )
+        reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
+        result = TrialResult(good, False, not good, seconds, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1, decisions=decisions)
         traced = task.trace and task.world in ("generated:20",)
         store.add(task, result, trials.pack_trace(Trace) if traced else b"")
     session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
@@ -98,12 +77,8 @@ def test_welch_is_scipys_and_edges_are_told():
 
 def test_holm_by_hand():
     p = np.array([0.01, 0.04, 0.03, 0.005])
-    assert (statistics.holm_adjusted(p) < 0.05).tolist() == [
-        True,
-        False,
-        False,
-        True,
-    ]  # .005 < .0125, .01 < .0167, .03 >= .025
+    below = statistics.holm_adjusted(p) < 0.05  # .005 < .0125, .01 < .0167, .03 >= .025
+    assert below.tolist() == [True, False, False, True]
     assert statistics.holm_adjusted(np.zeros(0)).tolist() == []
 
 
@@ -124,21 +99,9 @@ def test_bootstrap_over_worlds_covers():
 
 
 def test_barn_metric_by_hand():
-    cell = data.Cell(
-        *[
-            np.array(v)
-            for v in (
-                [True, True, True, False],
-                [False, False, True, False],
-                [False] * 4,
-                [6.0, 30.0, 20.0, 100.0],
-                [3, 15, 10, 50],
-                [7.0] * 4,
-            )
-        ],
-        [""] * 4,
-        *[np.full(4, 7.0)] * 5,
-    )
+    success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
+    seconds, decisions, seven = np.array([6.0, 30.0, 20.0, 100.0]), np.array([3, 15, 10, 50]), np.full(4, 7.0)
+    cell = data.Cell(success, collided, np.zeros(4, bool), seconds, decisions, seven, [""] * 4, *[seven] * 5)
     assert statistics.barn_metric(cell, 2.0) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
     assert statistics.barn_metric(cell, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
 
