@@ -170,7 +170,6 @@ SEEN = "local_costmap/obstacles_layer/"
         ("local_costmap/plugins", 2 * [{"name": "a", "type": "costmap_2d::StaticLayer"}], "two layers named a"),
         ("local_costmap/plugins", [{"name": "width", "type": "costmap_2d::ObstacleLayer"}], "'width'"),
         (SEEN + "scan/data_type", "Range", "LaserScan or PointCloud2"),
-        (SEEN + "scan/data_type", "PointCloud2", "front/scan, another source takes LaserScan: give one type"),
         (SEEN + "observation_sources", ["scan"], "give text"),
         (SEEN + "observation_sources", "enabled", "'enabled'.* no parameter's"),
         ("local_costmap", 3, "no such parameter"),
@@ -181,12 +180,20 @@ SEEN = "local_costmap/obstacles_layer/"
     ],
 )
 def test_check_says_what_where_and_what_to_do(path, value, words):
-    tree = changed(path, value)
-    problems = check(tree)
-    assert any(re.search(words, problem) and path.split("/")[0] in problem for problem in problems), problems
+    name = path.rpartition("/")[2]
+    problems = check(changed(path, value))
+    assert any(re.search(words, problem) and name in problem for problem in problems), problems
     assert all("\n" not in problem for problem in problems)
-    with pytest.raises(ParameterError):
-        complete(tree)
+
+
+def test_a_topic_has_one_type():
+    (line,) = check(changed(SEEN + "scan/data_type", "PointCloud2"))
+    assert line.endswith("PointCloud2 from the topic front/scan, another source takes LaserScan: give one type")
+
+
+def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
+    with pytest.raises(ParameterError, match="give a name and a type"):
+        complete(changed("recovery_behaviors", [{"type": TURN}]))
 
 
 def test_scan_source_may_have_any_name():
