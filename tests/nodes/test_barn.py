@@ -90,6 +90,8 @@ def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
     launch = tmp_path / "mine.launch"
     launch.write_text("<launch/>")
     Overlay(checkout, tmp_path / "overlay", launch)
+    with pytest.raises(ApplrError, match=r"no checkout of the BARN Challenge: it has no run\.py"):
+        Overlay(tmp_path, tmp_path / "other", None)
     linked = tmp_path / "overlay" / "jackal_helper" / "launch" / "move_base_DWA.launch"
     assert linked.resolve() == launch
     world = Path("jackal_helper", "worlds", "BARN", "world_2.world")

@@ -76,6 +76,13 @@ def test_cancel_of_others_does_not(server, cancel):
     assert not server.cancel_requested
 
 
+def test_cancel_before_the_goal_is_taken(server):
+    send(server, "a", 1.0)
+    server.receive_cancel(GoalID(), at(1.0))
+    assert server.take(at(1.1)) is not None
+    assert server.cancel_requested
+
+
 def test_cancel_before_the_goal_comes(server):
     server.receive_cancel(GoalID(at(0.0), "late"), at(1.0))
     send(server, "late", 1.1)

@@ -60,8 +60,8 @@ def test_saved_state_overrides_poses_as_in_gazebo(tmp_path):
 def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
     def model(name, pose, shape):
         return (
-            "<model name='%s'><pose>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry></collision>"
-            "</link></model>" % (name, pose, shape)
+            "<model name='%s'><pose frame=>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry>"
+            "</collision></link></model>" % (name, pose, shape)  # sic: DynaBARN's attribute
         )
 
     roller = "<cylinder><radius>0.2</radius><length>2</length></cylinder>"

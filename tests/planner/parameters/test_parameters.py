@@ -253,6 +253,12 @@ def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
     assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # the source's own is nearer
 
 
+def test_footprint_may_be_a_list():
+    tree = {"local_costmap": {"footprint": [[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]}}
+    assert check(tree) == []
+    assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
+
+
 def test_what_would_be_clamped_to_a_useless_zero_is_refused_as_zero_is():
     config = Configuration(complete(JACKAL))
     assert len(NOT_ZERO) > 5

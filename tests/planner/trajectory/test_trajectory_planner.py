@@ -243,6 +243,13 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     assert unscaled.effective["path_distance_bias"] == 0.75
 
 
+def test_parameters_that_are_missing_or_not_finite_are_named():
+    with pytest.raises(ApplrError, match="acc_lim_x is missing"):
+        TrajectoryPlanner(JACKAL_FOOT, {})
+    with pytest.raises(ApplrError, match="max_vel_x = nan is not a finite number"):
+        planner().reconfigure({"max_vel_x": math.nan})
+
+
 def test_a_map_of_another_size_is_taken_up():
     made = planner()
     first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))

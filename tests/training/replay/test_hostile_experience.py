@@ -107,6 +107,16 @@ def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, m
         tracemalloc.stop()
 
 
+def test_compressed_data_are_what_they_were(tmp_path):
+    data = os.urandom(1 << 18) + bytes(1 << 18)
+    assert compression.unpack(bz2.BZ2Decompressor, bz2.compress(data) + bz2.compress(b"more")) == data + b"more"
+    assert compression.unpack(lz4.frame.LZ4FrameDecompressor, lz4.frame.compress(data)) == data
+    assert compression.unpack(compression.zstd.ZstdDecompressor, compression.zstd.compress(data)) == data
+    for cut in (bz2.compress(data)[:-9], bz2.compress(data)[:10_000]):
+        with pytest.raises(EOFError):
+            compression.unpack(bz2.BZ2Decompressor, cut)
+
+
 def test_a_file_that_unpacks_to_too_much_is_left_off(tmp_path, monkeypatch):
     monkeypatch.setattr(compression, "MAX_FILE", 1 << 20)
     packed = io.BytesIO(compression.zstd.compress(bytes(1 << 24)))

@@ -269,6 +269,13 @@ def test_evaluations_with_other_planners_stand_beside_in_one_table(tmp_path, fol
         write(folder, beside=[str(tmp_path)])
 
 
+def test_nothing_to_report_is_one_line(tmp_path, folder):
+    with pytest.raises(ApplrError, match="no trials"):
+        write(tmp_path)
+    with pytest.raises(ApplrError, match="learning curves"):
+        write(folder, str(tmp_path))
+
+
 def test_regions():
     import worlds
 
