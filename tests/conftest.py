@@ -29,7 +29,7 @@ for number in (signal.SIGTERM, signal.SIGHUP):  # a job that is cancelled, a ter
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as a shell starts what it puts in the background:
     signal.signal(signal.SIGINT, signal.default_int_handler)  # tests interrupt children, which would inherit it
 os.environ.pop("ROS_NAMESPACE", None)  # of a robot of the person's: tests name topics from the root
-pytest.register_assert_rewrite("tests.support.move_base_stack", "tests.support.applr_node_stack")
+pytest.register_assert_rewrite("tests.support.move_base_stack")
 if importlib.util.find_spec("torch") is None:  # then training and its tests are not for this Python
     sys.modules["training"] = None
 OWN = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}

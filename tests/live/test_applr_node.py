@@ -1,21 +1,89 @@
-"""The applr node beside a stand-in move_base: what it sends, and its own faults of docs/reference/faults.md."""
+"""The applr node beside a stand-in move_base: what it sends, its own faults of docs/reference/faults.md, other robots,
+and methods of a person's own.
+"""
 
+import json
 import time
 
 import numpy as np
 import pytest
 
+from applr_ros1.policy import methods
 from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
-from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.applr_node_stack import PERIOD, says
-from tests.support.ros_harness import wait_for
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
+from applr_ros1.robots import load
+from tests.support.fake_robot import Robot
+from tests.support.ros_harness import session, wait_for
 from tests.support.weights import make_weights
 
 pytestmark = pytest.mark.ros
-pytest_plugins = ("tests.support.applr_node_stack",)
+PERIOD = 0.2
 PLANNER = "/move_base/TrajectoryPlannerROS"
 LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+
+
+@pytest.fixture(scope="module")
+def ros():
+    return session()
+
+
+@pytest.fixture(scope="module")
+def robot(ros):
+    made = Robot()
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def stack(ros, robot, tmp_path):
+    """start(method, fake=[...], **private parameters) → (applr Child, stand-in Child, client on the stand-in)."""
+    import rospy
+
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+
+    robot.reset()
+    started = []
+
+    def start_fake(*args):
+        fake = ros.python("tests/support/fake_move_base.py", *args)
+        started.append(fake)
+        wait_for(lambda: "up" in fake.text or not fake.alive(), 10.0, "stand-in")
+        assert fake.alive(), fake.text
+        return fake
+
+    def start(method="applr", policy="", fake=(), weights=None, ready=True, **parameters):
+        move_base = start_fake(*fake) if fake is not None else None
+        if method == "applr":
+            save(tmp_path / "actor.safetensors", make_weights(hidden=(16,)) if weights is None else weights)
+            method = "applr:%s" % (policy or tmp_path / "actor.safetensors")
+        parameters = dict({"method": method, "period": PERIOD}, **parameters)
+        node = ros.python("-m", "applr_ros1.scripts.applr", *[f"_{k}:={v}" for k, v in parameters.items()])
+        started.append(node)
+        if not ready:
+            return node, move_base, None
+        wait_for(lambda: robot.values or not node.alive(), 10.0, "applr node")
+        assert node.alive(), node.text
+        client = ReconfigureClient()
+        clients.append(client)
+        wait_for(lambda: not client.connect(), 5.0, "servers")
+        return node, move_base, client
+
+    clients = []
+    start.fake = start_fake
+    yield start
+    robot.goal = None
+    for client in clients:
+        client.close()
+    for child in reversed(started):
+        child.kill()
+    for name in ("/fake", "/use_sim_time"):
+        if rospy.has_param(name):
+            rospy.delete_param(name)
+
+
+def says(robot, message, seconds=4.0):
+    wait_for(lambda: robot.values.get("message") == message, seconds, "diagnostics: " + message)
 
 
 def as_set(robot, client):
@@ -301,3 +369,64 @@ def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_pat
     wait_for(lambda: client.values()[5] == 0.75 * 2.5, 3.0, "theta_0 is made up for, too")
     assert node.end() == 0
     assert np.array_equal(client.theta(), THETA_0)
+
+
+# -- other robots, and methods of a person's own ----------------------------------------------------------------------
+def test_a_robot_with_other_parameters_gets_its_set_again_and_its_defaults_back(robot, stack):
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+
+    husky = load("husky")
+    space = space_of(husky)
+    node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
+    client = ReconfigureClient(space=space)
+    wait_for(lambda: not client.connect(), 5.0, "servers")
+    best = space.clip(methods.make("static", husky).theta(None))
+    wait_for(lambda: np.array_equal(client.theta(), best), 10.0, "the static set")
+    fake.kill()
+    stack.fake("--robot", "husky")
+    wait_for(lambda: robot.count("restarts") and np.array_equal(client.theta(), best), 10.0, "the set again")
+    assert node.end() == 0, node.text
+    assert np.array_equal(client.theta(), space.theta0)
+    assert "Traceback" not in node.text
+    client.close()
+
+
+def test_a_method_of_ones_own_sees_what_evaluation_shows_it(robot, stack, tmp_path):
+    (tmp_path / "teller.py").write_text(
+        "import json\n\n\nclass Teller:\n    def theta(self, context):\n"
+        "        print(json.dumps([*context.pose, *context.twist, *context.goal, *context.plan[-1]]), flush=True)\n"
+        "        return context.theta\n"
+    )
+    node, _, _ = stack("%s:Teller" % (tmp_path / "teller.py"))
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    told = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
+    end = robot.path[-1]  # move_base stated its goal before the node heard it: the plan's end stands for it
+    assert told[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end])
+    assert node.text.count("decision refused") == 0
+
+
+FAULTY = """\
+class Careless:
+    static = True
+    def theta(self, context):
+        return context.theta
+
+class Restless:
+    def reset(self, seed):
+        raise RuntimeError("no map")
+    def theta(self, context):
+        return context.theta
+"""
+
+
+def test_methods_of_ones_own_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
+    (tmp_path / "faulty.py").write_text(FAULTY)
+    node, _, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
+    wait_for(lambda: "gave no parameters: AttributeError" in robot.values["message"], 4.0, "diagnostics")
+    assert np.array_equal(client.theta(), THETA_0)
+    assert node.end() == 0
+    node, _, _ = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None)
+    robot.goal = "one"
+    wait_for(lambda: len(robot.decisions) >= 2, 5.0, "decisions")
+    assert "cannot begin a course: RuntimeError: no map" in node.text

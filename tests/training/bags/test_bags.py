@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.convert import convert
+from rosbags.highlevel import AnyReader
 
 from applr_ros1 import robots
 from applr_ros1.common.files import StorageError
@@ -169,11 +172,11 @@ def test_a_goal_without_a_result_ends_where_the_next_is_sent(tmp_path):
 
 
 def test_rosbags_convert_round_trip(tmp_path):
-    """To SQLite; MCAP is in test_bags_of_other_robots.py."""
+    """To SQLite; MCAP is below."""
     drive = record(tmp_path / "a.bag")
-    convert = [sys.executable, "-c", "from rosbags.convert.cli import main; main()"]
+    command = [sys.executable, "-c", "from rosbags.convert.cli import main; main()"]
     for source, destination, extra in (("a.bag", "ros2", ["--dst-storage", "sqlite3"]), ("ros2", "back.bag", [])):
-        subprocess.run(convert + ["--src", tmp_path / source, "--dst", tmp_path / destination] + extra, check=True)
+        subprocess.run(command + ["--src", tmp_path / source, "--dst", tmp_path / destination] + extra, check=True)
     expected = rebuild(tmp_path / "a.bag")[0][0]
     assert_equal(expected, drive)
     for name in ("ros2", "back.bag"):
@@ -329,6 +332,74 @@ def test_unusable_scans_are_counted_in_words(tmp_path):
         found, report = rebuild(tmp_path / (name + ".bag"))
         assert not found, report
         assert any(reason in text for text in report.skipped), report
+
+
+@pytest.mark.parametrize("lowest", [False, True])
+def test_a_range_of_zero_is_no_obstacle(tmp_path, lowest):
+    """Some lasers write 0 where nothing returned: the price of nearness is that of the smallest other range."""
+
+    class Zeros(Drive):
+        def step(self, t, k):
+            self.without = ("scan",)
+            super().step(t, k)
+            self.ranges = np.full(720, 1.6, np.float32)
+            self.ranges[::7] = 0.0
+            if 210 < k < 390:  # nothing returns at all between the third and the fourth decision
+                self.ranges[:] = 0.0 if k % 100 else self.ranges
+            self.writer.scan(t, self.ranges)
+
+    with BagWriter(tmp_path / "a.bag") as writer:
+        Zeros(writer, node=False)
+    (trajectory,), report = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest))
+    assert report.skipped == {}
+    np.testing.assert_allclose(trajectory.reward, -0.05 / 1.6, rtol=1e-5)
+
+
+def test_the_smallest_range_is_that_of_the_recordings_robot(tmp_path):
+    class Near(Drive):
+        def step(self, t, k):
+            self.without = ("scan",)
+            super().step(t, k)
+            self.writer.scan(t, np.full(720, -np.inf, np.float32))  # too near to tell
+
+    with BagWriter(tmp_path / "a.bag") as writer:
+        Near(writer, node=False)
+    robot = replace(robots.JACKAL, laser=replace(robots.JACKAL.laser, range_min=0.4))
+    recording = read(tmp_path / "a.bag", robot=robot)
+    (trajectory,) = trajectories(recording, Reward(c_f=0.0, c_p=0.0), report=BagReport())
+    np.testing.assert_allclose(trajectory.reward, -0.05 / 0.4, rtol=1e-5)
+
+
+def test_plan_and_goal_are_in_the_robots_odometry_frame(tmp_path):
+    robot = replace(robots.JACKAL, frames=replace(robots.JACKAL.frames, odom="wheel_odom"))
+    with BagWriter(tmp_path / "a.bag", robot=robot) as writer:
+        drive = Drive(writer)
+        topics = writer.topics
+    with AnyReader([tmp_path / "a.bag"]) as reader:
+        frames = {
+            c.topic: reader.deserialize(raw, c.msgtype).header.frame_id
+            for c, _, raw in reader.messages()
+            if c.topic in (topics.odometry, topics.plan, topics.move_base + "/current_goal")
+        }
+    assert set(frames.values()) == {"wheel_odom"}
+    assert len(frames) == 3
+    (trajectory,), report = rebuild(tmp_path / "a.bag")
+    assert (len(trajectory), report.skipped) == (len(drive.thetas), {})
+
+
+def test_lone_mcap_files_are_found_in_folders_and_read(tmp_path):
+    with BagWriter(tmp_path / "a.bag") as writer:
+        drive = Drive(writer)
+    convert([tmp_path / "a.bag"], tmp_path / "ros2", "mcap", 9, None, "none", None, None, (), (), (), ())
+    assert find([tmp_path / "ros2"]) == [tmp_path / "ros2"]  # one bag, whatever files it consists of
+    lone = tmp_path / "lone" / "deep"
+    lone.mkdir(parents=True)
+    (file,) = (tmp_path / "ros2").glob("*.mcap")
+    file.rename(lone / "a.mcap")
+    assert find([tmp_path / "lone"]) == [lone / "a.mcap"]
+    assert bags_to_dataset.main([str(tmp_path / "lone"), "--out", str(tmp_path / "out")]) == 0
+    (trajectory,), _ = rebuild(lone / "a.mcap")
+    assert len(trajectory) == len(drive.thetas)
 
 
 def test_recorded_simulation_equals_the_environment(tmp_path):
