@@ -136,7 +136,7 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     out = tmp_path / "mine.safetensors"
-    short = ["--evaluations", "10", "--longest", "20", "--contexts", "2", "--penalty", "0.5", "--steps", "60"]
+    short = ["--evaluations", "4", "--longest", "10", "--contexts", "2", "--penalty", "0.5", "--steps", "30"]
     assert appld.main([str(bag), "--out", str(out), *short]) == 0
     log = json.loads((tmp_path / "mine_log.json").read_text())
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
