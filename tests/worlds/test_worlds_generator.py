@@ -20,21 +20,6 @@ def test_built_in_worlds_are_the_generators(number):
     assert np.array_equal(path, stored_path)
 
 
-def test_smoothing_by_hand():
-    filled = np.zeros((30, 30), dtype=bool)
-    filled[10:13, 10:13] = True
-    filled[11, 11] = False  # a ring: its middle has 8 neighbours and fills
-    filled[20, 20] = True  # alone: clears
-    smoothed = generator.smooth(filled)
-    assert smoothed[11, 11]
-    assert not smoothed[20, 20]
-    assert smoothed[10, 11]
-    assert smoothed[10, 10]
-    filled[:] = False
-    filled[[0, -1]] = True
-    assert np.array_equal(generator.smooth(filled)[0], filled[0])  # walls last: rows outside count as filled
-
-
 def test_every_built_in_world_has_room_along_its_path():
     for number, (_, path) in builtin.fields().items():
         world = builtin.world(number)

@@ -183,14 +183,3 @@ def test_without_bounds_nothing_happens():
     costmap.update(HERE)
     assert costmap.window is None
     assert costmap.cells[3, 3] == 9
-
-
-def test_robot_clears_the_cells_under_it():
-    costmap = fixed(inflation=InflationParameters(0.0))
-    costmap.obstacles.cells[:] = 254
-    costmap.update((0.0, 0.0, 0.3))
-    assert 90 < np.count_nonzero(costmap.cells == 0) < 160
-    off = fixed(inflation=InflationParameters(0.0))
-    off.obstacles.cells[:] = 254
-    off.update((1.9, 0.0, 0.0))  # a corner is off the map: nothing is cleared
-    assert (off.cells == 254).all()

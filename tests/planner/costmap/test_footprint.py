@@ -132,20 +132,6 @@ def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
         assert {(int(cx), int(cy)) for cy, cx in np.argwhere(grid)} == expected
 
 
-def test_first_failing_edge_decides():
-    cells = np.zeros((40, 40), np.uint8)
-    square = np.array([[-0.4, -0.4], [0.4, -0.4], [0.4, 0.4], [-0.4, 0.4]])
-    at = (0.525, 1.025, 0.0)  # its edge 0 runs along row 12, from column 2 to 18
-    cells[12, 10] = 254  # under edge 0
-    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == footprints.ON_LETHAL
-    cells[12, 9] = 255  # the outline meets it earlier
-    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == footprints.ON_UNKNOWN
-    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, 0.3, 1.025, 0.0) == footprints.OFF_MAP
-    cells[:] = 253
-    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square, *at) == 253.0
-    assert footprints.footprint_cost(cells, 0.0, 0.0, 0.05, square[:2], *at) == footprints.ON_LETHAL
-
-
 @given(*[st.integers(0, 30)] * 4)
 @settings(max_examples=200, deadline=None)
 def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):

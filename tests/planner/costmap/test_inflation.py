@@ -1,15 +1,11 @@
-"""The inflation layer: costs, bounds and windows by hand; spreading and repairing against the plain queue."""
-
-from dataclasses import replace
+"""The inflation layer against the plain queue: maps that are painted from nothing, and maps that are repaired."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from applr_ros1.planner.costmap import brushfire
-from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.inflation_layer import LARGEST_F32, InflationLayer, InflationParameters
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
 from tests.support import map_scenes, plain_maps
 
 RADII = (0.0, 0.04, 0.1, 0.25, 0.28, 0.3, 0.6, 1.3)
@@ -23,41 +19,6 @@ def make(nx, ny, parameters, inscribed=0.265, resolution=0.05):
 
 def blank(nx, ny, value=0):
     return np.full((ny, nx), value, np.uint8)
-
-
-def test_reach_is_whole_cells_not_metres():
-    for radius, reach in ((0.0, 0), (0.25, 5), (0.28, 6), (0.30, 6)):
-        layer = make(40, 40, InflationParameters(radius))
-        assert layer.reach == reach
-        master, base = blank(40, 40), blank(40, 40)
-        base[20, 20] = 254
-        layer.update(master, base, (0, 0, 40, 40))
-        assert np.count_nonzero(master[20]) == (2 * reach + 1 if reach else 1)
-
-
-def test_fewer_than_three_points_make_all_within_reach_inscribed():
-    costmap = Costmap(2.025, 2.025, 0.05, footprint=[[0.1, 0.1]], inflation=InflationParameters(0.2))
-    cells = blank(40, 40)
-    cells[20, 20] = 254
-    costmap.paint(cells)
-    assert set(np.unique(costmap.cells)) == {0, 253, 254}
-
-
-def test_bounds():
-    layer = make(40, 40, InflationParameters(0.3))
-    everything = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
-    assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything  # the footprint was set
-    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) == (1.0 - 0.3, 0.5 - 0.3, 3.0 + 0.3, 2.0 + 0.3)
-    same = layer.parameters
-    layer.configure(replace(same))
-    assert layer.update_bounds((1.5, 0.5, 3.0, 1.0)) != everything  # the same values again do nothing
-    for change in (dict(inflation_radius=0.4), dict(cost_scaling_factor=3.0), dict(inflate_unknown=True)):
-        layer.configure(replace(layer.parameters, **change))
-        assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) == everything
-        assert layer.update_bounds((1.0, 1.0, 2.0, 2.0)) != everything
-    layer.configure(replace(layer.parameters, enabled=False))
-    layer.reset()
-    assert not layer.full_pass_due
 
 
 @given(
@@ -131,9 +92,3 @@ def test_short_queues_are_survived():
         layer.update(master, plain.copy(), (0, 0, 300, 300))
         plain_maps.inflate(plain, 0, 0, 300, 300, 0.3, 0.05, 3.0, 0.265, False)
         np.testing.assert_array_equal(master, plain)
-
-
-def test_levels_fit_their_type():
-    step_level, distances = brushfire.tables(brushfire.MAX_REACH)
-    assert brushfire.SEED < step_level.max() == len(distances) < brushfire.NONE
-    assert (2 * brushfire.MAX_REACH + 1) ** 2 <= brushfire.CODE + 1

@@ -76,25 +76,6 @@ def test_projection_rounds_as_the_cpp_code(ranges, x, y, yaw):
 
 
 # -- marking and clearing ---------------------------------------------------------------------------------------------
-def test_a_hit_marks_its_cell_and_clears_the_way():
-    made = layer(default=255)
-    bounds = observe(made, cloud((1.02, 0.02, 0.0)))
-    row = made.cells[cell(made, 1.02, 0.02)[0]]
-    assert row[cell(made, 1.02, 0.02)[1]] == 254
-    assert np.count_nonzero(row == 0) == 20
-    assert np.count_nonzero(made.cells != 255) == 21
-    assert bounds == (0.0, 0.0, float(np.float32(1.02)), float(np.float32(0.02)))
-
-
-def test_hits_between_the_ranges_erase_their_cell():
-    made = layer(n=200, origin=(-5.0, -5.0))
-    for x, value in ((2.4, 254), (2.52, 0), (2.98, 0)):
-        made.cells[cell(made, x, 0.0)] = 254
-        observe(made, cloud((x, 0.0, 0.0)))
-        assert made.cells[cell(made, x, 0.0)] == value
-    made.cells[cell(made, 3.52, 0.0)] = 254
-    assert observe(made, cloud((3.52, 0.0, 0.0)))[2] == pytest.approx(3.0)  # beyond the ray's end nothing happens
-    assert made.cells[cell(made, 3.52, 0.0)] == 254
 
 
 @pytest.mark.parametrize(

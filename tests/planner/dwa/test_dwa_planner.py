@@ -1,6 +1,5 @@
 """The DWA planner: its short cuts choose what scoring every sample chooses; parameters, memory, single velocities."""
 
-import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -98,25 +97,6 @@ def test_chooses_as_scoring_every_sample():
             assert choice.points[-1].tolist() == every.ends[best].tolist(), seed
             assert min(every.shown[every.shown >= 0]) == choice.cost
     assert legal > 300
-
-
-def test_a_barred_direction_is_not_chosen_until_the_robot_has_moved_on():
-    planner = DWAPlanner(BURGER, 0.1)
-    flags = [0] * 15
-    flags[1] = 1  # forward_neg_only
-    for x, v in ((0.0, -1), (0.04, -1), (0.06, -1)):
-        planner.state = flags
-        choice = planner.find_best_path(open_map(), [(0, 0), (1, 0)], (x, 0, 0), (0, 0, 0))
-        assert math.copysign(1, choice.vx) == v
-        assert planner.state[1] == (x <= 0.05)
-
-
-def test_the_nose_must_stay_on_the_map():
-    planner = DWAPlanner(BURGER, 0.1)
-    plan = [(0, 0), (1, 0)]
-    assert planner.find_best_path(open_map(), plan, (1.1, 0, 0.0), (0, 0, 0)).cost >= 0
-    assert planner.find_best_path(open_map(), plan, (1.2, 0, 0.0), (0, 0, 0)).cost == -7
-    assert planner.find_best_path(open_map(), plan, (1.2, 0, 3.1), (0, 0, 0)).cost >= 0
 
 
 def test_a_changed_footprint_counts_at_once():

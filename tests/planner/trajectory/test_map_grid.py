@@ -88,13 +88,6 @@ def test_settled_cells_are_final_and_others_are_beyond_the_limit(seed):
             assert whole[y, x] == N + 1
 
 
-def test_plan_is_made_as_dense_as_the_map():
-    path, goal = completed(prepared(np.zeros((NY, NX), np.uint8), [(0.05, 0.05), (2.05, 0.05)])[0])
-    assert np.array_equal(np.argwhere(path == 0), [(0, x) for x in range(21)])
-    assert goal[0, 20] == 0
-    assert goal[3, 4] == 16 + 3
-
-
 def test_points_off_the_map_are_skipped_at_first_and_end_the_plan_later():
     grids, goal = prepared(np.zeros((NY, NX), np.uint8), [(-0.15, 0.55), (0.55, 0.55), (0.55, -0.3), (2.0, 0.5)])
     path = completed(grids)[0]
@@ -114,18 +107,6 @@ def test_without_a_plan_nothing_is_reached():
     grids, goal = prepared(np.zeros((NY, NX), np.uint8), [])
     assert goal == (-1, -1)
     assert all(np.all(grid == N + 1) for grid in completed(grids))
-
-
-def test_walls_under_the_robot_let_only_the_path_through():
-    cells = np.zeros((NY, NX), np.uint8)
-    cells[:, 12] = 254
-    grids, _ = prepared(cells, [(0.3, 0.85), (0.9, 0.85)], pose=(1.25, 0.85, 0.0))
-    path, goal = completed(grids)
-    assert grids.within[8, 12] == 1
-    assert path[8, 12] == 3
-    assert path[8, 20] == 11
-    assert goal[8, 12] == N
-    assert goal[8, 20] == N + 1
 
 
 def test_grids_can_be_used_again():

@@ -1,5 +1,5 @@
-"""Whole evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules. The worlds
-are made here.
+"""Whole evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules. The
+worlds are made here.
 """
 
 import csv
