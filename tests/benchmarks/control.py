@@ -1,17 +1,16 @@
-"""Time of the trajectory planner's cycle (findBestPath) on scenarios of the golden set. Called by run.py.
+"""Processor time of one choice of a velocity (findBestPath) on scenarios of the golden sets. Called by run.py.
 
-The C++ planner's times of like scenarios stand in tests/golden/FORMAT.md: 1,620 and 15,700 us.
+The C++ planners' times of like scenarios stand in tests/golden/FORMAT.md (1,620 and 15,700 us) and
+tests/golden_dwa/FORMAT_DWA.md (1,170 us for the burger, 2,103 us for the waffle).
 """
 
 import statistics
 import time
 from pathlib import Path
-from types import SimpleNamespace
 
-from applr_ros1.planner.costmap.footprint import pad
-from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from tests.replay_golden import load
+from tests import replay_dwa, replay_golden
 
+SETS = Path(__file__).resolve().parents[1]
 SCENARIOS = 20
 CYCLES = 30  # of each scenario; its median counts
 FAST = dict(max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=12, vtheta_samples=40)
@@ -19,51 +18,64 @@ FAST = dict(max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=1
 
 def planner_cycle_default():
     """The Jackal's parameters: 6 x 20 samples."""
-    return microseconds(times({}))
+    return _trajectory_planner({})
 
 
 def planner_cycle_max():
     """12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
-    return microseconds(times(FAST, (1.6, 0.0, 0.3)))
+    return _trajectory_planner(FAST, (1.6, 0.0, 0.3))
 
 
-def microseconds(seconds):
-    """Median [us] of times [s], and how it is printed."""
-    return 1e6 * statistics.median(seconds), "us (median of %d scenarios, %.0f to %.0f)" % (
-        len(seconds),
-        1e6 * min(seconds),
-        1e6 * max(seconds),
-    )
+def dwa_planner_cycle():
+    """TurtleBot3 burger as its navigation package drives it: 861 samples of 1.5 s, 3 x 3 m."""
+    return _dwa_planner("burger")
 
 
-def times(changes, velocity=None):
-    """Median time [s] of a cycle for each of the scenarios, with some parameters changed."""
-    chosen = [
-        scenario
-        for scenario in load(Path(__file__).resolve().parents[1] / "golden")
-        if scenario.kind == "dwa"
-        and scenario.inputs["params"]["vx_samples"] == 6
-        and scenario.inputs["params"]["vtheta_samples"] == 20
-    ][:SCENARIOS]
-    return [_median(scenario, changes, velocity) for scenario in chosen]
+def dwa_planner_cycle_waffle():
+    """TurtleBot3 waffle: 861 samples of 2.0 s, 3 x 3 m."""
+    return _dwa_planner("waffle")
 
 
-def _median(scenario, changes, velocity):
-    given = scenario.inputs
-    planner = TrajectoryPlanner(
-        pad(given["footprint"], given["footprint_padding"]),
-        dict(given["params"], **changes),
-        given["sim_period"],
-        bool(given["meter_scoring"]),
-    )
-    planner.set_plan(scenario.array("plan"))
-    costmap = SimpleNamespace(cells=scenario.array("costmap"), origin=given["origin"], resolution=given["resolution"])
-    pose, velocity = given["pose"], velocity or given["vel"]
-    planner.find_best_path(costmap, pose, velocity)
+def _of_samples(name, **samples):
+    """The scenarios of a set with so many samples."""
+    found = [scenario for scenario in replay_golden.load(SETS / name) if scenario.kind == "dwa"]
+    return [scenario for scenario in found if samples.items() <= scenario.inputs["params"].items()]
+
+
+def _trajectory_planner(changes, velocity=None):
+    times = []
+    for scenario in _of_samples("golden", vx_samples=6, vtheta_samples=20)[:SCENARIOS]:
+        costmap = replay_golden.make_costmap(scenario)
+        planner = replay_golden.make_planner(scenario, costmap)
+        planner.reconfigure(changes)
+        planner.set_plan(scenario.array("plan"))
+        scene = costmap, scenario.inputs["pose"], velocity or scenario.inputs["vel"]
+        times.append(_median(planner, [0] * 10, scene))
+    return _microseconds(times)
+
+
+def _dwa_planner(robot):
+    """Of a robot's scenarios, those in which a legal command is found."""
+    times = []
+    for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
+        if scenario.robot == robot and scenario.expected["best"]["index"] >= 0:
+            costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
+            scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
+            times.append(_median(planner, replay_dwa.flags_in(scenario), scene))
+    return _microseconds(times)
+
+
+def _median(planner, state, scene):
+    planner.find_best_path(*scene)
     took = []
     for _ in range(CYCLES):
-        planner.state = [0] * 10
-        began = time.perf_counter()
-        planner.find_best_path(costmap, pose, velocity)
-        took.append(time.perf_counter() - began)
-    return statistics.median(took)
+        planner.state = state
+        began = time.thread_time()
+        planner.find_best_path(*scene)
+        took.append(time.thread_time() - began)
+    return 1e6 * statistics.median(took)
+
+
+def _microseconds(times):
+    """Their median, and how it is printed."""
+    return statistics.median(times), "us (median of %d scenarios, %.0f to %.0f)" % (len(times), min(times), max(times))

@@ -15,8 +15,8 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 FIGURES = {  # name -> module beside this file, in the order in which they are measured
     "planner_cycle_default": "control",
     "planner_cycle_max": "control",
-    "dwa_planner_cycle": "dwa",
-    "dwa_planner_cycle_waffle": "dwa",
+    "dwa_planner_cycle": "control",
+    "dwa_planner_cycle_waffle": "control",
     "inflation": "maps",
     "navfn": "maps",
     "control_cycle": "cycle",

@@ -84,12 +84,7 @@ class Page:
 
     def place(self, words, kind="button, label, [role=tab], [role=option]"):
         """(x, y) [pixels] of the middle of the element with exactly this text."""
-        found = self.evaluate(
-            "(() => { const e = [...document.querySelectorAll(%s)].filter("
-            "e => e.textContent.trim() == %s && e.getClientRects().length).at(-1); if (!e) return null;"
-            "e.scrollIntoView({block: 'nearest'}); const r = e.getBoundingClientRect();"
-            "return [r.x + r.width / 2, r.y + r.height / 2]; })()" % (json.dumps(kind), json.dumps(words))
-        )
+        found = self._middle(kind, "e.textContent.trim() == %s" % json.dumps(words))
         assert found, "no %r on the page: %s" % (words, self.text)
         return found
 
@@ -133,11 +128,14 @@ class Page:
 
     def _input(self, now):
         """The middle of the input that shows `now`; None where there is none."""
+        return self._middle("input", "e.value == %s" % json.dumps(now))
+
+    def _middle(self, kind, holds):
+        """Of the last visible element `e` of a kind for which a JavaScript expression holds; None where none does."""
         return self.evaluate(
-            "(() => { const e = [...document.querySelectorAll('input')].find("
-            "e => e.value == %s && e.getClientRects().length); if (!e) return null;"
-            "e.scrollIntoView({block: 'nearest'}); const r = e.getBoundingClientRect();"
-            "return [r.x + r.width / 2, r.y + r.height / 2]; })()" % json.dumps(now)
+            "(() => { const e = [...document.querySelectorAll(%s)].filter(e => %s && e.getClientRects().length).at(-1);"
+            "if (!e) return null; e.scrollIntoView({block: 'nearest'}); const r = e.getBoundingClientRect();"
+            "return [r.x + r.width / 2, r.y + r.height / 2]; })()" % (json.dumps(kind), holds)
         )
 
     def click(self, x, y):
