@@ -29,13 +29,6 @@ def test_draw_mistakes(out):
     assert done.stderr.count("\n") == 1
 
 
-def test_compare_prints_both_sides():
-    done = run("worlds.compare")
-    assert done.returncode == 0
-    assert done.stdout.count("built-in") == 6
-    assert done.stdout.count("BARN ") == 6
-
-
 def test_compare_with_a_folder_of_files(tmp_path):
     for n in (0, 7, 100):
         sdf_writer.write(worlds.load("generated:%d" % n), str(tmp_path / ("world_%d.world" % n)))

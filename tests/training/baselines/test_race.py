@@ -1,12 +1,8 @@
 """Races between candidates on common trials (training/baselines/race.py), and the file of trials of a search."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from training.actors.tasks import Trial, TrialResult
 from training.baselines.race import clearly_worse, race
-from training.evaluation.store import TrialTable
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
@@ -45,14 +41,3 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
     assert not clearly_worse(worlds[::-1], worlds)
     assert not clearly_worse(worlds, worlds)
     assert not clearly_worse(worlds[:4] + 50.0, worlds[:4])
-
-
-def test_a_table_remembers_trials_to_the_last_bit(tmp_path):
-    path, task = tmp_path / "trials.sqlite", Trial("w", "set", 0, 1, "w", "", "ours", theta=(0.1, 0.2))
-    result = TrialResult(success=True, time_s=12.345678901234567, reason="finished")
-    for setting, known in ((["a"], None), (["a"], result), (["b"], None)):
-        table = TrialTable(path, setting)
-        assert table.find(replace(task, trace=True)) == known
-        assert table.find(replace(task, theta=(0.1, 0.3))) is None
-        table.add(task, result)
-        table.close()
