@@ -74,10 +74,12 @@ def test_says_which_node_sends_commands_past_it(stack):
     subscriber.unregister()
 
 
-def test_unknown_and_impossible_parameters_are_one_line(stack):
-    ros = session()
-    for arguments, words in (("_margins:=1", "no such parameter: margins"), ("_deceleration:=0", "deceleration is 0")):
-        child = ros.python(ROOT / "applr_ros1/scripts/collision_monitor.py", arguments, "__name:=wrong_monitor")
-        assert child.process.wait(30.0) == 1
-        assert words in child.text
-        assert "Traceback" not in child.text
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [("_margins:=1", "no such parameter: margins"), ("_deceleration:=0", "deceleration is 0")],
+)
+def test_unknown_and_impossible_parameters_are_one_line(argument, words):
+    child = session().python(ROOT / "applr_ros1/scripts/collision_monitor.py", argument, "__name:=wrong_monitor")
+    assert child.process.wait(30.0) == 1
+    assert words in child.text
+    assert "Traceback" not in child.text
