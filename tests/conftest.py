@@ -72,13 +72,21 @@ def pytest_collection_modifyitems(config, items):
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_teardown(item, nextitem):
+def pytest_runtest_teardown():
     yield
+    harness = sys.modules.get("tests.support.ros_harness")
+    if harness:
+        harness.forget_ended()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item, nextitem):
+    """A test with its reruns, which need what the tests of its group share."""
+    ran = yield
     harness = sys.modules.get("tests.support.ros_harness")
     if harness and (nextitem is None or group_of(nextitem.path) != group_of(item.path)):
         harness.close_session()
-    elif harness:
-        harness.forget_ended()
+    return ran
 
 
 @pytest.fixture
