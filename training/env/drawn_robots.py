@@ -11,7 +11,7 @@ from typing import Any, Dict
 
 import numpy as np
 
-from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from applr_ros1.robots.default_space import DWA, default_space
 from applr_ros1.robots.description import (
     Base,
@@ -26,13 +26,18 @@ from applr_ros1.robots.description import (
 )
 
 NAME = "drawn"  # as a robot's name in training: each episode draws one
-JACKALS = 0.3  # share of episodes that the Jackal drives
+JACKALS, OTHERS = 0.3, 0.3  # shares of episodes that the Jackal and the other included robots drive
 JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 
 
 def draw(rng: np.random.Generator) -> Robot:
-    """The Jackal in every third draw, else a robot that has never been before."""
-    return JACKAL if rng.random() < JACKALS else draw_another(rng)
+    """The Jackal, another included robot, or in two of five draws a robot that has never been before."""
+    which = rng.random()
+    if which < JACKALS:
+        return JACKAL
+    if which < JACKALS + OTHERS:
+        return load(str(rng.choice([name for name in NAMES if name != JACKAL.name])))
+    return draw_another(rng)
 
 
 def draw_another(rng: np.random.Generator) -> Robot:
