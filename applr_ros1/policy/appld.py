@@ -4,7 +4,6 @@ Called by policy/methods/registry.py; training/appld.py writes the file.
 """
 
 import json
-import math
 import os
 
 import numpy as np
@@ -21,14 +20,6 @@ from applr_ros1.policy.parameter_space import SPACE
 FORMAT = "applr-appld-1"
 MAX_BYTES = 64 * 2**20
 MAX_CONTEXTS = 64
-
-# The authors' published sets for the Jackal, in the order of the space's names
-PUBLISHED = {
-    "curve": (0.80, 0.73, 6, 42, 0.04, 0.98, 0.94, 0.19),
-    "obstacle": (0.71, 0.91, 16, 53, 0.55, 0.54, 0.91, 0.39),
-    "gap": (0.25, 1.34, 8, 59, 0.43, 0.65, 0.98, 0.40),
-    "open": (1.59, 0.89, 18, 18, 0.40, 0.46, 0.27, 0.42),
-}
 
 
 class Appld:
@@ -76,42 +67,6 @@ class Appld:
         return self.sets[self.context(obs)].copy()
 
 
-class Published:
-    """The authors' published parameter sets, chosen by a rule of ours.
-
-    Their classifier was never published. The rule looks at the free space ahead and to the sides: `open` where
-    nothing is near ahead, else `gap` between two near walls, `obstacle` where something is close ahead, and `curve` in
-    the rest. It was chosen among three such rules by a few drives only (with `obstacle` in the rest, most trials run
-    out of time).
-    """
-
-    names = list(PUBLISHED)
-    FREE = 1.6  # [m], 45 degrees; freer counts as open
-    SIDE = 0.6  # [m]; nearer counts as a wall beside the robot
-    CLOSE = 0.8  # [m], 45 degrees ahead
-
-    def __init__(self, space=SPACE):
-        if space.names != SPACE.names:
-            raise ApplrError("appld:published: these sets are for the Jackal: learn some for %s" % space.robot)
-        self.space, self.layout = space, LAYOUT
-        self._sides = [LAYOUT.sector(bearing, math.radians(45.0)) for bearing in (0.0, -1.442, 1.442)]
-        self.sets = np.array([space.clip(theta) for theta in PUBLISHED.values()])
-
-    def context(self, obs):
-        """The index into `names` for an observation (729,)."""
-        ranges = np.asarray(obs, dtype=np.float64)[: LAYOUT.beams] + 1.0
-        ahead, right, left = (ranges[beams].min() for beams in self._sides)
-        if ahead > self.FREE:
-            return self.names.index("open")
-        if right < self.SIDE and left < self.SIDE:
-            return self.names.index("gap")
-        return self.names.index("obstacle" if ahead < self.CLOSE else "curve")
-
-    def theta(self, obs):
-        """The parameters (n,) float64 for an observation float32."""
-        return self.sets[self.context(obs)].copy()
-
-
 def save(path, contexts, weights, metadata=None, space=SPACE, layout=LAYOUT):
     """Writes an APPLD file, whole or not at all. contexts: {name: theta}; metadata: {str: str}, where it comes from."""
     _layers(weights, len(contexts), layout)
@@ -126,6 +81,3 @@ def _layers(weights, outputs, layout):
     if not 1 <= outputs <= MAX_CONTEXTS:
         raise ApplrError(f"{outputs} contexts: give 1 to {MAX_CONTEXTS}")
     return layers_of(weights, layout.beams, outputs, "APPLD's network")
-
-
-__all__ = ["Appld", "Published", "PUBLISHED", "save"]

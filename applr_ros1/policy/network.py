@@ -88,16 +88,12 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
 def forward(layers: Layers, x: Any) -> np.ndarray:
     """The network's output before any last activation: ReLU between layers. x (n, inputs) or (inputs,). NaN passes."""
     x = np.asarray(x, dtype=np.float32)
-    if layers[0][0].ndim < 3:
-        return _linear(layers[-1], hidden(layers, x))
-    return _linear(layers[-1], hidden(layers, np.atleast_2d(x))).mean(axis=0).reshape(*x.shape[:-1], -1)
-
-
-def hidden(layers: Layers, x: np.ndarray) -> np.ndarray:
-    """The units of the last hidden layer. Of k networks side by side x is (n, inputs), and they are (k, n, units)."""
+    several, shape = layers[0][0].ndim == 3, x.shape[:-1]
+    units = np.atleast_2d(x) if several else x  # of k networks side by side (k, n, units) after the first layer
     for layer in layers[:-1]:
-        x = np.maximum(_linear(layer, x), np.float32(0.0))
-    return x
+        units = np.maximum(_linear(layer, units), np.float32(0.0))
+    out = _linear(layers[-1], units)
+    return out.mean(axis=0).reshape(*shape, -1) if several else out
 
 
 def _linear(layer: Tuple[np.ndarray, np.ndarray], x: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from unittest import mock
 
 MODULES = {
     "training": ["train"],
-    "experiments": ["evaluate", "static_search", "refine_policy", "appld", "demonstrate", "bags_to_dataset"]
+    "experiments": ["evaluate", "static_search", "appld", "demonstrate", "bags_to_dataset"]
     + [
         "export",
         "export_minari",

@@ -1,4 +1,4 @@
-"""What stands in the SQLite table of trials that evaluations, searches and refinements keep."""
+"""What stands in the SQLite table of trials that evaluations and searches keep."""
 
 import sqlite3
 from contextlib import closing

@@ -1,6 +1,6 @@
 """Drives trials in a pool of workers, those whose results a table does not hold yet.
 
-evaluate.py, static_search.py and refine_policy.py drive with this. What was stopped finds the trials that it drove
+evaluate.py and static_search.py drive with this. What was stopped finds the trials that it drove
 before in the table, and thereby comes to where it was and to the same result.
 """
 

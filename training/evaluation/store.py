@@ -2,7 +2,7 @@
 
 trials.sqlite holds the result of each trial; trials.csv and measures.csv, a row per trial in the plan's order, are
 written from it. evaluation.json says what was asked, traces/ holds the driven paths. evaluate.py writes, the report
-reads; searches and refinements keep their trials in such a table too.
+reads; searches keep their trials in such a table too.
 """
 
 from __future__ import annotations

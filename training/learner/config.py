@@ -55,7 +55,7 @@ class RunOptions(Options):
         "Number of transitions to collect in all, one per decision. The paper used 5 million.", ge=0, le=10**9)
     minutes: float = option(0.0,
         "Wall time [min] after which the run ends even before --total-timesteps, interruptions not counted. 0 sets no "
-        "limit. What --refine does afterwards is not part of it.", ge=0, le=1e6)
+        "limit.", ge=0, le=1e6)
     # fmt: on
 
 
@@ -139,7 +139,7 @@ class TaskOptions(Options):
 class OfflineOptions(Options):
     """Learning without driving."""
 
-    model_config = ConfigDict(title="Offline learning, and what comes before and after")
+    model_config = ConfigDict(title="Offline learning, and what a run begins with")
 
     # fmt: off
     dataset: str = option("",
@@ -152,10 +152,6 @@ class OfflineOptions(Options):
         "answers with, static for the robot's own best single set or a JSON file; or a policy in the dimensionless "
         "form, general for the included one or its file. Without it the policy begins near the middle of the ranges.",
         fixed=True)
-    refine: int = option(0,
-        "Number of steps in which the last policy is refined after the training, as training.refine_policy does it: "
-        "each drives 500 fresh worlds twice, and the result is refined.safetensors in the folder of the run. The "
-        "simulator and planner are those of the evaluations. 0 does not refine.", ge=0, le=16)
     # fmt: on
 
 
@@ -195,8 +191,8 @@ class TrainConfig(
                 f"--max-policy-lag is {self.max_policy_lag}, but the actors get a new policy every "
                 f"{self.broadcast_interval} gradient steps only: give {self.broadcast_interval} or more"
             )
-        if self.env != NAVIGATION and (self.refine or self.mirror):
-            raise ApplrError("--refine and --mirror are for the navigation task: leave them out, or --env")
+        if self.env != NAVIGATION and self.mirror:
+            raise ApplrError("--mirror is for the navigation task: leave it out, or --env")
         return self
 
     # -- what the parts need
@@ -266,7 +262,7 @@ class TrainConfig(
 
     @property
     def eval_planner(self) -> str:
-        """The planner of evaluations and refinement."""
+        """The planner of the evaluations."""
         return "ours" if self.planner == "drawn" else self.planner
 
     def setting(self) -> str:

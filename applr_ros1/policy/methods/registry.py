@@ -8,7 +8,7 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor
-from applr_ros1.policy.appld import Appld, Published
+from applr_ros1.policy.appld import Appld
 from applr_ros1.policy.methods.included import (
     FixedParameters,
     FrozenParameter,
@@ -61,10 +61,7 @@ def _actor(path: str, robot: Robot) -> Method:
 
 
 def _appld(path: str, robot: Robot) -> Method:
-    space = space_of(robot)
-    if path == "published":
-        return ObservationPolicy(Published(space), per_cell=False)
-    return ObservationPolicy(Appld.load(path, space), path)
+    return ObservationPolicy(Appld.load(path, space_of(robot)), path)
 
 
 def _fixed(path: str, robot: Robot) -> Method:
@@ -77,12 +74,6 @@ def _fixed(path: str, robot: Robot) -> Method:
 def _named(values: Dict[str, float], robot: Robot) -> Method:
     space = space_of(robot)
     return FixedParameters(space.from_dict(values), space)
-
-
-def _for_two_seconds(robot: Robot) -> str:
-    """The policy file that is meant for a decision every 2 s, where the robot has one; else its shipped policy."""
-    own = shipped("applr_2s.safetensors", robot)
-    return own if os.path.exists(own) else shipped(robot=robot)
 
 
 METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
@@ -100,17 +91,9 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
         lambda robot: _actor(shipped(robot=robot), robot),
         "the robot's own policy; where it has none, the included one for every robot",
     ),
-    "applr_2s": (
-        lambda robot: at_period(_actor(_for_two_seconds(robot), robot), "2"),
-        "the paper's decision period of 2 s: the Jackal's policy for it, another robot's shipped policy as it is",
-    ),
     "appld": (
         lambda robot: _appld(shipped("appld.safetensors", robot), robot),
         "the shipped contexts and classifier",
-    ),
-    "appld:published": (
-        lambda robot: _appld("published", robot),
-        "the authors' published sets, with a rule of ours that chooses",
     ),
 }
 FILES: Dict[str, Callable[[str, Robot], Method]] = {"applr": _actor, "appld": _appld, "fixed": _fixed}  # KIND:FILE

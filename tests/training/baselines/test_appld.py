@@ -164,17 +164,6 @@ def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_
     assert error.count("\n") == 1
 
 
-def test_published_sets_as_a_mode():
-    method = methods.make("appld:published").policy
-    seen = set()
-    for ahead, beside in ((2.0, 2.0), (1.2, 1.0), (1.2, 0.4), (0.7, 1.0)):
-        obs = np.full(729, beside - 1.0, np.float32)
-        obs[300:420] = ahead - 1.0
-        seen.add(method.names[method.context(obs)])
-        assert np.array_equal(method.theta(obs), SPACE.clip(method.theta(obs)))
-    assert seen == set(runtime.PUBLISHED)
-
-
 def test_shipped_file_drives():
     """The file in models/ is one of these, and its card says that a script demonstrated."""
     path = methods.shipped("appld.safetensors")

@@ -1,15 +1,12 @@
 """Options of a training run: what is refused before its folder is made, recipes, and what a resumed run keeps."""
 
 import json
-import os
 
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import sha256
-from applr_ros1.policy.actor import Actor
 from tests.support.toy_training import one_line, toy
-from training import refine_policy, train
+from training import train
 from training.learner import config as options
 from training.learner.config import TrainConfig, parse
 
@@ -25,7 +22,7 @@ from training.learner.config import TrainConfig, parse
         (["--planner", "theirs"], "--planner is 'theirs': input should be 'ours', 'cpp-like' or 'drawn'"),
         (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
         (["--env", "os:getcwd"], "--env os:getcwd cannot be made: TypeError: it is no gymnasium.Env"),
-        (["--mirror"], "--refine and --mirror are for the navigation task"),
+        (["--mirror"], "--mirror is for the navigation task"),
         (["--actors", "1", "--max-policy-lag", "10"], "--max-policy-lag is 10, .*: give 25 or more"),
         (["--symmetric"], "no scan and angle to mirror"),
         (["--scan-pool", "7"], "--scan-pool is 7: give a divisor"),
@@ -73,7 +70,7 @@ def test_the_recipes():
         *(1.0, "pybullet"),
         *("drawn", "ours"),
     )
-    assert (shipped.symmetric, shipped.c_switch, shipped.refine) == (True, 3.0, 8)
+    assert (shipped.symmetric, shipped.c_switch) == (True, 3.0)
     assert len(parse(["--recipe", "husky"]).start_action()) == 12
 
 
@@ -103,40 +100,3 @@ def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
     (tmp_path / "checkpoint.json").write_text("{}")
     assert parse(["--resume", "--out", str(tmp_path)]).start_action() == ()
     assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4  # a run keeps its options
-
-
-# -- the refinement after a training ----------------------------------------------------------------------------------
-def test_a_training_run_refines_its_last_policy(tmp_path, monkeypatch, capsys):
-    command = refine_policy.run
-    few = ["--pairs", "2", "--components", "0", "--worlds", "fresh:7-12", "--workers", "0"]
-    monkeypatch.setattr(refine_policy, "WATCHED", 2)
-    monkeypatch.setattr(refine_policy, "run", lambda arguments: command([*arguments, *few]))
-    out = tmp_path / "run"
-    arguments = ["--total-timesteps", "12", "--net-arch", "8", "--worlds", "generated:0", "--eval-worlds", "none"]
-    arguments += ["--decision-period", "1", "--symmetric", "--refine", "1", "--out", str(out)]
-    assert train.main(arguments) == 0, capsys.readouterr().err
-    assert f"refining: python -m training.refine_policy {out}/actor.safetensors" in capsys.readouterr().out
-    refined = Actor.load(out / "refined.safetensors")
-    told = refined.metadata["training"]["refined"]
-    assert (told["step"], told["simulator"]) == (1, "kinematic")
-    assert (refined.period, refined.metadata["training"]["options"]["decision_period"]) == (1.0, 1.0)
-    assert told["start"] == sha256((out / "actor.safetensors").read_bytes())
-
-    assert train.main(["--resume", "--out", str(out), "--refine", "2"]) == 0
-    assert Actor.load(out / "refined.safetensors").metadata["training"]["refined"]["step"] == 2
-
-    def interrupted(arguments):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(refine_policy, "run", interrupted)
-    assert train.main(["--resume", "--out", str(out)]) == 130
-    assert "--resume continues the refinement" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("address", "workers"), [([], "500"), (["--ray-address", "local"], "2")])
-def test_a_clusters_actors_do_not_count_where_the_refinement_drives(tmp_path, monkeypatch, address, workers):
-    asked = []
-    monkeypatch.setattr(refine_policy, "run", asked.extend)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
-    train.refine(parse(["--actors", "500", "--refine", "8", "--out", str(tmp_path), *address]))
-    assert asked[asked.index("--workers") + 1] == workers

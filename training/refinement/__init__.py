@@ -1,1 +1,0 @@
-"""A search around a learnt policy by driving alone, without critics. refine_policy.py starts it."""
