@@ -55,7 +55,7 @@ class StaticOptions(SearchOptions):
     final_worlds: str = option("generated:validation",
         f"Worlds of the last race: {FORMS}; several are separated by commas.")
     final_simulator: SimulatorName = option("pybullet", "Simulator of the last race.")
-    out: str = option("applr_ros1/models/static.json",
+    out: str = option("applr_ros1/robots/jackal/static.json",
         'JSON file for the best set: {"meter_scoring": false, "parameters": {NAME: VALUE}}; its distance biases count '
         "per cell. Beside it, NAME_log.json takes the log and NAME_trials.sqlite every trial, from which a stopped "
         "search continues. NAME.yaml holds the same set as parameters of move_base, to be loaded after the robot's own "

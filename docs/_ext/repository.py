@@ -17,11 +17,8 @@ PAGES = {
     "project/security": "SECURITY.md",
     "project/examples": "examples/README.md",
     "explanation/models/applr": "applr_ros1/models/applr.md",
-    "explanation/models/general": "applr_ros1/models/general.md",
-    "explanation/models/appld": "applr_ros1/models/appld.md",
-    "explanation/models/husky": "applr_ros1/robots/husky/applr.md",
+    "explanation/models/appld": "applr_ros1/robots/jackal/appld.md",
     "explanation/models/husky_static": "applr_ros1/robots/husky/static.md",
-    "explanation/models/waffle_pi": "applr_ros1/robots/turtlebot3_waffle_pi/applr.md",
     "explanation/models/waffle_pi_static": "applr_ros1/robots/turtlebot3_waffle_pi/static.md",
 }
 PAGE_OF = {file: page for page, file in PAGES.items()}

@@ -20,9 +20,7 @@ SEED = 77
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--policy", default=methods.shipped(methods.GENERAL), help="Policy file. Default: the included one."
-    )
+    parser.add_argument("--policy", default=methods.shipped(), help="Policy file. Default: the included one.")
     parser.add_argument("--robots", type=int, default=5, help="Number of robots. Default: 5.")
     options = parser.parse_args()
     courses = [(world, world) for world in worlds.specs("generated:validation")[:16]]

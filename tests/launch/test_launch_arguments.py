@@ -123,7 +123,7 @@ def test_the_demo_refuses_a_wrong_argument_in_one_line(words, line, capsys, monk
 
 def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shutil.copy(os.path.join(ROOT, "applr_ros1", "models", "static.json"), "set.json")
+    shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
     words = ["method:=fixed", "policy:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
     _, passed, _, _ = demo.prepare(words, os.path.join(LAUNCH, "jackal_applr.launch"))
     assert set(passed) == {f"method:=fixed:{tmp_path}/set.json", f"record:={tmp_path}/a.bag", "goal:=none"}

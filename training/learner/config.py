@@ -150,7 +150,7 @@ class OfflineOptions(Options):
         "What learning begins with: the folder of another run, whose policy, critics and optimisers are taken over "
         "without its experience (period, reward and worlds may be others); or a parameter set that the policy first "
         "answers with, static for the robot's own best single set or a JSON file; or a policy in the dimensionless "
-        "form, general for the included one or its file. Without it the policy begins near the middle of the ranges.",
+        "form, applr for the included one or its file. Without it the policy begins near the middle of the ranges.",
         fixed=True)
     # fmt: on
 
@@ -209,8 +209,8 @@ class TrainConfig(
     @property
     def start_run(self) -> str:
         """Run or policy file that --init-from names; "" where it names a parameter set, or nothing."""
-        if self.init_from == "general":
-            return methods.shipped(methods.GENERAL)
+        if self.init_from == "applr":
+            return methods.shipped()
         return "" if self.init_from in methods.METHODS or self.init_from.endswith(".json") else self.init_from
 
     def start_action(self) -> Tuple[float, ...]:
@@ -221,7 +221,7 @@ class TrainConfig(
         if not self.init_from or self.resume and (Path(self.out) / "checkpoint.json").exists():
             return ()
         known = (
-            "static, general, a JSON file with a parameter set, the file of a policy, or the folder of a training "
+            "static, applr, a JSON file with a parameter set, the file of a policy, or the folder of a training "
             "run that has saved a checkpoint"
         )
         if self.start_run:

@@ -80,7 +80,7 @@ class Learner:
         begin_with: str = "",
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
-        self.td3 = TD3(layout.size, layout.action, options, options.seed, options.device, layout.scan, layout.mirror)
+        self.td3 = TD3(layout.size, layout.action, options, options.seed, options.device, layout.mirror)
         self.replay = Replay(layout, options.buffer_size)
         self.rng = np.random.default_rng([options.seed, 1])
         if self.saved(folder) is None:

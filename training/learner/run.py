@@ -59,7 +59,6 @@ class TrainingRun:
         if self.dataset is not None:
             config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
         self.config = config
-        config.check_sizes(made.layout.scan, made.layout.mirror)
         begin_at = config.start_action()
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)

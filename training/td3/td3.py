@@ -61,9 +61,6 @@ class TD3Options(Options):
     preactivation_l2: float = option(0.0,
         "Weight of a penalty on the mean square of the policy's outputs before tanh. It keeps them away from the ends "
         "of the ranges, where tanh has no gradient. 0 switches it off.", ge=0, le=100)
-    scan_pool: int = option(1,
-        "Number of neighbouring beams whose mean is one input of the networks. 5 turns 720 beams into 144 inputs and "
-        "makes a gradient step faster; the actor file still takes every beam.", fixed=True, ge=1, le=1000)
     layer_norm: bool = option(False,
         "Normalise the hidden layers of the critics, which keeps many gradient steps per transition stable.",
         fixed=True)
@@ -71,13 +68,6 @@ class TD3Options(Options):
         "Alpha of TD3+BC (Fujimoto and Gu 2021), which keeps the policy close to the actions of the dataset; its "
         "authors use 2.5. Online it keeps it close to what it has driven with. 0 is plain TD3.", ge=0, le=1000)
     # fmt: on
-
-    def check_sizes(self, scan: int, mirror: Optional[Mirror]) -> None:
-        """Raises ApplrError if networks of these inputs cannot be built (arguments as for TD3)."""
-        if self.scan_pool > 1 and (scan < self.scan_pool or scan % self.scan_pool):
-            raise ApplrError(f"--scan-pool is {self.scan_pool}: give a divisor of the scan's {scan} beams")
-        if self.symmetric and mirror is None:
-            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
 
 
 @dataclass
@@ -110,12 +100,10 @@ class TD3:
         options: hyper-parameters.
         seed: of the networks' first weights.
         device: "cpu", "cuda" or "auto".
-        scan: how many of the observation's first numbers are a scan.
         mirror: what exchanging left and right does to an observation; None where that is not known.
 
     Raises:
-        ApplrError: for an unknown device, a scan that scan_pool does not divide, or a symmetric policy of observations
-            without a scan.
+        ApplrError: for an unknown device, or a symmetric policy of observations without a scan.
     """
 
     def __init__(
@@ -125,17 +113,17 @@ class TD3:
         options: TD3Options = TD3Options(),  # noqa: B008
         seed: int = 0,
         device: str = "cpu",
-        scan: int = 0,
         mirror: Optional[Mirror] = None,
     ):
-        options.check_sizes(scan, mirror)
+        if options.symmetric and mirror is None:
+            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
         self.options, self.actions, self.mirror, self.device = options, actions, mirror, _device(device)
-        hidden, pooled = options.net_arch, (scan, options.scan_pool)
+        hidden = options.net_arch
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.actor = MLP(observations, hidden, actions, *pooled).to(self.device)
+            self.actor = MLP(observations, hidden, actions).to(self.device)
             self.critics = torch.nn.ModuleList(
-                MLP(observations + actions, hidden, 1, *pooled, options.layer_norm) for _ in range(2)
+                MLP(observations + actions, hidden, 1, options.layer_norm) for _ in range(2)
             ).to(self.device)
         self.actor_target, self.critic_targets = (
             copy.deepcopy(network).requires_grad_(False) for network in (self.actor, self.critics)
@@ -277,7 +265,7 @@ class TD3:
             if theirs != tuple(tensor.shape):
                 raise ApplrError(
                     f"{what}: {name} has the shape {theirs}, this run's has {tuple(tensor.shape)}; give the same "
-                    "--net-arch and --scan-pool"
+                    "--net-arch"
                 )
         for name, array in arrays.items():
             if not np.isfinite(array).all():

@@ -27,7 +27,6 @@ from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.methods.registry import (
     FORMS,
-    GENERAL,
     METHODS,
     absolute,
     for_robot,
@@ -39,7 +38,6 @@ from applr_ros1.policy.methods.registry import (
 __all__ = [
     "COMMAND_PERIOD",
     "FORMS",
-    "GENERAL",
     "METHODS",
     "PERIOD",
     "Context",

@@ -24,31 +24,16 @@ from applr_ros1.policy.parameter_space import counts_cells, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
-POLICY = "applr.safetensors"  # of a robot
-GENERAL = "general.safetensors"  # of every robot without one
+POLICY = "applr.safetensors"  # of a robot alone, or of every robot
 OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
 
 
 def shipped(name: str = POLICY, robot: Robot = JACKAL) -> str:
-    """Path of a model: in the robot's folder, else one that comes with the package.
-
-    Those are the Jackal's, and a policy for every robot that has none of its own. They lie beside the code, or below
-    share/ of an install space.
-    """
+    """Path of a file that a method drives with: in the robot's folder, else of the policy for every robot."""
     own = os.path.join(robot.folder, name)
-    if os.path.exists(own):
+    if name != POLICY or os.path.exists(own):
         return own
-    if robot.name != JACKAL.name:
-        if name != POLICY:
-            return own
-        name = GENERAL
-    package = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-    prefix = os.path.join(package, *[os.pardir] * 4)
-    for folder in (package, os.path.join(prefix, "share", "applr_ros1", "applr_ros1")):
-        path = os.path.normpath(os.path.join(folder, "models", name))
-        if os.path.exists(path):
-            return path
-    return os.path.join(package, "models", name)
+    return os.path.join(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))), "models", name)
 
 
 def _actor(path: str, robot: Robot) -> Method:
@@ -89,7 +74,7 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "applr": (
         lambda robot: _actor(shipped(robot=robot), robot),
-        "the robot's own policy; where it has none, the included one for every robot",
+        "the policy for every robot; where the robot's folder has one of its own, that",
     ),
     "appld": (
         lambda robot: _appld(shipped("appld.safetensors", robot), robot),

@@ -165,7 +165,7 @@ def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_
 
 
 def test_shipped_file_drives():
-    """The file in models/ is one of these, and its card says that a script demonstrated."""
+    """The included file is one of these, and its card says that a script demonstrated."""
     path = methods.shipped("appld.safetensors")
     found = runtime.Appld.load(path)
     assert 2 <= len(found.names) <= 8

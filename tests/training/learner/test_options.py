@@ -25,10 +25,9 @@ from training.learner.config import TrainConfig, parse
         (["--mirror"], "--mirror is for the navigation task"),
         (["--actors", "1", "--max-policy-lag", "10"], "--max-policy-lag is 10, .*: give 25 or more"),
         (["--symmetric"], "no scan and angle to mirror"),
-        (["--scan-pool", "7"], "--scan-pool is 7: give a divisor"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
-        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, general, husky"),
+        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, paper"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
@@ -71,7 +70,7 @@ def test_the_recipes():
         *("drawn", "ours"),
     )
     assert (shipped.symmetric, shipped.c_switch) == (True, 3.0)
-    assert len(parse(["--recipe", "husky"]).start_action()) == 12
+    assert len(parse(["--robot", "husky", "--init-from", "static"]).start_action()) == 12
 
 
 def test_help_names_every_option_and_noise_is_the_papers():

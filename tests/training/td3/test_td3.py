@@ -188,30 +188,10 @@ def test_a_gpu_gives_the_same_weights():
         torch.testing.assert_close(ours.cpu(), theirs, atol=2e-4, rtol=0)
 
 
-def test_pooled_scan_becomes_an_actor_that_takes_every_beam():
-    from applr_ros1.policy.actor import Actor
-
-    td3 = TD3(729, 8, TD3Options(net_arch=[32, 32], scan_pool=5, layer_norm=True), seed=3, scan=720)
-    rng = np.random.default_rng(0)
-    for _ in range(4):
-        td3.update(_batch(rng, 64, 729, 8))
-    observation = rng.uniform(-1, 1, (20, 729)).astype(np.float32)
-    actor = Actor(td3.actor_weights())
-    np.testing.assert_allclose(actor.action(observation), td3.action(observation), atol=1e-5)
-    arrays, header = td3.state()
-    other = TD3(729, 8, td3.options, seed=4, scan=720)
-    other.load(arrays, header)
-    np.testing.assert_array_equal(other.action(observation), td3.action(observation))
-    with pytest.raises(ApplrError, match="divisor"):
-        TD3(729, 8, TD3Options(scan_pool=7), scan=720)
-
-
 def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image():
     from applr_ros1.policy.actor import Actor
 
-    td3 = TD3(
-        729, 8, TD3Options(net_arch=[32, 16], scan_pool=5, symmetric=True), seed=3, scan=720, mirror=Mirror.of(720, 9)
-    )
+    td3 = TD3(729, 8, TD3Options(net_arch=[32, 16], symmetric=True), seed=3, mirror=Mirror.of(720, 9))
     observation = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
     mirrored = np.concatenate((observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1)
     before = [np.arctanh(td3.action(seen).astype(float)) for seen in (observation, mirrored)]
