@@ -92,6 +92,11 @@ class Layout:
                 raise ObservationError("layout: %s is %r; %r is needed" % (name, values.get(name), value))
         return layout
 
+    def sector(self, bearing: float, width: float) -> np.ndarray:
+        """Indices of the beams within width / 2 of a bearing [rad]."""
+        angles = self.angle_min + self.step * np.arange(self.beams)
+        return np.flatnonzero(np.abs(_wrapped(angles - bearing)) <= 0.5 * width)
+
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> np.ndarray:
         """A scan as this layout has it: (beams,) float32 [m]; a scan of exactly this geometry comes back as it is.
 
@@ -165,3 +170,7 @@ def _gaps(middles: np.ndarray, covered: np.ndarray) -> str:
     edges = np.flatnonzero(np.diff(np.concatenate([[True], covered, [True]]).astype(int)))
     pairs = zip(middles[edges[::2]], middles[edges[1::2] - 1])
     return " and ".join("%.3f to %.3f" % pair for pair in pairs)
+
+
+def _wrapped(angles: np.ndarray) -> np.ndarray:
+    return (angles + math.pi) % TURN - math.pi

@@ -60,6 +60,7 @@ class TrainingRun:
             config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
         self.config = config
         begin_at = config.start_action()
+        config.check_mirror(made.layout.mirror)
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():

@@ -69,6 +69,11 @@ class TD3Options(Options):
         "authors use 2.5. Online it keeps it close to what it has driven with. 0 is plain TD3.", ge=0, le=1000)
     # fmt: on
 
+    def check_mirror(self, mirror: Optional[Mirror]) -> None:
+        """Raises ApplrError for a symmetric policy of observations whose mirror image is not known (None)."""
+        if self.symmetric and mirror is None:
+            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
+
 
 @dataclass
 class Batch:
@@ -115,8 +120,7 @@ class TD3:
         device: str = "cpu",
         mirror: Optional[Mirror] = None,
     ):
-        if options.symmetric and mirror is None:
-            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
+        options.check_mirror(mirror)
         self.options, self.actions, self.mirror, self.device = options, actions, mirror, _device(device)
         hidden = options.net_arch
         with torch.random.fork_rng(devices=[]):
