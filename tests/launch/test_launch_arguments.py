@@ -135,7 +135,6 @@ def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
         (tmp_path / name).touch()
     for spec, becomes in (
         ("applr", "applr"),
-        ("appld:published", "appld:published"),
         ("mine.safetensors", "applr:{0}/mine.safetensors"),
         ("fixed:set.json", "fixed:{0}/set.json"),
         ("frozen:vx_samples:period:1:mine.safetensors", "frozen:vx_samples:period:1:applr:{0}/mine.safetensors"),
