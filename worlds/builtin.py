@@ -10,7 +10,6 @@ import argparse
 import functools
 import io
 import os
-import zipfile
 from typing import Dict, Sequence, Tuple
 
 import numpy as np
@@ -18,7 +17,7 @@ import numpy as np
 from applr_ros1.common import files
 
 from . import barn_grid, generator
-from .world import World, WorldError
+from .world import World
 
 FILE = os.path.join(os.path.dirname(os.path.abspath(__file__)), "data", "builtin.npz")
 
@@ -36,7 +35,7 @@ SPLITS = {"train": TRAIN, "test": TEST, "validation": VALIDATION, "learn": LEARN
 
 
 def world(number: int) -> World:
-    """World `number` (0 to 299) of the built-in ones. WorldError if the data file is missing or damaged."""
+    """World `number` (0 to 299) of the built-in ones."""
     filled, path = fields()[number]
     return barn_grid.make_world("generated:%d" % number, filled, path)
 
@@ -44,17 +43,11 @@ def world(number: int) -> World:
 @functools.lru_cache(maxsize=1)
 def fields() -> Dict[int, Tuple[np.ndarray, np.ndarray]]:
     """All built-in worlds: {number: (filled (30, 30) bool, path (k, 2) int64 cells)}."""
-    try:
-        with np.load(FILE, allow_pickle=False) as data:
-            bits, ends, cells = data["filled"], data["path_ends"], data["path_cells"]
-        shape = (generator.COUNT, barn_grid.ROWS, barn_grid.COLS)
-        filled = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
-        paths = np.split(cells.astype(np.int64).reshape(-1, 2), ends[:-1])
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise WorldError(
-            "built-in worlds cannot be read from %s (%s); reinstall the package or run "
-            "`python -m worlds.builtin`" % (FILE, error)
-        ) from None
+    with np.load(FILE, allow_pickle=False) as data:
+        bits, ends, cells = data["filled"], data["path_ends"], data["path_cells"]
+    shape = (generator.COUNT, barn_grid.ROWS, barn_grid.COLS)
+    filled = np.unpackbits(bits, count=int(np.prod(shape))).reshape(shape).astype(bool)
+    paths = np.split(cells.astype(np.int64).reshape(-1, 2), ends[:-1])
     return {n: (filled[n], paths[n]) for n in range(generator.COUNT)}
 
 

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import io
 import math
-import os
 import sys
 from typing import Any, List, Sequence
 
 import numpy as np
 
-from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
 from .loading import FORMS, load
@@ -66,26 +63,18 @@ def corners(box: Sequence[float]) -> np.ndarray:
 
 
 def picture(world: World, file: str) -> None:
-    """Draws `world` into a picture file; its ending says which kind. Raises WorldError."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise WorldError(
-            "drawing %s needs matplotlib; install python3-matplotlib (apt) or matplotlib (pip)" % world.name
-        ) from None
+    """Draws `world` into a picture file; its ending says which kind. Raises WorldError or OSError."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(6, 9))
-    FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     draw(axes, world)
     axes.set_title(world.name)
     axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    ending = os.path.splitext(file)[1][1:]
-    if ending not in FigureCanvasAgg.get_supported_filetypes():
-        raise WorldError("%s cannot be written: its ending must say which kind of picture, such as .png" % file)
-    data = io.BytesIO()
-    figure.savefig(data, dpi=120, bbox_inches="tight", format=ending)
-    files.write_bytes(file, data.getvalue())
+    try:
+        figure.savefig(file, dpi=120, bbox_inches="tight")
+    except ValueError as error:
+        raise WorldError(f"{file} cannot be written: {error}") from None
 
 
 def main() -> int:

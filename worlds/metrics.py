@@ -1,6 +1,6 @@
 """How hard a world is: BARN's five difficulty metrics, averaged over the reference path.
 
-`worlds.compare` and evaluation reports use them. They equal BARN's published values to the last printed digit.
+Evaluation reports and the viewer use them. They equal BARN's published values to the last printed digit.
 """
 
 from __future__ import annotations
@@ -83,11 +83,6 @@ def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
         "dimension": float(np.mean(dimension)),
         "tortuosity": arc / chord if chord else 1.0,
     }
-
-
-def fill_share(filled: np.ndarray) -> float:
-    """Share of the field's 900 cells, its two walls included, that hold a cylinder."""
-    return float(filled.mean())
 
 
 def _free_run(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) -> int:

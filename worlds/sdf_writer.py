@@ -5,12 +5,14 @@ Reading it back gives the same world, course included; Gazebo itself passes over
 
 from __future__ import annotations
 
+import argparse
 import sys
 from typing import Iterable, List
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
+from .loading import FORMS, load
 from .world import Course, Mover, World
 
 HEIGHT = 1.0  # of everything written [m]
@@ -91,15 +93,14 @@ def _row(values: Iterable[float]) -> str:
 
 def main() -> int:
     """Exit status 1 and one line where a world cannot be read or written."""
-    from .loading import FORMS, load
-
-    if len(sys.argv) != 3 or sys.argv[1] in ("-h", "--help"):
-        print(
-            "usage: python -m worlds.sdf_writer WORLD OUT.world\n\nWrites a world as a Gazebo world file, which reads "
-            "back as the same world. WORLD: %s." % FORMS
-        )
-        return 0 if sys.argv[1:2] in (["-h"], ["--help"]) else 2
-    return run_main(lambda: write(load(sys.argv[1]), sys.argv[2]), "sdf_writer")
+    parser = argparse.ArgumentParser(
+        prog="python -m worlds.sdf_writer",
+        description="Writes a world as a Gazebo world file, which reads back as the same world.",
+    )
+    parser.add_argument("world", help=f"World to write: {FORMS}.")
+    parser.add_argument("file", help="File to write, such as out.world.")
+    arguments = parser.parse_args()
+    return run_main(lambda: write(load(arguments.world), arguments.file), "sdf_writer")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import stat
+from pathlib import Path
 from typing import Any
 
 from applr_ros1.common.errors import ApplrError, reason
@@ -18,24 +18,26 @@ class StorageError(ApplrError):
     """A file or folder that cannot be read or written."""
 
 
+def _check_regular(path) -> None:
+    """Reading a pipe would wait for ever, renaming over a device would remove it."""
+    if os.path.lexists(path) and not os.path.isfile(path):
+        raise StorageError(f"{path}: a folder, pipe or device; give the path of a regular file")
+
+
 def write_bytes(path, data: bytes) -> None:
     """Writes beside the file, flushes to disk, renames: a crash leaves the old file or the new one, never a part."""
-    path = os.fspath(path)
-    if os.path.lexists(path) and not os.path.isfile(path):  # renaming over a device would remove it
-        raise StorageError("%s: a folder, pipe or device; give the path of a regular file" % path)
-    partial = "%s.%d.partial" % (path, os.getpid())
+    _check_regular(path)
+    partial = f"{path}.{os.getpid()}.partial"
     try:
         with open(partial, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, path)
-    except (OSError, ValueError) as problem:
+    except OSError as problem:
         if os.path.exists(partial):
             os.unlink(partial)
-        raise StorageError(
-            "%s: cannot be written (%s); the file that was there is untouched" % (path, reason(problem))
-        ) from None
+        raise StorageError(f"{path}: cannot be written ({reason(problem)}); the file there is untouched") from None
 
 
 def write_json(path, value: Any) -> None:
@@ -45,24 +47,13 @@ def write_json(path, value: Any) -> None:
 
 def read_bytes(path, limit: int = MAX_BYTES) -> bytes:
     """The content of a regular file of at most `limit` bytes. Pipes, devices and folders are refused at once."""
-    path = os.fspath(path)
+    _check_regular(path)
     try:
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        try:
-            found = os.fstat(descriptor)
-            if not stat.S_ISREG(found.st_mode):
-                raise StorageError("%s: a folder, pipe or device; give a regular file" % path)
-            with open(descriptor, "rb", closefd=False) as file:  # sizes in /proc read as 0
-                data = file.read(min(limit, max(found.st_size, 2**16)) + 1)
-        finally:
-            os.close(descriptor)
-    except StorageError:
-        raise
-    except (OSError, ValueError) as problem:  # ValueError: a NUL in the path
-        raise StorageError("%s: cannot be read (%s); give an existing file" % (path, reason(problem))) from None
-    if len(data) > limit:
-        raise StorageError("%s: more than %d bytes are too many; give another file" % (path, limit))
-    return data
+        if os.path.getsize(path) > limit:
+            raise StorageError(f"{path}: more than {limit} bytes are too many; give another file")
+        return Path(path).read_bytes()
+    except OSError as problem:
+        raise StorageError(f"{path}: cannot be read ({reason(problem)}); give an existing file") from None
 
 
 def read_json(path, limit: int = MAX_JSON) -> Any:
@@ -71,9 +62,7 @@ def read_json(path, limit: int = MAX_JSON) -> Any:
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as problem:
-        raise StorageError(
-            "%s: not JSON (%s); the file is damaged or of another kind" % (path, reason(problem))
-        ) from None
+        raise StorageError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
 
 
 def sha256(data: bytes) -> str:

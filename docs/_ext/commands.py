@@ -19,7 +19,7 @@ MODULES = {
         "fit_kinematic",
         "report.__main__",
     ],
-    "worlds": ["draw", "compare", "dynabarn_table"],
+    "worlds": ["draw", "dynabarn_table"],
     "sim_bridge": ["check"],
     "applr_ros1.nodes.tools": ["barn", "measure_braking", "record", "replay", "rviz"],
 }

@@ -35,7 +35,7 @@ def measure(count=200, rate=20.0):
             began = time.monotonic()
             report = client.apply(SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))))
             assert report.ok, report.error
-            took[i] = 1e3 * report.seconds
+            took[i] = 1e3 * (time.monotonic() - began)
             time.sleep(max(0.0, 1.0 / rate - (time.monotonic() - began)))
         return took
     finally:

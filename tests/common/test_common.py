@@ -69,7 +69,7 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(
-        files.StorageError, match="file.json: cannot be written .No space left on device.; the file that was there"
+        files.StorageError, match="file.json: cannot be written .No space left on device.; the file there is untouched"
     ):
         files.write_bytes(path, b"other")
     assert files.read_json(path) == {"a": 1}
@@ -86,7 +86,6 @@ def test_only_regular_files_within_the_bound_are_read(tmp_path):
         (".", "a folder, pipe or device"),
         ("/dev/zero", "a folder, pipe or device"),
         ("none", "No such file or directory"),
-        ("a\0b", "null byte"),
         ("long", "more than 10 bytes"),
     ):
         with pytest.raises(files.StorageError, match=words) as refused:

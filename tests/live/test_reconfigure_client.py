@@ -108,8 +108,8 @@ def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
     assert server in report.error
     assert "\n" not in report.error
     assert len(report.put_back) >= 2
-    for role, values in ((role, s.values) for role, s in client._servers.items()):
-        for i, sign, name in client._names[role]:
+    for role, values, settings in ((role, s.values, s.settings) for role, s in client._servers.items()):
+        for i, sign, name in settings:
             assert values[name] == sign * THETA_0[i], (role, name)
     rospy.delete_param("/fake/" + fault)
     assert client.apply(SPACE.high).ok

@@ -29,15 +29,6 @@ def test_draw_mistakes(out):
     assert done.stderr.count("\n") == 1
 
 
-def test_compare_with_a_folder_of_files(tmp_path):
-    for n in (0, 7, 100):
-        sdf_writer.write(worlds.load("generated:%d" % n), str(tmp_path / ("world_%d.world" % n)))
-    done = run("worlds.compare", tmp_path)
-    assert done.returncode == 0
-    assert done.stdout.count("BARN files") == 6
-    assert run("worlds.compare", tmp_path / "nowhere").returncode == 1
-
-
 def test_write(tmp_path):
     assert run("worlds.sdf_writer", "generated:7", tmp_path / "w.world").returncode == 0
     assert len(worlds.load(str(tmp_path / "w.world")).cylinders) == len(worlds.load("generated:7").cylinders)

@@ -9,13 +9,11 @@ from __future__ import annotations
 import os
 import threading
 import time
-import xmlrpc.client
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Any, Callable, Dict, List, Mapping, Optional, Tuple
 
 import numpy as np
-import rosgraph
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
 from dynamic_reconfigure.client import Client
@@ -32,16 +30,18 @@ _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np
 class ApplyReport:
     """What came of one `apply`.
 
-    ok: every value is in force, read back; theta: (n,) asked for; error: one line; put_back: servers returned to their
-    former values; unanswered: servers that still have a call to answer; seconds: wall time it took.
+    error: one line, "" where every value is in force, read back; put_back: servers returned to their former values;
+    unanswered: servers that still have a call to answer.
     """
 
-    ok: bool
-    theta: np.ndarray
     error: str = ""
     put_back: Tuple[str, ...] = ()
     unanswered: Tuple[str, ...] = ()
-    seconds: float = 0.0
+
+    @property
+    def ok(self) -> bool:
+        """Whether every value is in force."""
+        return not self.error
 
 
 class Server:
@@ -49,40 +49,51 @@ class Server:
 
     A stopped process accepts a call and never answers, and the library has no time-out for that. So each call has a
     thread of its own, and there is no second one before it has ended: a late call never undoes a newer one.
+
+    Attributes:
+        settings: (index in theta, sign, name) of each of its values that the space sets.
     """
 
-    def __init__(self, name: str, timeout: float, on_restart: Callable[[Server], None]):
+    def __init__(self, name: str, on_restart: Callable[[Server], None]):
         self.name, self._on_restart = name, on_restart
-        self._parameters: Dict[str, Dict[str, Any]] = {}
+        self.settings: List[Tuple[int, int, str]] = []
+        self._declared: Dict[str, Dict[str, Any]] = {}
         self._call: Optional[Future] = None  # the newest one
-        self._client = Client(name, timeout, description_callback=self._on_description)
+        self._client = Client(name, DEADLINE, description_callback=self._on_description)
+        self.close = self._client.close
 
-    def close(self) -> None:
-        """Unsubscribe from the server's topics."""
-        self._client.close()
-
-    def wait(self, seconds: float) -> bool:
-        """Wait until values and bounds are known; False when they are not within `seconds` of wall time."""
-        described = self._client.get_parameter_descriptions(seconds) is not None
-        return described and self._client.get_configuration(seconds) is not None
+    def hold(self, targets: Any, owner: str) -> str:
+        """Learn values and bounds, and which values the space's targets are. Returns "" or one line why not."""
+        for heard in (self._client.get_parameter_descriptions(DEADLINE), self._client.get_configuration(DEADLINE)):
+            if heard is None:
+                return f"{self.name} does not publish its parameters: is it stopped?"
+        for i, target in targets:
+            name = next((name for name in target.names if name in self._declared), None)
+            if name is None:
+                return f"{self.name} has no parameter {target.names[0]}: {owner} has it"
+            self.settings.append((i, target.sign, name))
+        return ""
 
     @property
     def values(self) -> Mapping[str, Any]:
         """{name: value} as last heard."""
         return self._client.config
 
-    def knows(self, name: str) -> bool:
-        """Whether the server has a parameter of that name."""
-        return name in self._parameters
+    def value(self, index: int) -> float:
+        """The value of the parameter with this index in theta."""
+        return next(self.values[name] for i, sign, name in self.settings if i == index and sign > 0)
 
-    def clamp(self, name: str, value: float) -> Any:
-        """`value` inside the bounds and as the type that the server declares."""
-        declared = self._parameters[name]
-        return _KINDS[declared["type"]](min(max(value, declared["min"]), declared["max"]))
+    def request(self, values: np.ndarray) -> Dict[str, Any]:
+        """{name: value} of what it holds of values (n,), within the bounds and as the types that it declares."""
+        found = {}
+        for i, sign, name in self.settings:
+            declared = self._declared[name]
+            found[name] = _KINDS[declared["type"]](min(max(sign * values[i], declared["min"]), declared["max"]))
+        return found
 
     def upper_bound(self, name: str) -> float:
         """The largest value that the server declares for a parameter."""
-        return self._parameters[name]["max"]
+        return self._declared[name]["max"]
 
     @property
     def unanswered(self) -> Optional[Future]:
@@ -117,8 +128,8 @@ class Server:
         return "" if other is None else f"{self.name} holds {other} at {got.get(other)}, not {values[other]}"
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
-        anew = bool(self._parameters)  # each server sends it once
-        self._parameters = {parameter["name"]: parameter for parameter in description}
+        anew = bool(self._declared)  # each server sends it once
+        self._declared = {parameter["name"]: parameter for parameter in description}
         if anew:
             self._on_restart(self)
 
@@ -139,7 +150,6 @@ class ReconfigureClient:
         self.namespace, self.space = namespace.rstrip("/"), space
         self._on_restart = on_restart
         self._servers: Dict[str, Server] = {}  # by their names in the space
-        self._names: Dict[str, List[Tuple[int, int, str]]] = {}  # the same -> [(index in theta, sign, name)]
         self.compensation = Compensation(space)  # what is sent instead of theta, and back
         self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None  # (theta, values) of the last apply
         self._lock = threading.Lock()  # one apply at a time
@@ -147,7 +157,7 @@ class ReconfigureClient:
     @property
     def connected(self) -> bool:
         """Whether all servers of the space have been found."""
-        return len(self._names) == len(self.space.servers)
+        return len(self._servers) == len(self.space.servers)
 
     @property
     def servers(self) -> Dict[str, str]:
@@ -160,9 +170,7 @@ class ReconfigureClient:
             found = find_reconfigure_services()
         except Exception as problem:  # rosservice has errors of its own
             return f"no ROS master: {reason(problem)}"
-        for wanted in self.space.servers:
-            if wanted in self._names:
-                continue
+        for wanted in [wanted for wanted in self.space.servers if wanted not in self._servers]:
             error = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
             for name in self._candidates(wanted, found):
                 error = self._try(wanted, name)
@@ -171,17 +179,6 @@ class ReconfigureClient:
             if error:
                 return error
         return ""
-
-    def is_move_base_starting(self) -> bool:
-        """Whether a node of move_base's name lives and has no parameter server yet: it may be compiling its kernels."""
-        try:
-            if any(name.startswith(self.namespace) for name in find_reconfigure_services()):
-                return False
-            uri = rosgraph.Master(rospy.get_name()).lookupNode(self.namespace)
-            xmlrpc.client.ServerProxy(uri).getPid(rospy.get_name())
-        except Exception:  # whichever of the two does not answer
-            return False
-        return True
 
     def _candidates(self, wanted: str, found: List[str]) -> List[str]:
         """Names of servers that may be the one that the space calls `wanted`, likeliest first.
@@ -204,22 +201,14 @@ class ReconfigureClient:
     def _try(self, wanted: str, name: str) -> str:
         """Takes server `name` for `wanted` if it has the parameters. Returns "" or one line why not."""
         try:
-            server = Server(name, DEADLINE, self._on_restart)
+            server = Server(name, self._on_restart)
         except rospy.ROSException as problem:
             return f"{name}: {reason(problem)}"
-        error = "" if server.wait(DEADLINE) else f"{name} does not publish its parameters: is it stopped?"
-        names = []
-        for i, target in [] if error else self.space.targets_of(wanted):
-            chosen = next((n for n in target.names if server.knows(n)), None)
-            if chosen is None:
-                of = f"the {wanted or 'move_base'} of a {self.space.robot} has it"
-                error = error or f"{name} has no parameter {target.names[0]}: {of}"
-            else:
-                names.append((i, target.sign, chosen))
+        error = server.hold(self.space.targets_of(wanted), f"the {wanted or 'move_base'} of a {self.space.robot}")
         if error:
             server.close()
         else:
-            self._servers[wanted], self._names[wanted] = server, names
+            self._servers[wanted] = server
         return error
 
     def values(self) -> Optional[np.ndarray]:
@@ -229,12 +218,7 @@ class ReconfigureClient:
         """
         if not self.connected:
             return None
-        places = enumerate(self.space.places())
-        return np.array([self._servers[server].values[self._name(i, server)] for i, (server, _) in places])
-
-    def _name(self, index: int, wanted: str) -> str:
-        """What the server `wanted` calls the parameter with this index in theta."""
-        return next(name for i, sign, name in self._names[wanted] if i == index and sign > 0)
+        return np.array([self._servers[server].value(i) for i, (server, _) in enumerate(self.space.places())])
 
     def theta(self) -> Optional[np.ndarray]:
         """(n,) float64: what the planner's values mean as a parameter set; None before `connect` has succeeded."""
@@ -247,15 +231,14 @@ class ReconfigureClient:
 
     def upper_bound(self, *indices: int) -> float:
         """The smallest upper bound that the servers declare for these parameters of theta; inf for none."""
-        names = [(server, name) for server in self._names for i, _, name in self._names[server] if i in indices]
-        return min((self._servers[server].upper_bound(name) for server, name in names), default=np.inf)
+        servers = self._servers.values()
+        return min((s.upper_bound(name) for s in servers for i, _, name in s.settings if i in indices), default=np.inf)
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether values (n,) lie within the bounds that the servers declare."""
         return all(
-            self._servers[server].clamp(name, sign * values[i]) == sign * values[i]
-            for server, names in self._names.items()
-            for i, sign, name in names
+            server.request(values) == {name: sign * values[i] for i, sign, name in server.settings}
+            for server in self._servers.values()
         )
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE) -> ApplyReport:
@@ -269,44 +252,35 @@ class ReconfigureClient:
         still has a former call to answer.
         """
         theta = self.space.clip(theta)
-        began = time.monotonic()
+        until = time.monotonic() + seconds
         with self._lock:
             if not self.connected:
-                return ApplyReport(False, theta, f"no parameter servers below {self.namespace} yet")
-            servers = self._servers
-            wait([server.unanswered for server in servers.values() if server.unanswered], seconds)
-            unanswered = tuple(server.name for server in servers.values() if server.unanswered)
-            put_back: Tuple[str, ...] = ()
-            if unanswered:
-                errors = {name: f"{name} does not answer" for name in unanswered}
-            else:
+                return ApplyReport(f"no parameter servers below {self.namespace} yet")
+            servers = list(self._servers.values())
+            wait([server.unanswered for server in servers if server.unanswered], seconds)
+            errors = {server: f"{server.name} does not answer" for server in servers if server.unanswered}
+            put_back: List[str] = []
+            if not errors:
                 values = self.compensation.outgoing(theta)
                 self._sent = theta, values
-                requests = {
-                    wanted: {name: servers[wanted].clamp(name, sign * values[i]) for i, sign, name in names}
-                    for wanted, names in self._names.items()
-                }
-                former = {
-                    wanted: {name: servers[wanted].values[name] for name in request}
-                    for wanted, request in requests.items()
-                }
-                errors = self._set_all(requests, began + seconds - time.monotonic())
+                former = {s: {name: s.values[name] for _, _, name in s.settings} for s in servers}
+                errors = _set_all({server: server.request(values) for server in servers}, until - time.monotonic())
                 if errors:
-                    again = {wanted: former[wanted] for wanted in former if not servers[wanted].unanswered}
-                    failed = self._set_all(again, seconds)
-                    put_back = tuple(servers[wanted].name for wanted in again if wanted not in failed)
-                unanswered = tuple(server.name for server in servers.values() if server.unanswered)
-        took = time.monotonic() - began
-        return ApplyReport(not errors, theta, "; ".join(errors.values()), put_back, unanswered, took)
-
-    def _set_all(self, requests: Mapping[str, Mapping[str, Any]], seconds: float) -> Dict[str, str]:
-        """{server: {name: value}} set side by side. Returns {server: why not} of those that failed."""
-        calls = {wanted: self._servers[wanted].set(values) for wanted, values in requests.items()}
-        wait(calls.values(), seconds)
-        problems = {wanted: self._servers[wanted].problem(call, requests[wanted]) for wanted, call in calls.items()}
-        return {wanted: problem for wanted, problem in problems.items() if problem}
+                    again = {server: former[server] for server in servers if not server.unanswered}
+                    failed = _set_all(again, seconds)
+                    put_back = [server.name for server in again if server not in failed]
+            unanswered = tuple(server.name for server in servers if server.unanswered)
+        return ApplyReport("; ".join(errors.values()), tuple(put_back), unanswered)
 
     def close(self) -> None:
         """Unsubscribe from all servers."""
         for server in self._servers.values():
             server.close()
+
+
+def _set_all(requests: Mapping[Server, Mapping[str, Any]], seconds: float) -> Dict[Server, str]:
+    """{server: {name: value}} set side by side. Returns {server: why not} of those that failed."""
+    calls = {server: server.set(values) for server, values in requests.items()}
+    wait(calls.values(), seconds)
+    problems = {server: server.problem(call, requests[server]) for server, call in calls.items()}
+    return {server: problem for server, problem in problems.items() if problem}

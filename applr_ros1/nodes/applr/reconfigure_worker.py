@@ -15,7 +15,6 @@ from applr_ros1.nodes.applr.reconfigure_client import DEADLINE, ApplyReport, Rec
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
 PATIENCE = 5  # failed searches for the servers, a second apart, before they are reported: both nodes start together
-STARTING = 180  # the same for a move_base that is there: it compiles kernels at its first start, and says so itself
 
 
 class ReconfigureWorker:
@@ -88,7 +87,7 @@ class ReconfigureWorker:
                 if not trouble:
                     self._on_trouble("")
                     continue
-                if failures >= STARTING or failures >= PATIENCE and not self.client.is_move_base_starting():
+                if failures >= PATIENCE:
                     self._on_trouble(trouble)
             except Exception as e:  # whatever it is, the thread that talks to the planner goes on
                 self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
