@@ -10,7 +10,7 @@ the odometry's; ~obstacles, ~current_world (latched), ~movers. Subscribes: cmd_v
 world that the parameter ~world names). ros_changes.py has more, for changes during a drive. Parameters: ~robot (name or
 folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~gui, ~randomisation; ~start ("x y yaw" in the
 world, instead of the course's), ~paused (begin with the time standing), ~gazebo (Gazebo's services too:
-ros_gazebo.py); ~odom_frame, ~base_frame, ~tf_prefix (in front of the names of all frames of the robot), ~map (publish a
+ros_gazebo.py); ~tf_prefix (in front of the names of all frames of the robot), ~map (publish a
 map of the world on map, latched, and its frame).
 For several robots in one world: ~clock (false follows the /clock that another one makes), ~others (namespaces of robots
 that this one detects and can touch: ros_others.py).
@@ -89,7 +89,8 @@ class Bridge:
         self.single_ticks = 0  # that are simulated while it does not
         if not rospy.get_param("~paused", False):
             self.running.set()
-        self.topics = _topics(robot, self.makes_clock, bool(rospy.get_param("~map", False)))
+        prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
+        self.topics = BridgeTopics(robot, prefix, self.makes_clock, bool(rospy.get_param("~map", False)))
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         if rospy.get_param("~gazebo", False):
@@ -120,8 +121,8 @@ class Bridge:
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
             rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
         rospy.Subscriber("set_pose", PoseWithCovarianceStamped, self.on_set_pose, queue_size=1)
-        rospy.Subscriber("~world", String, self.on_world, queue_size=1)
-        rospy.Service("~reset", Empty, self.on_reset)
+        rospy.Subscriber("~world", String, lambda message: self._change_world(message.data), queue_size=1)
+        rospy.Service("~reset", Empty, lambda _: self._restart() or EmptyResponse())
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
     def _load(self, spec):
@@ -145,6 +146,7 @@ class Bridge:
         return rospy.Time.from_sec(self.base_time + self.simulator.state.time)
 
     # -- the simulating thread ---------------------------------------------------------------------
+    @until_shutdown()
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
         pace, ticks, robot = RealTimeRate(lambda line: rospy.logwarn("sim_bridge: " + line)), 0, self.simulator.robot
@@ -179,11 +181,6 @@ class Bridge:
                     pace.wait(TICK, IDLE_FACTOR, False)
             else:
                 pace.wait(TICK, self.factor)
-
-    def spin_until_shutdown(self) -> None:
-        """As spin(), without an error where a topic is closed by the shutdown."""
-        with until_shutdown():
-            self.spin()
 
     def _take_command(self):
         with self.arrived:
@@ -257,15 +254,6 @@ class Bridge:
             self.touched = False
             self.topics.publish_frames(self.simulator, self.stamp())
 
-    def on_reset(self, _: Any) -> EmptyResponse:
-        """Service ~reset: the same world from the start, under the next seed."""
-        self._restart()
-        return EmptyResponse()
-
-    def on_world(self, message: Any) -> None:
-        """Topic ~world: change the world."""
-        self._change_world(message.data)
-
     def on_load_world(self, _: Any) -> TriggerResponse:
         """Service ~load_world: change to the world that the parameter ~world names."""
         problem = self._change_world(str(rospy.get_param("~world", "")))
@@ -322,12 +310,6 @@ def _clear_costmaps(patience=2.0):
         rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
 
 
-def _topics(robot, clock, with_map):
-    """The publishers, for the frames that ~odom_frame, ~base_frame and ~tf_prefix name."""
-    prefix, odom, base = (str(rospy.get_param("~" + name, "")) for name in ("tf_prefix", "odom_frame", "base_frame"))
-    return BridgeTopics(robot, frame_prefix(prefix), odom, base, clock, with_map)
-
-
 def _parameter(name, default, most):
     """A private parameter of this node, a number from 0 to `most`."""
     return number_within(name, rospy.get_param("~" + name, default), 0, most)
@@ -349,7 +331,7 @@ def main() -> int:
     gc.freeze()  # what is loaded by now stays: looking through it again would hold the clock up for 100 ms
     # Not in the main thread: rospy shuts down in the signal's handler there, which would wait for the very lock
     # that an interrupted publish() holds.
-    spinning = threading.Thread(target=bridge.spin_until_shutdown, daemon=True)
+    spinning = threading.Thread(target=bridge.spin, daemon=True)
     spinning.start()
     spinning.join()
     return 0 if rospy.core.is_shutdown_requested() else 1

@@ -46,24 +46,13 @@ class BridgeTopics:
     Args:
         robot: Description of the robot; topics and frames have its names.
         prefix: What the names of the robot's other frames begin with, for several robots on one master.
-        odom: Frame of the odometry; that of the description without it.
-        base: Frame of the robot, likewise.
         clock: Whether to publish /clock; otherwise another robot does.
         with_map: Whether to publish a map of the world and where it lies, as a map server and localisation do.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        prefix: str = "",
-        odom: str = "",
-        base: str = "",
-        clock: bool = True,
-        with_map: bool = False,
-    ):
+    def __init__(self, robot: Robot, prefix: str = "", clock: bool = True, with_map: bool = False):
         self.robot, self.prefix = robot, prefix
-        self.odom_frame = odom or prefix + robot.frames.odom
-        self.base_frame = base or prefix + robot.frames.base
+        self.odom_frame, self.base_frame = prefix + robot.frames.odom, prefix + robot.frames.base
         self.laser_frame = prefix + robot.laser.frame
         names = robot.topics
         self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True) if clock else None

@@ -24,13 +24,10 @@ def half_planes(outline):
     """
     from scipy.spatial import ConvexHull, QhullError
 
-    points = np.asarray(outline, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 2 or not np.isfinite(points).all():
-        raise ApplrError("outline of the body: give at least three finite points (x, y) in metres")
     try:
-        equations = ConvexHull(points).equations
+        equations = ConvexHull(np.asarray(outline, dtype=np.float64)).equations
     except (QhullError, ValueError):
-        raise ApplrError("outline of the body: give at least three points that do not lie on one line") from None
+        raise ApplrError("outline of the body: give three points (x, y) or more in metres, not on one line") from None
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 

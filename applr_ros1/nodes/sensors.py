@@ -25,15 +25,6 @@ from .transforms import MAX_AHEAD
 WAITING = 20  # scans kept until their transform comes
 AHEAD = 1.0  # s by which the stamp of a scan or of odometry may be ahead of the clock
 BEAMS_HELD = 2.0  # s without a usable scan after which the scanner may have another number of beams
-TF_ERRORS = (
-    tf2_ros.LookupException,
-    tf2_ros.ConnectivityException,
-    tf2_ros.ExtrapolationException,
-    tf2_ros.InvalidArgumentException,
-    tf2_ros.TransformException,
-)
-
-
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 
 
@@ -180,7 +171,7 @@ class Sensors:
             return None, "a message has no frame_id: give it one"
         try:
             return self.buffer.lookup_transform(target, frame.lstrip("/"), stamp), ""
-        except TF_ERRORS as error:
+        except tf2_ros.TransformException as error:
             when = "the newest" if stamp.is_zero() else "%.3f" % stamp.to_sec()
             return None, "transform %s <- %s at %s: %s" % (target, frame, when, str(error).strip().split("\n")[0])
 

@@ -137,14 +137,14 @@ def test_a_bag_that_cannot_be_replayed_is_one_line(tmp_path):
         assert word in refused.stderr
 
 
-def rviz_of(robot, *frames):
+def rviz_of(robot, prefix):
     """The part "Visualization Manager" of RViz's configuration for a robot."""
     with open(os.path.join(ROOT, "applr_ros1", "rviz", "applr.rviz"), encoding="utf-8") as file:
-        return rviz.configured(yaml.safe_load(file), robot, *frames)["Visualization Manager"]
+        return rviz.configured(yaml.safe_load(file), robot, prefix)["Visualization Manager"]
 
 
 def test_rviz_shows_the_frames_of_the_robot():
-    manager = rviz_of(load("jackal"), "robot1/odom", "robot1/base_link", "robot1")
+    manager = rviz_of(load("jackal"), "robot1/")
     assert manager["Global Options"]["Fixed Frame"] == "robot1/odom"
     assert manager["Views"]["Current"]["Target Frame"] == "robot1/base_link"
     assert [d["TF Prefix"] for d in manager["Displays"] if d["Class"] == "rviz/RobotModel"] == ["robot1"]
@@ -157,7 +157,7 @@ def test_rviz_shows_what_the_robot_and_its_local_planner_publish(name):
     for surface in surfaces:
         with open(DATA / surface, encoding="utf-8") as file:
             published |= set(json.load(file)["publishes"])
-    displays = rviz_of(load(name), "odom", "base", "")["Displays"]
+    displays = rviz_of(load(name), "")["Displays"]
     topics = [display["Topic"] for display in displays if "Topic" in display]
     missing = {topic for topic in topics if "/" + topic not in published}
     planner = "TrajectoryPlannerROS" if name == "jackal" else "DWAPlannerROS"

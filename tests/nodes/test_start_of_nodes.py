@@ -77,7 +77,9 @@ def test_a_move_base_that_starts_a_little_later_is_no_trouble(monkeypatch):
 
     monkeypatch.setattr(reconfigure_worker, "RETRY", 1e-4)
     client, troubles = Searching(), []
-    worker = reconfigure_worker.ReconfigureWorker(client, troubles.append, lambda line: troubles.append(client.searches))
+    worker = reconfigure_worker.ReconfigureWorker(
+        client, troubles.append, lambda line: troubles.append(client.searches)
+    )
     worker.start()
     ros_harness.wait_for(lambda: client.searches >= 30, 10.0, "searches")
     worker.stop()

@@ -7,7 +7,6 @@ import pytest
 
 import worlds
 from tests.support import ROOT
-from worlds import sdf_writer
 
 
 def run(*arguments):

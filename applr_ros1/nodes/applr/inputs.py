@@ -19,6 +19,7 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.transforms import LaserMount, Transforms
 from applr_ros1.policy.observation import LAYOUT, ObservationError
+from applr_ros1.robots import JACKAL
 
 MAX_AGE = 1.0  # s: an older scan or pose is no basis for a decision
 STATUS_AGE = 2.0  # s: without a status for so long, move_base counts as gone
@@ -55,31 +56,21 @@ class Inputs:
     """Subscribes to a robot's scan and odometry and to move_base's plan and status.
 
     Args:
-        scan: Topic of the sensor_msgs/LaserScan.
-        odom: Topic of the nav_msgs/Odometry.
-        plan: Topic of the global plan, a nav_msgs/Path.
+        robot: Its description; where tf does not say how the laser is turned, that does.
         move_base: Namespace of move_base, whose status says which goal is pursued.
-        turned: Yaw [rad] of the laser in the robot's frame, where tf does not say it.
     """
 
-    def __init__(
-        self,
-        scan="front/scan",
-        odom="odometry/filtered",
-        plan="move_base/NavfnROS/plan",
-        move_base="move_base",
-        turned=0.0,
-    ):
+    def __init__(self, robot=JACKAL, move_base="/move_base"):
         self._transforms = Transforms()
-        self._mount = LaserMount(Transforms(), turned)  # its own: it stops listening once it knows
-        self._names = {"scan": scan, "odometry": odom, "plan": plan}
-        self._names = {what: rospy.resolve_name(name) for what, name in self._names.items()}
+        self._mount = LaserMount(Transforms(), robot.laser.pose[2])  # its own: it stops listening once it knows
+        names = {"scan": robot.topics.scan, "odometry": robot.topics.odometry, "plan": move_base + "/NavfnROS/plan"}
+        self._names = {what: rospy.resolve_name(name) for what, name in names.items()}
         self._lock = threading.Lock()
         self.clear()
         big = {"queue_size": 1, "buff_size": 2**24}  # a small buffer would deliver old messages
-        rospy.Subscriber(scan, rospy.AnyMsg, self._on_scan, **big)
-        rospy.Subscriber(plan, rospy.AnyMsg, self._on_plan, **big)
-        rospy.Subscriber(odom, Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
+        rospy.Subscriber(names["scan"], rospy.AnyMsg, self._on_scan, **big)
+        rospy.Subscriber(names["plan"], rospy.AnyMsg, self._on_plan, **big)
+        rospy.Subscriber(names["odometry"], Odometry, self._on_odometry, queue_size=20, buff_size=2**20)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
 

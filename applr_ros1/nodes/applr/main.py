@@ -2,26 +2,27 @@
 
 Run by scripts/applr.py. What the node does is in node.py. Parameters: ~method (applr), ~robot (jackal; name or folder
 of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring (auto, true or
-false: see meter_scoring.py), ~move_base (its name), ~scan_topic, ~odom_topic and ~plan_topic;
-docs/reference/topics.md
+false: see meter_scoring.py) and ~move_base (its name). Services: ~enable (std_srvs/SetBool) and ~set_method
+(applr_ros1/SetMethod); docs/reference/topics.md
 """
 
 import gc
 import math
 
 import rospy
+from std_srvs.srv import SetBool, SetBoolResponse
 
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes.applr.inputs import Inputs
-from applr_ros1.nodes.applr.meter_scoring import AUTO, CHOICES
+from applr_ros1.nodes.applr.meter_scoring import CHOICES
 from applr_ros1.nodes.applr.node import ApplrNode
-from applr_ros1.nodes.applr.services import Services
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, load
+from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
 def make_method(spec, robot=JACKAL):
@@ -32,50 +33,54 @@ def make_method(spec, robot=JACKAL):
         return methods.make("dwa", robot), str(e)
 
 
-def _number(name, default, low, high):
-    """The private parameter `name`. ApplrError, one line, where it is no number from low to high."""
-    return number_within(name, rospy.get_param("~" + name, default), low, high)
+def enable(node, request):
+    """The service ~enable."""
+    node.switch(request.data)
+    return SetBoolResponse(True, f"on, method {node.method.name}" if request.data else "off: theta_0")
 
 
-def _text(name, default):
-    """The private parameter `name`, a name of something; empty only where the default is."""
-    value = rospy.get_param("~" + name, default)
-    if isinstance(value, bool):  # what ROS makes of true and false
-        value = str(value).lower()
-    if not isinstance(value, str) or (default and not value):
-        raise ApplrError(f"{name} is {value!r}: give a text, for instance {default or 'a file'}")
-    return value
+def set_method(node, first, request):
+    """The service ~set_method. first: the method that the node was started with, whether it could be made or not.
+
+    It imports no code, since anybody who reaches the ROS master can call it: a person's own class is taken only where
+    the node was started with it.
+    """
+    spec = request.method or node.method.name
+    try:
+        method = methods.make(spec, node.robot, own=spec == first, commands=False)
+    except (ValueError, OSError) as problem:
+        rospy.logerr("applr: method stays %s: %s", node.method.name, problem)
+        return SetMethodResponse(False, str(problem))
+    node.change_method(method)
+    rospy.loginfo("applr: method %s", spec)
+    return SetMethodResponse(True, f"method {spec}")
+
+
+def _number(name, low, high):
+    """The private parameter `name`, 0 without it. ApplrError, one line, where it is no number from low to high."""
+    return number_within(name, rospy.get_param("~" + name, 0), low, high)
 
 
 def main():
     """Reads the private parameters and runs until shutdown. ApplrError, one line, for one of no use."""
     init_node("applr")
-    period, seed, namespace = (
-        _number("period", 0, 0, 60.0),
-        _number("seed", 0, 0, 2**31 - 1),
-        rospy.resolve_name(_text("move_base", "move_base")),
-    )
-    robot = load(_text("robot", JACKAL.name))
+    period, seed = _number("period", 0, 60.0), _number("seed", 0, 2**31 - 1)
+    max_speed = _number("max_speed", 0, math.inf)
+    namespace = rospy.resolve_name(str(rospy.get_param("~move_base", "move_base")))
+    robot = load(rospy.get_param("~robot", JACKAL.name))
     space = space_of(robot)
     slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
-    max_speed = _number("max_speed", 0, 0, math.inf)
     if 0 < max_speed < slowest:
         raise ApplrError(f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for any")
-    topics = (
-        _text("scan_topic", robot.topics.scan),
-        _text("odom_topic", robot.topics.odometry),
-        _text("plan_topic", namespace + "/NavfnROS/plan"),
-    )
-    spec, meter_scoring = _text("method", "applr"), _text("meter_scoring", AUTO)
+    spec = str(rospy.get_param("~method", "applr"))
+    meter_scoring = str(rospy.get_param("~meter_scoring", "auto")).lower()  # ROS reads true as a bool
     if meter_scoring not in CHOICES:
         raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
     method, trouble = make_method(spec, robot)
-    inputs = Inputs(*topics, namespace, robot.laser.pose[2])
-    topics = ApplrTopics(space=space)
     node = ApplrNode(
         method,
-        inputs,
-        topics,
+        Inputs(robot, namespace),
+        ApplrTopics(space=space),
         float(period) or None,
         namespace,
         float(max_speed) or math.inf,
@@ -83,7 +88,8 @@ def main():
         meter_scoring,
         robot,
     )
-    Services(node, spec)
+    rospy.Service("~enable", SetBool, lambda request: enable(node, request))
+    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, spec, request))
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving on theta_0")
         node.degraded = trouble

@@ -109,9 +109,7 @@ def main():
     if not spec:
         raise ApplrError("~method is empty: give my_file.py:Class or module:Class of a method that commands")
     method = methods.make(spec, commands=True)
-    move_base = rospy.resolve_name("move_base")
-    inputs = Inputs(plan=move_base + "/NavfnROS/plan", move_base=move_base)
-    node = VelocityNode(method, inputs, int(seed))
+    node = VelocityNode(method, Inputs(move_base=rospy.resolve_name("move_base")), int(seed))
     rospy.loginfo("velocity: ready, method %s, a command every %g s", spec, method.period)
     with until_shutdown():
         node.spin()

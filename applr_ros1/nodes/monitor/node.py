@@ -3,8 +3,8 @@
 Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
 them through. If the node dies no command reaches the base any more, and the base's own time-out stops it.
 
-Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~fixed_frame, ~base_frame,
-~transform_tolerance [s], and the fields of monitor/settings.py.
+Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], and the fields of
+monitor/settings.py.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ import math
 import threading
 import time
 from dataclasses import fields, replace
-from typing import Any, Dict, Optional
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
-from applr_ros1.common.arguments import frame_prefix
+from applr_ros1.common.arguments import frame_prefix, number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
@@ -30,8 +29,7 @@ from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.clock import jumped_back
 from applr_ros1.nodes.sensors import Sensors
-from applr_ros1.robots import Robot, load
-from applr_ros1.robots.description import Topics
+from applr_ros1.robots import JACKAL, Robot, load
 
 from .other_publishers import OtherPublishers
 
@@ -41,20 +39,16 @@ IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as id
 
 
 class CollisionMonitorNode:
-    """Hands scans and commands to a CollisionMonitor and publishes what it makes of them."""
+    """Hands scans and commands to a CollisionMonitor and publishes what it makes of them.
 
-    def __init__(
-        self, settings: MonitorSettings, fixed: str, base: str, tolerance: float, topics: Optional[Topics] = None
-    ):
-        """Subscribes and advertises.
+    Args:
+        settings: of the monitor.
+        robot: whose topics and frames these are.
+        prefix: of the names of its frames.
+        tolerance: age [s] up to which the pose of its base in the odometry's frame is used.
+    """
 
-        Args:
-            settings: of the monitor.
-            fixed: frame in which obstacles are remembered, that of the odometry.
-            base: frame of the robot.
-            tolerance: age [s] up to which the pose of `base` in `fixed` is used.
-            topics: names of the robot's scan, odometry and commands; without them scan, odom and cmd_vel.
-        """
+    def __init__(self, settings: MonitorSettings, robot: Robot, prefix: str, tolerance: float):
         self.monitor = CollisionMonitor(settings)
         warm_up(settings)
         self._tolerance = tolerance
@@ -64,7 +58,7 @@ class CollisionMonitorNode:
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
         self._commanded = -math.inf  # wall time of the newest command
         self._report_jump = Throttled(rospy.logwarn)
-        topics = topics or Topics()
+        topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
         self._scan = topics.scan
         self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
         self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1)
@@ -147,56 +141,30 @@ class CollisionMonitorNode:
         self._diagnostics.publish(conversions.diagnostics(name, level, text, values, rospy.get_rostime()))
 
 
-def settings_from(parameters: dict) -> MonitorSettings:
-    """MonitorSettings from the node's private parameters, which have the names of its fields.
-
-    `robot`, a name or the folder of a description, gives those that are not set; without it they are the Jackal's.
+def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
+    """MonitorSettings from the node's private parameters, which have the names of its fields; else the robot's own.
 
     Raises:
         ApplrError: with one line, for an unknown parameter or a value that cannot be used.
-        RobotError: for a robot that is not there or wrongly described.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    unknown = sorted(
-        set(parameters) - known - {"robot", "tf_prefix", "fixed_frame", "base_frame", "transform_tolerance"}
-    )
+    unknown = ", ".join(sorted(set(parameters) - known - {"robot", "tf_prefix", "transform_tolerance"}))
     if unknown:
-        raise ApplrError("no such parameter: %s; give some of %s" % (", ".join(unknown), ", ".join(sorted(known))))
-    chosen: Dict[str, Any] = {}
-    for name in known & set(parameters):
-        try:
-            value = parameters[name]
-            chosen[name] = tuple(tuple(map(float, point)) for point in value) if name == "body" else float(value)
-        except (TypeError, ValueError):
-            raise ApplrError("parameter %s is %r: give %s" % (name, value, _wanted(name))) from None
-    return replace(MonitorSettings.of(robot_from(parameters)), **chosen)
-
-
-def robot_from(parameters: dict) -> Robot:
-    """The robot that the private parameter `robot` names; the Jackal without it."""
-    return load(str(parameters.get("robot", "jackal")))
-
-
-def _wanted(name: str) -> str:
-    return "points [[x, y], ...] in metres" if name == "body" else "a number"
+        raise ApplrError(f"no such parameter: {unknown}; give some of {', '.join(sorted(known))}")
+    chosen = {name: parameters[name] for name in known & set(parameters)}
+    for name in set(chosen) - {"body"}:
+        number_within(name, chosen[name])
+    return replace(MonitorSettings.of(robot), **chosen)
 
 
 def main() -> int:
     """The command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
-    if not isinstance(parameters, dict):
-        raise ApplrError("parameters are %r: give them under ~" % (parameters,))
-    settings = settings_from(parameters)
-    tolerance = parameters.get("transform_tolerance", 0.3)
-    if not isinstance(tolerance, (int, float)) or not tolerance > 0.0:
-        raise ApplrError("transform_tolerance is %r: give a positive number of seconds" % (tolerance,))
-    robot = robot_from(parameters)
-    frames, topics = robot.frames, robot.topics if "robot" in parameters else None
+    robot = load(str(parameters.get("robot", JACKAL.name)))
     prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
-    fixed = parameters.get("fixed_frame", prefix + frames.odom)
-    base = parameters.get("base_frame", prefix + frames.base)
-    node = CollisionMonitorNode(settings, fixed, base, float(tolerance), topics)
+    tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
+    node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, tolerance)
     with until_shutdown():
         node.spin()
     return 0

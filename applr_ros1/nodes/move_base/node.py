@@ -369,12 +369,8 @@ def main() -> int:
     """Exit status 1, with a line per problem, for parameters that cannot be run."""
     init_node("move_base")
     given = rospy.get_param("~", {})
-    tree, robot, problems = {}, None, []
-    try:
-        tree, robot = with_robot(given) if isinstance(given, dict) else (given, None)
-        problems = check(tree) if isinstance(tree, dict) else ["~ is %r: give a tree of parameters" % (tree,)]
-    except ApplrError as error:
-        problems = [str(error)]
+    tree, robot = with_robot(given)
+    problems = check(tree)
     for problem in problems:
         print("move_base: parameter %s" % problem, file=sys.stderr)
     if problems:

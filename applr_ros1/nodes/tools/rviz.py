@@ -31,43 +31,32 @@ def main() -> None:
     parser.add_argument(
         "--robot", default=JACKAL.name, help="Robot: %s, or the folder of a description." % ", ".join(NAMES)
     )
-    parser.add_argument(
-        "--odom", default="auto", help="Frame of the odometry, in which everything is shown; auto: the robot's."
-    )
-    parser.add_argument("--base", default="auto", help="Frame of the robot, which the view follows; auto: the robot's.")
     parser.add_argument("--prefix", default="none", help="Prefix of the robot's frames; none: they have none.")
     options = parser.parse_args(without_remappings(words))
     robot = load(options.robot)
     folder = os.path.join(rospkg.RosPack().get_path("applr_ros1"), "applr_ros1", "rviz")
-    prefix = frame_prefix(options.prefix)
-    odom, base = (
-        prefix + own if name == "auto" else name
-        for name, own in ((options.odom, robot.frames.odom), (options.base, robot.frames.base))
-    )
     with open(os.path.join(folder, "applr.rviz"), encoding="utf-8") as file:
-        chosen = configured(yaml.safe_load(file), robot, odom, base, prefix.strip("/"))
+        chosen = configured(yaml.safe_load(file), robot, frame_prefix(options.prefix))
     with tempfile.NamedTemporaryFile("w", prefix="applr_", suffix=".rviz", delete=False, encoding="utf-8") as copy:
         yaml.safe_dump(chosen, copy, sort_keys=False)
     become("rviz", "rviz", ["-d", copy.name, *(word for word in words if ":=" in word)])
 
 
-def configured(tree: Dict[str, Any], robot: Robot, odom: str, base: str, prefix: str) -> Dict[str, Any]:
+def configured(tree: Dict[str, Any], robot: Robot, prefix: str) -> Dict[str, Any]:
     """RViz's configuration for a robot.
 
     Args:
         tree: The configuration for the Jackal; it is changed.
-        robot: Whose scan and local planner are shown.
-        odom: Frame in which everything is shown.
-        base: Frame that the view follows.
-        prefix: Of the frames of the robot's parts, without a slash; may be empty.
+        robot: Whose frames, scan and local planner are shown.
+        prefix: Of its frames, with a slash behind it; may be empty.
     """
     manager = tree["Visualization Manager"]
-    manager["Global Options"]["Fixed Frame"] = odom
-    manager["Views"]["Current"]["Target Frame"] = base
+    manager["Global Options"]["Fixed Frame"] = prefix + robot.frames.odom
+    manager["Views"]["Current"]["Target Frame"] = prefix + robot.frames.base
     planner = namespace(robot.parameters().get("base_local_planner", LOCAL_PLANNERS[0]))
     for display in manager["Displays"]:
         if display["Class"] == "rviz/RobotModel":
-            display["TF Prefix"] = prefix
+            display["TF Prefix"] = prefix.strip("/")
         elif display["Class"] == "rviz/LaserScan":
             display["Topic"] = robot.topics.scan
         elif "Topic" in display:

@@ -10,14 +10,13 @@ import time
 import actionlib
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from geometry_msgs.msg import Quaternion
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 
 import worlds
 from applr_ros1.common import arguments
-from applr_ros1.common.angles import quaternion_of
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
+from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.robots import load
 
 WORDS = {
@@ -38,18 +37,7 @@ def course_goal(course):
 
 def message(pose, frame="odom", stamp=None):
     """A MoveBaseGoal for pose (x, y, yaw) [m, m, rad]."""
-    goal = MoveBaseGoal()
-    goal.target_pose.header.frame_id = frame
-    goal.target_pose.header.stamp = stamp or rospy.Time(0)
-    goal.target_pose.pose.position.x, goal.target_pose.pose.position.y = pose[:2]
-    goal.target_pose.pose.orientation = Quaternion(*quaternion_of(pose[2]))
-    return goal
-
-
-def frame(robot):
-    """The frame in which goals are given: ~frame, else the robot's odometry frame behind ~tf_prefix."""
-    prefix = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", "")))
-    return str(rospy.get_param("~frame", "")) or prefix + robot.frames.odom
+    return MoveBaseGoal(pose_stamped(pose, frame, stamp or rospy.Time(0)))
 
 
 def main():
@@ -60,7 +48,7 @@ def main():
         rospy.loginfo("goal is none: nothing is sent")
         return
     robot = load(str(rospy.get_param("~robot", "jackal")))
-    given_in = frame(robot)
+    frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
     if given == "auto":
         course = worlds.scaled(worlds.load(rospy.get_param("~world", "generated:0")), robot.world_scale).course
         pose = course_goal(course)
@@ -74,8 +62,8 @@ def main():
             time.sleep(0.1)  # simulated time has not begun
     if rospy.is_shutdown():
         return
-    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, given_in)
-    client.send_goal(message(pose, given_in))
+    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, frame)
+    client.send_goal(message(pose, frame))
     client.wait_for_result()
     if not rospy.is_shutdown():
         rospy.loginfo("goal %s: %s", WORDS.get(client.get_state(), "not reached"), client.get_goal_status_text())

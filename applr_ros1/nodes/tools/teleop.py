@@ -19,6 +19,7 @@ from std_msgs.msg import String
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node
+from applr_ros1.nodes.conversions import twist
 from applr_ros1.nodes.tools.teleop_input import HELP, Joystick, Keyboard, VelocitySmoother
 
 COMMAND_PERIOD = 0.05  # s of wall time between commands
@@ -114,20 +115,14 @@ def drive(smoother, device, publisher):
             now = time.monotonic()
             if not device.poll(smoother, now):
                 return
-            publisher.publish(_twist(*smoother.command(now, min(now - last, 0.2))))
+            publisher.publish(twist(*smoother.command(now, min(now - last, 0.2))))
             last = now
             time.sleep(COMMAND_PERIOD)
     except OSError as error:
         raise ApplrError("%s is gone (%s)" % (device.kind, error.strerror or error)) from None
     finally:
-        publisher.publish(_twist(0.0, 0.0))
+        publisher.publish(twist(0.0, 0.0))
         time.sleep(0.1)  # so that it goes out
-
-
-def _twist(v, w):
-    message = Twist()
-    message.linear.x, message.angular.z = v, w
-    return message
 
 
 def _number(name, default, low, high):
