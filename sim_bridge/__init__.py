@@ -44,7 +44,7 @@ def find(name: str) -> Type[Simulator]:
     module, colon, kind = _CLASSES.get(name, str(name)).rpartition(":")
     if not (module and colon and kind):
         raise SimulatorError(
-            "simulator %r is not known: give %s, or my_file.py:Class or module:Class" % (name, " or ".join(NAMES))
+            f"simulator {name!r} is not known: give {' or '.join(NAMES)}, or my_file.py:Class or module:Class"
         )
     # whatever a person's own class raises is theirs to hear in one line
     expected: Type[Exception] = ImportError if name in _CLASSES else Exception
@@ -52,10 +52,10 @@ def find(name: str) -> Type[Simulator]:
         found = getattr(user_module.load(module), kind)
     except expected as error:
         raise SimulatorError(
-            "simulator %s cannot be imported (%s): check module and class" % (name, one_line(error))
+            f"simulator {name} cannot be imported ({one_line(error)}): check module and class"
         ) from error
     if not (isinstance(found, type) and issubclass(found, Simulator)):
-        raise SimulatorError("simulator %s is no sim_bridge.Simulator: derive it from that class" % name)
+        raise SimulatorError(f"simulator {name} is no sim_bridge.Simulator: derive it from that class")
     return found
 
 
@@ -73,7 +73,7 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
         RobotError: There is no such robot, or its description cannot be used.
     """
     if gui and name != "pybullet":
-        raise SimulatorError("gui is true but the simulator %s has no window: take pybullet" % name)
+        raise SimulatorError(f"gui is true but the simulator {name} has no window: take pybullet")
     found = find(name)
     options = dict(randomisation)
     if gui:
@@ -87,5 +87,5 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
     except Exception as error:
         if name in _CLASSES:
             raise
-        raise SimulatorError("simulator %s cannot be made: %s" % (name, one_line(error))) from error
+        raise SimulatorError(f"simulator {name} cannot be made: {one_line(error)}") from error
     return made

@@ -46,7 +46,7 @@ def load_pybullet() -> Any:
         ctypes.CDLL(None).fflush(None)  # a banner on stdout would still sit in C's buffer
     except ImportError as error:
         raise SimulatorError(
-            "pybullet cannot be imported (%s): pip install pybullet, or take the kinematic simulator" % error
+            f"pybullet cannot be imported ({error}): pip install pybullet, or take the kinematic simulator"
         ) from None
     finally:
         for fd, copy in kept:

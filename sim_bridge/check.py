@@ -51,7 +51,7 @@ def _results(factory: Factory) -> Iterator[Tuple[str, str]]:
         try:
             promise(factory)
         except BrokenPromise as error:
-            problem = "%s But: %s" % (text, error)
+            problem = f"{text} But: {error}"
         except Exception as error:  # whatever foreign code raises is a result of the check
             problem = "%s But %s was raised: %s" % (text, type(error).__name__, str(error).split("\n")[0])
         yield text, problem
@@ -72,7 +72,7 @@ def _refuses(what: str, call: Callable[[], object]) -> None:
     except SimulatorError as error:
         _need("\n" not in str(error), "the message about %s has several lines", what)
     else:
-        raise BrokenPromise("%s is accepted" % what)
+        raise BrokenPromise(f"{what} is accepted")
 
 
 # -- the promises ------------------------------------------------------------------------------------------------------
@@ -149,7 +149,7 @@ def _refuses_nonsense(factory: Factory) -> None:
     _refuses("the command (nan, 0)", lambda: simulator.command(nan, 0.0))
     _refuses("the command (0, inf)", lambda: simulator.command(0.0, inf))
     for duration in (0.0, -1.0, nan):
-        _refuses("the duration %g" % duration, partial(simulator.advance, duration))
+        _refuses(f"the duration {duration:g}", partial(simulator.advance, duration))
     _refuses("a start at nan", lambda: simulator.reset(small_world(), 0, (0.0, nan, 0.0)))
     _refuses("the randomisation slip=-1", lambda: factory(slip=-1.0))
     simulator.close()
@@ -308,7 +308,7 @@ def main() -> int:
     """Print a line for every promise. Exit status 1 where one is not kept, or there is no such simulator."""
     parser = argparse.ArgumentParser(prog="python -m sim_bridge.check", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument(
-        "simulator", help="Simulator to check: %s, or my_file.py:Class or module:Class." % ", ".join(NAMES)
+        "simulator", help=f"Simulator to check: {', '.join(NAMES)}, or my_file.py:Class or module:Class."
     )
     name = parser.parse_args().simulator
     return run_main(lambda: _print_results(name), "check")
@@ -319,8 +319,8 @@ def _print_results(name: str) -> int:
     broken = 0
     for promise, problem in _results(lambda **options: make(name, **options)):
         broken += bool(problem)
-        print("FAILED %s" % problem if problem else "ok     %s" % promise, flush=True)
-    print("%s keeps %d of %d promises" % (name, len(PROMISES) - broken, len(PROMISES)))
+        print(f"FAILED {problem}" if problem else f"ok     {promise}", flush=True)
+    print(f"{name} keeps {len(PROMISES) - broken} of {len(PROMISES)} promises")
     return 1 if broken else 0
 
 

@@ -149,8 +149,6 @@ def _supports(robot, mass, com):
         supports[:, SHIFT_X], supports[:, SHIFT_Y] = -centred.T
         levers = [float(value) or 1.0 for value in (centred**2).sum(axis=0)]
     if (supports[:, LOAD] <= 0.0).any():
-        raise RobotError(
-            "robot %s: its centre of mass (%.3f, %.3f) lies outside its wheels and casters: check body.com and "
-            "base.casters" % (robot.name, *com)
-        )
+        where = f"robot {robot.name}: its centre of mass ({com[0]:.3f}, {com[1]:.3f})"
+        raise RobotError(f"{where} lies outside its wheels and casters: check body.com and base.casters")
     return supports, levers

@@ -34,5 +34,5 @@ class RealTimeRate:
             if report and now - self._reported > 10.0:
                 self._reported = now
                 self.warn(
-                    "%.1f s lost so far: real_time_factor %g is too much for this machine now" % (self.late, factor)
+                    f"{self.late:.1f} s lost so far: real_time_factor {factor:g} is too much for this machine now"
                 )

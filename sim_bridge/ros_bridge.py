@@ -63,7 +63,7 @@ class Bridge:
         name = rospy.get_param("~simulator", "pybullet")
         options = rospy.get_param("~randomisation", {})
         if not isinstance(options, dict):
-            raise SimulatorError("randomisation is %r: give a dictionary such as {slip: 1.2}" % (options,))
+            raise SimulatorError(f"randomisation is {options!r}: give a dictionary such as {{slip: 1.2}}")
         if rospy.get_param("~gui", False):
             options = dict(options, gui=True)
         self.base_time = BASE_TIME
@@ -219,7 +219,7 @@ class Bridge:
             self.refused += 1
             rospy.logwarn_throttle(
                 5.0,
-                "sim_bridge: velocity command (%g, %g) refused: it must be finite (%d so far)" % (v, w, self.refused),
+                f"sim_bridge: velocity command ({v:g}, {w:g}) refused: it must be finite ({self.refused} so far)",
             )
             return
         with self.arrived:
@@ -257,7 +257,7 @@ class Bridge:
     def on_load_world(self, _: Any) -> TriggerResponse:
         """Service ~load_world: change to the world that the parameter ~world names."""
         problem = self._change_world(str(rospy.get_param("~world", "")))
-        return TriggerResponse(not problem, problem or "world %s" % self.simulator.world.name)
+        return TriggerResponse(not problem, problem or f"world {self.simulator.world.name}")
 
     def _change_world(self, spec):
         """Load a world and restart in it. Returns "", or one line why the old world stays."""

@@ -46,7 +46,7 @@ class Changes:
         frame, add = message.header.frame_id.lstrip("/"), message.action == Marker.ADD
         with self._bridge.lock:
             world = self._bridge.simulator.world
-            problem = "it is given in the frame %s: give it in %s" % (frame, WORLD) if frame not in ("", WORLD) else ""
+            problem = f"it is given in the frame {frame}: give it in {WORLD}" if frame not in ("", WORLD) else ""
             if not problem and not (isfinite(x) and isfinite(y)):
                 problem = "its place is not finite"
             elif not problem and add:
@@ -63,9 +63,9 @@ class Changes:
     def _no_room(self, x: float, y: float, radius: float, others: int) -> str:
         """Why a cylinder cannot stand there; "" if it can."""
         if not RADII[0] <= radius <= RADII[1]:
-            return "its scale.x is %g: give a diameter from %g to %g m" % (2 * radius, 2 * RADII[0], 2 * RADII[1])
+            return f"its scale.x is {2 * radius:g}: give a diameter from {2 * RADII[0]:g} to {2 * RADII[1]:g} m"
         if others >= MOST:
-            return "%d obstacles stand here, more than that are not taken" % others
+            return f"{others} obstacles stand here, more than that are not taken"
         simulator = self._bridge.simulator
         back, front, right, left = geometry.bounding_box(simulator.robot)
         at_x, at_y = angles.transform_point(angles.inverse(simulator.state.pose), x, y)
@@ -87,7 +87,7 @@ class Changes:
                 self._course, self._movers = world.course, world.movers
                 self._stand(dataclasses.replace(world, movers=()))
             count = len(self._bridge.simulator.world.movers)
-        return SetBoolResponse(True, "%d moving obstacles" % count)
+        return SetBoolResponse(True, f"{count} moving obstacles")
 
     def _set_factor(self, message: Float64) -> None:
         if isfinite(message.data) and 0.0 <= message.data <= 1e6:

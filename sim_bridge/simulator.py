@@ -68,10 +68,8 @@ class Randomisation:
             pair = value if spans and isinstance(value, (tuple, list)) else (value, value)
             numbers = [bound for bound in pair if isinstance(bound, (int, float)) and isfinite(bound)]
             if len(pair) != 2 or len(numbers) != 2 or not 0 <= numbers[0] <= numbers[1]:
-                raise SimulatorError(
-                    "randomisation %s = %r: give a number >= 0%s"
-                    % (name, value, " or a span (low, high)" if spans else "")
-                )
+                span = " or a span (low, high)" if spans else ""
+                raise SimulatorError(f"randomisation {name} = {value!r}: give a number >= 0{span}")
 
     def draw(self, rng: np.random.Generator) -> Randomisation:
         """One robot: the same fields, every span replaced by a number drawn uniformly from it."""
@@ -113,7 +111,7 @@ class Simulator(ABC):
         known = list(vars(Randomisation()))
         for name in randomisation:
             if name not in known:
-                raise SimulatorError("randomisation %s is not known: give %s" % (name, ", ".join(known)))
+                raise SimulatorError(f"randomisation {name} is not known: give {', '.join(known)}")
         self.randomisation = Randomisation(**randomisation)
         self.state = RobotState()
         self.odom_origin = (0.0, 0.0)
@@ -128,7 +126,7 @@ class Simulator(ABC):
         """
         place = tuple(float(value) for value in (world.course.start if start is None else start))
         if len(place) != 3 or not all(map(isfinite, place)):
-            raise SimulatorError("start %r: give three finite numbers x, y, yaw" % (place,))
+            raise SimulatorError(f"start {place!r}: give three finite numbers x, y, yaw")
         self._rng = np.random.default_rng(seed)
         self.drawn = self.randomisation.draw(self._rng)
         shift = self._rng.uniform(-1, 1, 3).tolist()
@@ -149,7 +147,7 @@ class Simulator(ABC):
     def command(self, v: float, w: float) -> None:
         """The newest velocity command [m/s, rad/s]. The base stops its command timeout after the last one."""
         if not (isfinite(v) and isfinite(w)):
-            raise SimulatorError("command (%r, %r): velocities must be finite" % (v, w))
+            raise SimulatorError(f"command ({v!r}, {w!r}): velocities must be finite")
         base = self.robot.base
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
@@ -158,7 +156,7 @@ class Simulator(ABC):
     def advance(self, duration: float) -> RobotState:
         """Let `duration` seconds pass (rounded to whole physics steps by what has passed in total)."""
         if not 0.0 < duration < 3600.0:
-            raise SimulatorError("duration %r: give seconds between 0 and 3600" % (duration,))
+            raise SimulatorError(f"duration {duration!r}: give seconds between 0 and 3600")
         self._drive(duration)
         return self.state
 
@@ -199,7 +197,7 @@ class Simulator(ABC):
         """
         pose = tuple(float(value) for value in pose)
         if len(pose) != 3 or not all(map(isfinite, pose)):
-            raise SimulatorError("pose %r: give three finite numbers x, y, yaw" % (pose,))
+            raise SimulatorError(f"pose {pose!r}: give three finite numbers x, y, yaw")
         x, y, yaw = pose[0], pose[1], angles.normalize_angle(pose[2])
         self._move_to((x, y, yaw))
         self.state = replace(self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False)

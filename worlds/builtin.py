@@ -37,7 +37,7 @@ SPLITS = {"train": TRAIN, "test": TEST, "validation": VALIDATION, "learn": LEARN
 def world(number: int) -> World:
     """World `number` (0 to 299) of the built-in ones."""
     filled, path = fields()[number]
-    return barn_grid.make_world("generated:%d" % number, filled, path)
+    return barn_grid.make_world(f"generated:{number}", filled, path)
 
 
 @functools.lru_cache(maxsize=1)
@@ -73,7 +73,7 @@ def main() -> None:
     data = pack([generator.generate_field(n) for n in range(generator.COUNT)])
     os.makedirs(os.path.dirname(FILE), exist_ok=True)
     files.write_bytes(FILE, data)
-    print("%s: %d worlds, %d bytes" % (FILE, generator.COUNT, len(data)))
+    print(f"{FILE}: {generator.COUNT} worlds, {len(data)} bytes")
 
 
 if __name__ == "__main__":

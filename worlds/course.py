@@ -36,16 +36,14 @@ def from_element(element: Element, path: str) -> Course:
     """The course that our writer put into a world file."""
 
     def get(tag, count):
-        text = element.findtext("{%s}%s" % (NAMESPACE, tag))
-        return tuple(numbers(text, count, "%s of the course in %s" % (tag, path)))
+        text = element.findtext(f"{{{NAMESPACE}}}{tag}")
+        return tuple(numbers(text, count, f"{tag} of the course in {path}"))
 
-    words = (element.findtext("{%s}path" % NAMESPACE) or "").split()
+    words = (element.findtext(f"{{{NAMESPACE}}}path") or "").split()
     if not 4 <= len(words) <= 2 * MAX_PATH:
-        raise WorldError(
-            "path of the course in %s has %d numbers; it needs 2 to %d points" % (path, len(words), MAX_PATH)
-        )
+        raise WorldError(f"path of the course in {path} has {len(words)} numbers; it needs 2 to {MAX_PATH} points")
     points = get("path", len(words) // 2 * 2)
-    finish = element.find("{%s}finish_y" % NAMESPACE)
+    finish = element.find(f"{{{NAMESPACE}}}finish_y")
     return Course(
         start=get("start", 3),
         goal=get("goal", 3),
@@ -62,7 +60,7 @@ def beside(path: str, cylinders: np.ndarray, boxes: np.ndarray, movers: tuple) -
     number = re.search(r"(\d+)$", os.path.splitext(os.path.basename(path))[0])
     if number:
         folder = os.path.dirname(os.path.abspath(path))
-        file = os.path.join(folder, PATH_FOLDER, "path_%s.npy" % number.group(1))
+        file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy")
         if os.path.lexists(file):
             return _on_barns_grid(file, cylinders)
     if movers:
@@ -89,17 +87,17 @@ def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     outside = np.any((cells < 0) | (cells >= (barn_grid.ROWS, barn_grid.COLS)), axis=1)
     if outside.any():
         raise WorldError(
-            "%s has the cell %s outside BARN's %d x %d field; put the world's own path file there"
-            % (file, tuple(int(v) for v in cells[outside][0]), barn_grid.ROWS, barn_grid.COLS)
+            f"{file} has the cell {tuple(int(v) for v in cells[outside][0])} outside BARN's {barn_grid.ROWS} x "
+            f"{barn_grid.COLS} field; put the world's own path file there"
         )
     if np.abs(np.diff(cells, axis=0)).max() > 1:
-        raise WorldError("%s jumps between cells that are not neighbours; put the world's own path file there" % file)
+        raise WorldError(f"{file} jumps between cells that are not neighbours; put the world's own path file there")
     clear = search.free_space(barn_grid.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
         raise WorldError(
-            "%s runs into an obstacle at cell %s: no passage there; put the world's own path file "
-            "there or clear the way" % (file, tuple(int(v) for v in cells[shut][0]))
+            f"{file} runs into an obstacle at cell {tuple(int(v) for v in cells[shut][0])}: no passage there; put the "
+            "world's own path file there or clear the way"
         )
     return barn_grid.paper_course(barn_grid.to_xy(cells))
 
@@ -121,8 +119,8 @@ def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
     cells = search.shortest_path(free, ends[: barn_grid.ROWS], ends[barn_grid.ROWS :])
     if cells is None:
         raise WorldError(
-            "%s has no passage of %.2f m through its field; clear a way or give another world"
-            % (path, barn_grid.CELL * (2 * barn_grid.CLEARANCE + 1))
+            f"{path} has no passage of {barn_grid.CELL * (2 * barn_grid.CLEARANCE + 1):.2f} m through its field; "
+            "clear a way or give another world"
         )
     return barn_grid.paper_course(barn_grid.to_xy(cells))
 
@@ -132,13 +130,13 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     extent = _extent(cylinders, boxes)
     if extent is None:
         raise WorldError(
-            "%s holds no obstacle that a ground robot could meet; give a world with boxes or cylinders" % path
+            f"{path} holds no obstacle that a ground robot could meet; give a world with boxes or cylinders"
         )
     low, high = extent[0] - MARGIN - 0.5 * SEARCH_CELL, extent[1] + MARGIN
     if max(high - low) > MAX_SIDE:
         raise WorldError(
-            "%s is %.0f x %.0f m, too large to search for a course (at most %.0f m); write one into it "
-            "with worlds.sdf_writer" % (path, high[0] - low[0], high[1] - low[1], MAX_SIDE)
+            f"{path} is {high[0] - low[0]:.0f} x {high[1] - low[1]:.0f} m, too large to search for a course (at most "
+            f"{MAX_SIDE:.0f} m); write one into it with worlds.sdf_writer"
         )
     free = free_grid(low, high, cylinders, boxes)
     sides = int(round(MARGIN / SEARCH_CELL))
@@ -149,8 +147,8 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
     cells = search.shortest_path(free, *ends)
     if cells is None:
         raise WorldError(
-            "%s has no passage of %.2f m along y; clear a way or write a course into it with "
-            "worlds.sdf_writer" % (path, 2.0 * ROBOT_RADIUS)
+            f"{path} has no passage of {2.0 * ROBOT_RADIUS:.2f} m along y; clear a way or write a course into it with "
+            "worlds.sdf_writer"
         )
     points = low + SEARCH_CELL * (cells + 0.5)
     return Course(

@@ -80,7 +80,7 @@ def picture(world: World, file: str) -> None:
 def main() -> int:
     """Exit status 1 and one line where the world cannot be read or the picture not written."""
     parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
-    parser.add_argument("world", help="World to draw: %s." % FORMS)
+    parser.add_argument("world", help=f"World to draw: {FORMS}.")
     parser.add_argument("picture", help="File for the picture, such as out.png.")
     arguments = parser.parse_args()
     return run_main(lambda: picture(load(arguments.world), arguments.picture), "draw")

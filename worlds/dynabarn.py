@@ -35,7 +35,7 @@ class Animations:
 
     def of(self, model: Element) -> Optional[Animation]:
         """How a model moves; None for one without a plugin. Raises WorldError where the table lacks its plugin."""
-        stated = model.find("{%s}waypoints" % self.namespace)
+        stated = model.find(f"{{{self.namespace}}}waypoints")
         if stated is not None:
             return self._stated(stated, f"waypoints of model {model.get('name')!r} in {self.path}")
         plugin = model.find("plugin")

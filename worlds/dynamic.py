@@ -29,7 +29,7 @@ def generate(number: int) -> World:
     kind = number % len(SPEEDS)
     count = int(rng.integers(COUNTS[kind][0], COUNTS[kind][1] + 1))
     movers = tuple(_mover(rng, SPEEDS[kind]) for _ in range(count))
-    return World("dynamic:%d" % number, np.empty((0, 3)), WALLS, arena_course(), movers)
+    return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, arena_course(), movers)
 
 
 def _mover(rng: np.random.Generator, speeds) -> Mover:

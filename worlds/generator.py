@@ -90,4 +90,4 @@ def generate_field(number: int, seed: int = SEED) -> Tuple[np.ndarray, np.ndarra
 
 def generate(number: int, seed: int = SEED) -> World:
     """World `number` of the set `seed`. Any number >= 0 gives a world; the recipe's kinds repeat every 300."""
-    return barn_grid.make_world("generated:%d" % number, *generate_field(number, seed))
+    return barn_grid.make_world(f"generated:{number}", *generate_field(number, seed))

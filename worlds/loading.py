@@ -19,9 +19,9 @@ GENERATED = "generated:"
 FRESH = "fresh:"  # more worlds of the same recipe, made on the spot
 DYNAMIC = "dynamic:"  # rooms with moving obstacles
 FORMS = (
-    "generated:N (0-%d), generated:train, generated:test, generated:validation, generated:learn, fresh:N, "
-    "fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, "
-    "a .world file or a folder of them" % (generator.COUNT - 1)
+    f"generated:N (0-{generator.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
+    "fresh:N, fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world "
+    "file or a folder of them"
 )
 MAX_WORLDS = 10_000  # in a folder
 
@@ -32,7 +32,7 @@ def load(spec: str) -> World:
     if text.startswith((GENERATED, FRESH, DYNAMIC)):
         names = specs(text)
         if len(names) > 1:
-            raise WorldError("%s names %d worlds where one is needed; give one of them" % (text, len(names)))
+            raise WorldError(f"{text} names {len(names)} worlds where one is needed; give one of them")
         number = int(names[0].split(":")[1])
         if text.startswith(GENERATED):
             return builtin.world(number)
@@ -44,8 +44,8 @@ def load(spec: str) -> World:
     if text.endswith(".world"):
         return sdf_reader.read(text)
     if os.path.isdir(text):
-        raise WorldError("%s is a folder where one world is needed; give one of its .world files" % text)
-    raise WorldError("unknown world %r; give %s" % (text[:200], FORMS))
+        raise WorldError(f"{text} is a folder where one world is needed; give one of its .world files")
+    raise WorldError(f"unknown world {text[:200]!r}; give {FORMS}")
 
 
 def load_all(spec: str) -> List[World]:
@@ -97,12 +97,12 @@ def specs(spec: str) -> List[str]:
     """The specifications of the single worlds that `spec` names, in load_all's order."""
     text = str(spec)
     if text.startswith(GENERATED):
-        return ["%s%d" % (GENERATED, n) for n in _numbers(text)]
+        return [f"{GENERATED}{n}" for n in _numbers(text)]
     if text.startswith(FRESH):
-        return ["%s%d" % (FRESH, n) for n in _range(text, FRESH)]
+        return [f"{FRESH}{n}" for n in _range(text, FRESH)]
     if text.startswith(DYNAMIC):
         split = dynamic.SPLITS.get(text[len(DYNAMIC) :])
-        return ["%s%d" % (DYNAMIC, n) for n in (_range(text, DYNAMIC) if split is None else split)]
+        return [f"{DYNAMIC}{n}" for n in (_range(text, DYNAMIC) if split is None else split)]
     return folder_files(text) if os.path.isdir(text) else [text]
 
 
@@ -111,9 +111,9 @@ def folder_files(folder: str) -> List[str]:
     try:
         names = [n for n in os.listdir(folder) if n.endswith(".world")]
     except OSError as error:
-        raise WorldError("%s cannot be listed (%s); check the path" % (folder, error.strerror)) from None
+        raise WorldError(f"{folder} cannot be listed ({error.strerror}); check the path") from None
     if not 1 <= len(names) <= MAX_WORLDS:
-        raise WorldError("%s holds %d .world files; it must hold 1 to %d" % (folder, len(names), MAX_WORLDS))
+        raise WorldError(f"{folder} holds {len(names)} .world files; it must hold 1 to {MAX_WORLDS}")
     return [os.path.join(folder, name) for name in sorted(names, key=_natural)]
 
 
@@ -125,7 +125,7 @@ def _range(text: str, form: str) -> List[int]:
     match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(form) :], re.ASCII)
     first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
     if not 0 <= last - first < MAX_WORLDS:
-        raise WorldError("%s: give %sN or %sN-M, %d worlds at most" % (text[:200], form, form, MAX_WORLDS))
+        raise WorldError(f"{text[:200]}: give {form}N or {form}N-M, {MAX_WORLDS} worlds at most")
     return list(range(first, last + 1))
 
 
@@ -134,5 +134,5 @@ def _numbers(text: str) -> List[int]:
     if part in builtin.SPLITS:
         return list(builtin.SPLITS[part])
     if not re.match(r"^\d{1,9}$", part, re.ASCII) or int(part) >= generator.COUNT:
-        raise WorldError("world %r does not exist; give %s" % (text[:200], FORMS))
+        raise WorldError(f"world {text[:200]!r} does not exist; give {FORMS}")
     return [int(part)]

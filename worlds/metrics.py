@@ -47,8 +47,7 @@ def difficulty(world: World) -> Dict[str, float]:
     inside = len(path) and path.min() >= 0 and (path < (barn_grid.ROWS, barn_grid.COLS)).all()
     if not inside or len(world.boxes) or world.movers:
         raise WorldError(
-            "%s is not on BARN's grid, so its difficulty cannot be measured; give generated worlds or BARN's"
-            % world.name
+            f"{world.name} is not on BARN's grid, so its difficulty cannot be measured; give generated worlds or BARN's"
         )
     return grid_difficulty(barn_grid.fill_of(world.cylinders), path)
 

@@ -32,10 +32,10 @@ class Animation(NamedTuple):
 def checked(length: float, repeat: bool, frames: List[Tuple[float, ...]], what: str) -> Animation:
     """An Animation whose times start at 0 or later and never fall. `what` names it in the WorldError."""
     if not 2 <= len(frames) <= MAX_KEY_FRAMES:
-        raise WorldError("%s are %d; there must be 2 to %d" % (what, len(frames), MAX_KEY_FRAMES))
+        raise WorldError(f"{what} are {len(frames)}; there must be 2 to {MAX_KEY_FRAMES}")
     times = [row[0] for row in frames]
     if times[0] < 0.0 or any(later < earlier for earlier, later in zip(times, times[1:])) or not length > 0.0:
-        raise WorldError("%s must have a length above 0 and times that rise from 0; correct them" % what)
+        raise WorldError(f"{what} must have a length above 0 and times that rise from 0; correct them")
     return Animation(length, repeat, tuple((t, x, y) for t, x, y in frames))
 
 
@@ -48,23 +48,23 @@ def read(path: str) -> Dict[str, Animation]:
     try:
         header = next(rows, [])
         if tuple(name.strip() for name in header) != COLUMNS:
-            raise WorldError("%s must begin with the line %s" % (path, ",".join(COLUMNS)))
+            raise WorldError(f"{path} must begin with the line {','.join(COLUMNS)}")
         for row in rows:
-            what = "line %d of %s" % (rows.line_num, path)
+            what = f"line {rows.line_num} of {path}"
             if not row:
                 continue
             if len(row) != len(COLUMNS) or row[2].strip() not in ("0", "1"):
-                raise WorldError("%s must be %s with repeat 0 or 1" % (what, ",".join(COLUMNS)))
+                raise WorldError(f"{what} must be {','.join(COLUMNS)} with repeat 0 or 1")
             plugin = row[0].strip()
             length, *frame = (numbers(cell, 1, what)[0] for cell in (row[1], *row[3:]))
             head = (length, row[2].strip() == "1")
             if heads.setdefault(plugin, head) != head:
-                raise WorldError("%s: length and repeat differ from the earlier rows of %s" % (what, plugin))
+                raise WorldError(f"{what}: length and repeat differ from the earlier rows of {plugin}")
             groups.setdefault(plugin, []).append(tuple(frame))
     except csv.Error as error:
-        raise WorldError("%s is no table (%s); make it again" % (path, error)) from None
+        raise WorldError(f"{path} is no table ({error}); make it again") from None
     return {
-        plugin: checked(*heads[plugin], frames, "key frames of %s in %s" % (plugin, path))
+        plugin: checked(*heads[plugin], frames, f"key frames of {plugin} in {path}")
         for plugin, frames in groups.items()
     }
 

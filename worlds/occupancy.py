@@ -43,10 +43,8 @@ def occupancy(world: World, resolution: float = 0.05, margin: float = 2.0) -> Tu
     low = np.floor(low / resolution) * resolution
     nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
     if nx * ny > MAX_CELLS:
-        raise WorldError(
-            "%s is %.0f x %.0f m, %.3g cells of %g m: give a world whose map has at most %d cells"
-            % (world.name, *(high - low), nx * ny, resolution, MAX_CELLS)
-        )
+        size = f"{nx * resolution:.0f} x {ny * resolution:.0f} m, {nx * ny:.3g} cells of {resolution:g} m"
+        raise WorldError(f"{world.name} is {size}: give a world whose map has at most {MAX_CELLS} cells")
     cells = np.zeros((ny, nx), np.int8)
     for block, distance, least in around(cells, low, resolution, world.cylinders, boxes, 0.5 * resolution):
         block[distance <= least] = OCCUPIED

@@ -65,14 +65,14 @@ class Scope:
         way: Dict[str, np.ndarray] = {}  # frames that are not known yet, and their poses in the next
         while name not in self._known:
             if name in way:
-                raise WorldError("pose, %s is relative to %r, which is relative to itself" % (what, name[:60]))
+                raise WorldError(f"pose, {what} is relative to {name[:60]!r}, which is relative to itself")
             found = self._elements.get(name, [])
             if len(found) != 1:
                 raise WorldError(
-                    "pose, %s is relative to %r, but %s has %s frame of this name; name one of its own frames, or none"
-                    % (what, name[:60], self.what, "more than one" if found else "no")
+                    f"pose, {what} is relative to {name[:60]!r}, but {self.what} has "
+                    f"{'more than one' if found else 'no'} frame of this name; name one of its own frames, or none"
                 )
-            what = "%s %r of %s" % (found[0].tag, name[:60], self.what)
+            what = f"{found[0].tag} {name[:60]!r} of {self.what}"
             way[name] = pose_of(found[0], what)
             name = frame_of(found[0]) or found[0].get("attached_to") or (found[0].findtext("child") or "").strip()
         known = self._known[name]

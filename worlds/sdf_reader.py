@@ -33,9 +33,9 @@ def read(path: str) -> World:
     root = parse(path)
     world = root if root.tag == "world" else root.find("world")
     if world is None:
-        raise WorldError("%s holds no <world>; give a Gazebo world file" % path)
+        raise WorldError(f"{path} holds no <world>; give a Gazebo world file")
     obstacles = _Reader(path, world).read()
-    stated = world.find("{%s}course" % course.NAMESPACE)
+    stated = world.find(f"{{{course.NAMESPACE}}}course")
     way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
     return World(name, obstacles.cylinders, obstacles.boxes, way, obstacles.movers)
 
@@ -74,18 +74,17 @@ class _Reader:
         for tag in ("population", "road"):
             if self.world.find(tag) is not None:
                 raise WorldError(
-                    "%s has a <%s>, which is not read; save the world from Gazebo with its models inline"
-                    % (self.path, tag)
+                    f"{self.path} has a <{tag}>, which is not read; save the world from Gazebo with its models inline"
                 )
         for include in self.world.iter("include"):
             uri = (include.findtext("uri") or "").strip().rstrip("/")
             if uri not in IGNORED_INCLUDES:
                 raise WorldError(
-                    "%s includes %r, which is not read; save the world from Gazebo with its models inline"
-                    % (self.path, uri[:80])
+                    f"{self.path} includes {uri[:80]!r}, which is not read; save the world from Gazebo with its "
+                    "models inline"
                 )
         states = self._states(self.world)
-        scope = Scope(self.world, "the world in %s" % self.path)
+        scope = Scope(self.world, f"the world in {self.path}")
         for model in [*self._models_of_state(), *self.world.findall("model")]:
             self._model(model, scope, IDENTITY, states)
         return Obstacles(
@@ -98,16 +97,16 @@ class _Reader:
         states: Dict[str, _State] = {}
         for state in parent.findall("state") if parent is self.world else [parent]:
             for model in state.findall("model"):
-                what = "state of model %r in %s" % (model.get("name"), self.path)
+                what = f"state of model {model.get('name')!r} in {self.path}"
                 links = {
-                    link.get("name", ""): self._saved(link, "link %r, %s" % (link.get("name"), what))
+                    link.get("name", ""): self._saved(link, f"link {link.get('name')!r}, {what}")
                     for link in model.findall("link")
                     if link.find("pose") is not None
                 }
                 text = model.findtext("scale")
                 scale = [1.0, 1.0, 1.0] if text is None else numbers(text, 3, "scale, " + what)
                 if min(scale) <= 0.0:
-                    raise WorldError("scale, %s is %s; it must be above 0" % (what, scale))
+                    raise WorldError(f"scale, {what} is {scale}; it must be above 0")
                 states[model.get("name", "")] = _State(
                     self._saved(model, what) if model.find("pose") is not None else None,
                     np.array(scale),
@@ -127,16 +126,16 @@ class _Reader:
         """A pose in a <state>, which is always in the world."""
         if frame_of(element) not in ("", WORLD):
             raise WorldError(
-                "pose, %s is relative to %r, but what a <state> saves is relative to the world; leave relative_to out"
-                % (what, frame_of(element)[:60])
+                f"pose, {what} is relative to {frame_of(element)[:60]!r}, but what a <state> saves is relative to the "
+                "world; leave relative_to out"
             )
         return pose_of(element, what)
 
     def _model(self, model: Element, around: Scope, parent: np.ndarray, states: Dict[str, _State]) -> None:
         """`around`: the world or the model that it is in, which stands at the pose `parent`."""
-        name = "model %r in %s" % (model.get("name"), self.path)
+        name = f"model {model.get('name')!r} in {self.path}"
         if model.get("placement_frame"):
-            raise WorldError("%s has a placement_frame, which is not read; give the pose of the model itself" % name)
+            raise WorldError(f"{name} has a placement_frame, which is not read; give the pose of the model itself")
         state = states.get(model.get("name", ""), _NO_STATE)
         place = around.place(model, name)
         scope = Scope(model, name, around.in_world @ place)
@@ -152,20 +151,20 @@ class _Reader:
     def _link(
         self, link: Element, model: Scope, model_pose: np.ndarray, state: _State, animation: Optional[Animation]
     ) -> None:
-        place = model.place(link, "link %r of %s" % (link.get("name"), model.what))
+        place = model.place(link, f"link {link.get('name')!r} of {model.what}")
         stated = state.links.get(link.get("name", ""))
         pose = model_pose @ place if stated is None else stated
         for collision in link.findall("collision"):
-            what = "collision %r of %s" % (collision.get("name"), model.what)
+            what = f"collision {collision.get('name')!r} of {model.what}"
             geometry = collision.find("geometry")
             if geometry is None:
-                raise WorldError("%s has no <geometry>; give it a box or a cylinder" % what)
+                raise WorldError(f"{what} has no <geometry>; give it a box or a cylinder")
             in_link = pose_of(collision, what)
             if frame_of(collision):
                 in_link = np.linalg.inv(place) @ model.frame(frame_of(collision), what) @ in_link
             self._collision(geometry, pose @ in_link, state.scale, what, animation)
             if len(self.cylinders) + len(self.boxes) + len(self.movers) > MAX_OBSTACLES:
-                raise WorldError("%s has more than %d obstacles; give a world with fewer" % (self.path, MAX_OBSTACLES))
+                raise WorldError(f"{self.path} has more than {MAX_OBSTACLES} obstacles; give a world with fewer")
 
     def _collision(
         self, geometry: Element, pose: np.ndarray, scale: np.ndarray, what: str, animation: Optional[Animation]
@@ -180,11 +179,11 @@ class _Reader:
             elif shape.tag == "box":
                 size = numbers(shape.findtext("size"), 3, "size, " + what)
                 if min(size) <= 0.0:
-                    raise WorldError("size, %s is %s; it must be above 0" % (what, size))
+                    raise WorldError(f"size, {what} is {size}; it must be above 0")
                 rectangle = sdf_geometry.box(pose, np.array(size) * scale)
             elif shape.tag not in NOTHING_THERE:
                 raise WorldError(
-                    "%s is a %r; only box, cylinder, sphere and plane are read, replace it" % (what, shape.tag)
+                    f"{what} is a {shape.tag!r}; only box, cylinder, sphere and plane are read, replace it"
                 )
             if animation is not None and circle:
                 self.movers.append(Mover(circle[2], animation.frames, animation.length, animation.repeat))
@@ -195,7 +194,7 @@ class _Reader:
 
     @staticmethod
     def _size(shape: Element, tag: str, what: str) -> float:
-        value = numbers(shape.findtext(tag), 1, "%s, %s" % (tag, what))[0]
+        value = numbers(shape.findtext(tag), 1, f"{tag}, {what}")[0]
         if value <= 0.0:
-            raise WorldError("%s, %s is %g; it must be above 0" % (tag, what, value))
+            raise WorldError(f"{tag}, {what} is {value:g}; it must be above 0")
         return value

@@ -46,13 +46,13 @@ def text(world: World) -> str:
     """The .world file's text. Numbers are written so that they read back to the last bit."""
     models: List[str] = []
     for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
-        models.append(_model("cylinder_%d" % n, x, y, 0.0, _cylinder(radius)))
+        models.append(_model(f"cylinder_{n}", x, y, 0.0, _cylinder(radius)))
     for n, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
         shape = "<box><size>{!r} {!r} {!r}</size></box>".format(size_x, size_y, HEIGHT)
-        models.append(_model("box_%d" % n, x, y, yaw, shape))
+        models.append(_model(f"box_{n}", x, y, yaw, shape))
     for n, mover in enumerate(world.movers):
         _, x, y = mover.waypoints[0]
-        models.append(_model("mover_%d" % n, x, y, 0.0, _cylinder(mover.radius), _waypoints(mover)))
+        models.append(_model(f"mover_{n}", x, y, 0.0, _cylinder(mover.radius), _waypoints(mover)))
     return _HEAD + "".join(models) + _course(world.course) + _TAIL
 
 
@@ -65,26 +65,21 @@ def _cylinder(radius: float) -> str:
 
 
 def _waypoints(mover: Mover) -> str:
-    length = ' length="%r"' % mover.length if mover.length != mover.waypoints[-1][0] else ""
+    length = f' length="{mover.length!r}"' if mover.length != mover.waypoints[-1][0] else ""
     repeat = "" if mover.repeat else ' repeat="0"'
     frames = _row(v for point in mover.waypoints for v in point)
-    return "\n      <applr:waypoints%s%s>%s</applr:waypoints>" % (length, repeat, frames)
+    return f"\n      <applr:waypoints{length}{repeat}>{frames}</applr:waypoints>"
 
 
 def _course(course: Course) -> str:
-    finish = "" if course.finish_y is None else "      <applr:finish_y>%r</applr:finish_y>\n" % float(course.finish_y)
-    return (
-        "    <applr:course>\n"
-        "      <applr:start>%s</applr:start>\n      <applr:goal>%s</applr:goal>\n%s"
-        "      <applr:goal_tolerance>%r</applr:goal_tolerance>\n      <applr:path>%s</applr:path>\n"
-        "    </applr:course>\n"
-    ) % (
-        _row(course.start),
-        _row(course.goal),
-        finish,
-        float(course.goal_tolerance),
-        _row(course.path.ravel().tolist()),
-    )
+    finish = "" if course.finish_y is None else f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
+    return f"""    <applr:course>
+      <applr:start>{_row(course.start)}</applr:start>
+      <applr:goal>{_row(course.goal)}</applr:goal>
+{finish}      <applr:goal_tolerance>{float(course.goal_tolerance)!r}</applr:goal_tolerance>
+      <applr:path>{_row(course.path.ravel().tolist())}</applr:path>
+    </applr:course>
+"""
 
 
 def _row(values: Iterable[float]) -> str:

@@ -36,10 +36,10 @@ def numbers(text: Optional[str], count: int, what: str) -> List[float]:
     except ValueError:
         values = []
     if len(values) != count or len(words) != count:
-        raise WorldError("%s is %r; it must be %d number%s" % (what, _short(text), count, "s" if count > 1 else ""))
+        raise WorldError(f"{what} is {_short(text)!r}; it must be {count} number{'s' if count > 1 else ''}")
     for value in values:
         if not abs(value) <= FAR:
-            raise WorldError("%s is %r; its numbers must be finite and within %d" % (what, _short(text), FAR))
+            raise WorldError(f"{what} is {_short(text)!r}; its numbers must be finite and within {FAR}")
     return values
 
 

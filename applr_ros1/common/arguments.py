@@ -19,8 +19,8 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
     """A parameter's value, if it is a number from `low` to `high` (infinite only where a bound is); else ApplrError."""
     if not isinstance(value, bool) and isinstance(value, (int, float)) and low <= value <= high:
         return value
-    between = "" if math.isinf(low) and math.isinf(high) else " from %g to %g" % (low, high)
-    raise ApplrError("%s is %r: give a number%s" % (name, value, between))
+    between = "" if math.isinf(low) and math.isinf(high) else f" from {low:g} to {high:g}"
+    raise ApplrError(f"{name} is {value!r}: give a number{between}")
 
 
 def boolean(name: str, text: str) -> bool:
@@ -50,4 +50,4 @@ def check_new_bag(path: str) -> None:
     """Raises ApplrError where the bag `record` names, or rosbag's unfinished PATH.active, is there already."""
     for there, what in ((path, "it"), (path + ".active", path + ".active")):
         if os.path.lexists(there):
-            raise ApplrError("record is %s: %s is there already; give another name" % (path, what))
+            raise ApplrError(f"record is {path}: {what} is there already; give another name")

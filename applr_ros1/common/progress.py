@@ -30,7 +30,7 @@ def announced(what: str, say: Callable[[str], object], first: float = FIRST, eve
         spoken.set()
         say(what)
         while not done.wait(every):
-            say("still %s: %d s" % (short, round(time.monotonic() - began)))
+            say(f"still {short}: {round(time.monotonic() - began)} s")
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)
     speaker.start()
@@ -40,7 +40,7 @@ def announced(what: str, say: Callable[[str], object], first: float = FIRST, eve
         done.set()
         speaker.join()
         if spoken.is_set():
-            say("done %s: took %.0f s" % (short, time.monotonic() - began))
+            say(f"done {short}: took {time.monotonic() - began:.0f} s")
 
 
 class Throttled:
@@ -61,4 +61,4 @@ class Throttled:
         now = time.monotonic()
         if self._count == 1 or now - self._last >= self._silence:
             self._last = now
-            self._say(line if self._count == 1 else "%s (%d times so far)" % (line, self._count))
+            self._say(line if self._count == 1 else f"{line} ({self._count} times so far)")

@@ -23,20 +23,18 @@ def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str
     Raises StorageError, one line that begins with `name`.
     """
     if data[:2] in PICKLES and data[8:9] != b"{":  # a header can be of 1152 bytes, whose length begins as a pickle does
-        raise StorageError("%s: a pickle, not a safetensors file; nothing of it was executed" % name)
+        raise StorageError(f"{name}: a pickle, not a safetensors file; nothing of it was executed")
     if len(data) < 10:
-        raise StorageError("%s: truncated (%d bytes); copy it again" % (name, len(data)))
+        raise StorageError(f"{name}: truncated ({len(data)} bytes); copy it again")
     length = int.from_bytes(data[:8], "little")
     if length > MAX_HEADER:
-        raise StorageError(
-            "%s: not a safetensors file (its header would be %d bytes); give another one" % (name, length)
-        )
+        raise StorageError(f"{name}: not a safetensors file (its header would be {length} bytes); give another one")
     try:
         header = json.loads(data[8 : 8 + length].decode("utf-8")).get("__metadata__") or {}
         return safetensors.numpy.load(data), {str(key): str(text) for key, text in header.items()}
     except (safetensors.SafetensorError, ValueError, AttributeError, KeyError, TypeError, RecursionError) as problem:
         raise StorageError(
-            "%s: truncated or damaged safetensors data (%s); copy it again" % (name, reason(problem))
+            f"{name}: truncated or damaged safetensors data ({reason(problem)}); copy it again"
         ) from None
 
 
@@ -45,6 +43,6 @@ def checksum(weights: Mapping[str, np.ndarray]) -> str:
     digest = hashlib.sha256()
     for name in sorted(weights):
         value = np.ascontiguousarray(weights[name])
-        digest.update(("%s %s %s\n" % (name, value.shape, value.dtype.name)).encode())
+        digest.update(f"{name} {value.shape} {value.dtype.name}\n".encode())
         digest.update(value.tobytes())
     return digest.hexdigest()

@@ -126,15 +126,15 @@ def _panel(pen, left: int, drive: Drive, view: View) -> None:
 
     font = ImageFont.load_default(15)
     speed = float(np.interp(view.time, drive.track[:, 0], drive.track[:, 3])) if len(drive.track) else 0.0
-    pen.text((left, 40), "time   %5.1f s" % view.time, fill="black", font=font)
-    pen.text((left, 65), "speed  %5.2f m/s" % speed, fill="black", font=font)
+    pen.text((left, 40), f"time   {view.time:5.1f} s", fill="black", font=font)
+    pen.text((left, 65), f"speed  {speed:5.2f} m/s", fill="black", font=font)
     top = 110
     for name, steps in drive.parameters.items():
         values = [value for _, value in steps]
         now = [value for at, value in steps if at <= view.time + 1e-6] or values[:1]
         low, high = min(values), max(values)
         share = (now[-1] - low) / (high - low) if high > low else 0.0
-        pen.text((left, top), "%s  %.3g" % (name, now[-1]), fill="black", font=font)
+        pen.text((left, top), f"{name}  {now[-1]:.3g}", fill="black", font=font)
         pen.rectangle((left, top + 20, left + PANEL - 40, top + 28), outline="#bbbbbb")
         if share > 0.0:
             pen.rectangle((left, top + 20, left + share * (PANEL - 40), top + 28), fill=PATH)

@@ -146,7 +146,7 @@ class CollisionMonitor:
             return Verdict((v, w))
         if scale >= 1.0:
             return Verdict(
-                (v, w), SLOW, most, "slowed to what can be stopped within %g m" % min(AHEAD, settings.memory_radius)
+                (v, w), SLOW, most, f"slowed to what can be stopped within {min(AHEAD, settings.memory_radius):g} m"
             )
         if scale <= 0.0:
             reason = (
@@ -178,9 +178,9 @@ class CollisionMonitor:
         if not all(math.isfinite(value) for value in (*pose, *twist, *command)):
             return "the command, the pose or the velocity is not finite"
         if any(abs(value) > IMPOSSIBLE * limit for value, limit in zip(twist, self.fastest)):
-            return "the odometry says %g m/s and %g rad/s, which cannot be" % (twist[0], twist[1])
+            return f"the odometry says {twist[0]:g} m/s and {twist[1]:g} rad/s, which cannot be"
         if self._fault:
             return self._fault
         if not -self.settings.scan_timeout <= now - self._stamp <= self.settings.scan_timeout:
-            return "the newest scan is %.2f s old; the limit is %g s" % (now - self._stamp, self.settings.scan_timeout)
+            return f"the newest scan is {now - self._stamp:.2f} s old; the limit is {self.settings.scan_timeout:g} s"
         return ""

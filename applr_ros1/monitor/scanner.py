@@ -35,12 +35,10 @@ class ScannerCheck:
         if problem:
             return problem
         ranges = np.asarray(scan.ranges, dtype=np.float32)
-        if np.count_nonzero(_is_blind(ranges, scan.range_min)) >= BLIND_SHARE * len(ranges):
-            return "the scanner is blind: %d of %d beams are NaN or nearer than range_min %g m" % (
-                np.count_nonzero(_is_blind(ranges, scan.range_min)),
-                len(ranges),
-                scan.range_min,
-            )
+        blind = np.count_nonzero(np.isnan(ranges) | (ranges < scan.range_min))  # +inf measured that nothing is there
+        if blind >= BLIND_SHARE * len(ranges):
+            beams = f"{blind} of {len(ranges)} beams"
+            return f"the scanner is blind: {beams} are NaN or nearer than range_min {scan.range_min:g} m"
         hits = (ranges >= scan.range_min) & (ranges < scan.range_max)
         if not hits.any():
             self._forget_image()
@@ -62,7 +60,7 @@ class ScannerCheck:
         visible = (turned <= abs(span)) & (np.hypot(dx, dy) < STILL_VISIBLE * scan.range_max)
         if np.count_nonzero(visible) < ENOUGH:
             return ""
-        return "the scanner sees nothing where it saw %d obstacle points before" % np.count_nonzero(visible)
+        return f"the scanner sees nothing where it saw {np.count_nonzero(visible)} obstacle points before"
 
     def _remember(self, scan, ranges, hits):
         if np.count_nonzero(hits) < ENOUGH:
@@ -86,10 +84,9 @@ class ScannerCheck:
         self.repeats = moved > REPEATED or turned > REPEATED
         if self._equal < FROZEN_SCANS or (moved < FROZEN_DISTANCE and turned < FROZEN_TURN):
             return ""
-        return "the scanner is frozen: %d equal images while the robot moved %.2f m and %.2f rad" % (
-            self._equal + 1,
-            moved,
-            turned,
+        return (
+            f"the scanner is frozen: {self._equal + 1} equal images while the robot moved {moved:.2f} m and "
+            f"{turned:.2f} rad"
         )
 
 
@@ -100,14 +97,9 @@ def geometry_fault(scan):
     if not all(math.isfinite(value) for value in numbers):
         return "the scan's geometry, pose or stamp is not finite"
     if not 3 <= count <= MAX_BEAMS:
-        return "a scan of %d beams: 3 to %d are possible" % (count, MAX_BEAMS)
+        return f"a scan of {count} beams: 3 to {MAX_BEAMS} are possible"
     if scan.angle_increment == 0.0 or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
-        return "%d beams %g rad apart are no planar scan" % (count, scan.angle_increment)
+        return f"{count} beams {scan.angle_increment:g} rad apart are no planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
-        return "the scan's ranges are %g to %g m" % (scan.range_min, scan.range_max)
+        return f"the scan's ranges are {scan.range_min:g} to {scan.range_max:g} m"
     return ""
-
-
-def _is_blind(ranges, range_min):
-    """Beams that measured nothing (REP-117): NaN, -inf, nearer than range_min. +inf measured that nothing is there."""
-    return np.isnan(ranges) | (ranges < range_min)

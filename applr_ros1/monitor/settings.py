@@ -44,7 +44,7 @@ class MonitorSettings:
     def __post_init__(self):
         for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ApplrError("collision monitor: %s is %r; give a positive number" % (name, getattr(self, name)))
+                raise ApplrError(f"collision monitor: {name} is {getattr(self, name)!r}; give a positive number")
         for name in ("margin", "memory_seconds"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise ApplrError("collision monitor: %s is %r; give a number >= 0" % (name, getattr(self, name)))
+                raise ApplrError(f"collision monitor: {name} is {getattr(self, name)!r}; give a number >= 0")

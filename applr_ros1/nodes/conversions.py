@@ -87,16 +87,15 @@ def check_scan(message, beams: Optional[int]) -> np.ndarray:
     """
     n = len(message.ranges)
     if n == 0 or n > MAX_BEAMS:
-        raise MessageError("has %d beams: give between 1 and %d" % (n, MAX_BEAMS))
+        raise MessageError(f"has {n} beams: give between 1 and {MAX_BEAMS}")
     if beams is not None and n != beams:
         raise MessageError(
-            "has %d beams where it had %d: check the scanner; another one is accepted after two seconds" % (n, beams)
+            f"has {n} beams where it had {beams}: check the scanner; another one is accepted after two seconds"
         )
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
     if not all(map(math.isfinite, geometry)) or message.angle_increment == 0.0:
         raise MessageError(
-            "has angle_min, angle_increment, range_min, range_max = %s: give finite numbers and an "
-            "increment" % (geometry,)
+            f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
         )
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
@@ -110,16 +109,16 @@ def points_of(message) -> np.ndarray:
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
     offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
     if not all(axis in offsets for axis in "xyz"):
-        given = ", ".join("%s (datatype %d)" % (field.name, field.datatype) for field in message.fields)
-        raise MessageError("has the fields %s: give x, y and z as FLOAT32" % (given or "of none"))
+        given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)
+        raise MessageError(f"has the fields {given or 'of none'}: give x, y and z as FLOAT32")
     n, width = message.width * message.height, message.point_step
     if n > MAX_POINTS:
-        raise MessageError("has %d points: give at most %d" % (n, MAX_POINTS))
+        raise MessageError(f"has {n} points: give at most {MAX_POINTS}")
     row = message.row_step if message.height > 1 else n * width
     if width < max(offsets[axis] for axis in "xyz") + 4 or row < message.width * width:
-        raise MessageError("has point_step %d and row_step %d for %d points a row" % (width, row, message.width))
+        raise MessageError(f"has point_step {width} and row_step {row} for {message.width} points a row")
     if len(message.data) < row * (message.height - 1) + message.width * width:
-        raise MessageError("has %d bytes for %d points of %d" % (len(message.data), n, width))
+        raise MessageError(f"has {len(message.data)} bytes for {n} points of {width}")
     order = ">" if message.is_bigendian else "<"
     kind = np.dtype(
         {"names": list("xyz"), "formats": [order + "f4"] * 3, "offsets": [offsets[a] for a in "xyz"], "itemsize": width}
@@ -176,12 +175,12 @@ def static_map(message) -> StaticMap:
     """The planner's map of a nav_msgs/OccupancyGrid; MessageError for one that no costmap can have."""
     info, n = message.info, len(message.data)
     if info.width * info.height != n or n == 0:
-        raise MessageError("has %d cells for %d x %d" % (n, info.width, info.height))
+        raise MessageError(f"has {n} cells for {info.width} x {info.height}")
     if n > MAX_CELLS:
-        raise MessageError("has %d cells: give at most %d" % (n, MAX_CELLS))
+        raise MessageError(f"has {n} cells: give at most {MAX_CELLS}")
     turn = info.origin.orientation  # all zero where it was left out
     if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
-        raise MessageError("has an origin that is turned by %.3g rad: give one without yaw" % yaw_of(turn))
+        raise MessageError(f"has an origin that is turned by {yaw_of(turn):.3g} rad: give one without yaw")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     place = float(info.origin.position.x), float(info.origin.position.y)
     return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
@@ -190,7 +189,7 @@ def static_map(message) -> StaticMap:
 def update_cells(message) -> np.ndarray:
     """The occupancies (h, w) int8 of a map_msgs/OccupancyGridUpdate; MessageError if they do not fit its size."""
     if message.width * message.height != len(message.data):
-        raise MessageError("has %d cells for %d x %d" % (len(message.data), message.width, message.height))
+        raise MessageError(f"has {len(message.data)} cells for {message.width} x {message.height}")
     return np.array(message.data, dtype=np.int8).reshape(message.height, message.width)
 
 
@@ -246,7 +245,7 @@ def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
             ("secs", "<u4"),
             ("nsecs", "<u4"),
             ("length", "<u4"),
-            ("frame", "S%d" % max(1, len(name))),
+            ("frame", f"S{max(1, len(name))}"),
             ("pose", "<f8", 7),
         ]
     )

@@ -9,7 +9,6 @@ Parameter: ~robot (jackal), the name or the folder of its description, for the b
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from typing import Any, Dict, Tuple
@@ -55,7 +54,7 @@ def picture(parameters: Dict[str, float], lines: Tuple[str, ...], space: Space =
     top += GAP
     for name, value in parameters.items():
         pen.text((12, top), name, fill=INK, font=font)
-        pen.text((VALUES, top), "%.3g" % value, fill=INK, font=font, anchor="ra")
+        pen.text((VALUES, top), f"{value:.3g}", fill=INK, font=font, anchor="ra")
         if name in bounds:
             low, high, default = bounds[name]
             x, mark = (BARS + (right - BARS) * (v - low) / (high - low) for v in (value, default))
@@ -110,11 +109,9 @@ def _parameters(message: Any) -> Dict[str, float]:
 
 def _lines(seen: Dict[str, Any], topic: str) -> Tuple[str, ...]:
     odometry, action = seen.get(topic), seen.get("collision_monitor/action")
-    speed = math.nan if odometry is None else odometry.twist.twist.linear.x
-    return (
-        "time %.1f s    %s" % (rospy.get_time(), "no odometry" if math.isnan(speed) else "speed %.2f m/s" % speed),
-        "commands: %s" % ("no monitor" if action is None else action.data.partition(":")[0]),
-    )
+    speed = "no odometry" if odometry is None else f"speed {odometry.twist.twist.linear.x:.2f} m/s"
+    commands = "no monitor" if action is None else action.data.partition(":")[0]
+    return f"time {rospy.get_time():.1f} s    {speed}", f"commands: {commands}"
 
 
 def main() -> int:

@@ -17,6 +17,7 @@ from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
 from applr_ros1.common.angles import compose
+from applr_ros1.common.errors import reason
 
 from . import conversions
 from .conversions import MessageError, Pose
@@ -59,7 +60,7 @@ class Sensors:
         if all(map(math.isfinite, twist)):
             self._twist, self._heard = twist, rospy.get_rostime()
         else:
-            rospy.logerr_throttle(1.0, "odometry has the twist %s: not used" % (twist,))
+            rospy.logerr_throttle(1.0, f"odometry has the twist {twist}: not used")
 
     def forget(self) -> None:
         """The clock went back: everything older than it is void."""
@@ -91,8 +92,8 @@ class Sensors:
         age = (now - self._heard).to_sec()
         if age <= patience:
             return ""
-        since = "yet" if self._heard.is_zero() else "for %.2f s" % age
-        return "no usable odometry on %s %s" % (self._odometry.resolved_name, since)
+        since = "yet" if self._heard.is_zero() else f"for {age:.2f} s"
+        return f"no usable odometry on {self._odometry.resolved_name} {since}"
 
     def pose(self, now, tolerance: float) -> Optional[Pose]:
         """The robot's newest pose in the local frame; None if there is none within `tolerance` [s] of now."""
@@ -111,13 +112,11 @@ class Sensors:
             return None
         age = (now - transform.header.stamp).to_sec()
         if not -most_ahead <= age <= oldest and not transform.header.stamp.is_zero():  # stamp 0: a static transform
-            late = "old, transform_tolerance is %g s" % oldest
-            self.pose_trouble = "transform %s <- %s is %.2f s %s" % (
-                target,
-                source,
-                abs(age),
-                late if age > 0.0 else "ahead of the clock, at most %g s can be used" % most_ahead,
+            old, ahead = (
+                f"old, transform_tolerance is {oldest:g} s",
+                f"ahead of the clock, {most_ahead:g} s can be used",
             )
+            self.pose_trouble = f"transform {target} <- {source} is {abs(age):.2f} s {old if age > 0.0 else ahead}"
             if age < -max(AHEAD, most_ahead):
                 self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
             return None
@@ -137,7 +136,7 @@ class Sensors:
         now = rospy.get_rostime()
         ahead = (message.header.stamp - now).to_sec()
         if ahead > AHEAD:
-            raise MessageError("is stamped %.2f s ahead of the clock" % ahead)
+            raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
         beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
         values = conversions.check_scan(message, beams) if topic.is_scan else conversions.points_of(message)
         transform, trouble = self._look_up(self.local, message.header.frame_id, message.header.stamp)
@@ -160,9 +159,7 @@ class Sensors:
             return pose
         transform, trouble = self._look_up(self.globe, frame, rospy.Time(0))
         if transform is None:
-            raise MessageError(
-                "frame %r cannot be transformed to %s: %s" % (message.header.frame_id, self.globe, trouble)
-            )
+            raise MessageError(f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}: {trouble}")
         return compose(conversions.pose_of(transform.transform), pose)
 
     def _look_up(self, target: str, frame: str, stamp):
@@ -172,8 +169,8 @@ class Sensors:
         try:
             return self.buffer.lookup_transform(target, frame.lstrip("/"), stamp), ""
         except tf2_ros.TransformException as error:
-            when = "the newest" if stamp.is_zero() else "%.3f" % stamp.to_sec()
-            return None, "transform %s <- %s at %s: %s" % (target, frame, when, str(error).strip().split("\n")[0])
+            when = "the newest" if stamp.is_zero() else f"{stamp.to_sec():.3f}"
+            return None, f"transform {target} <- {frame} at {when}: {reason(error)}"
 
 
 class _Topic:
@@ -204,8 +201,8 @@ class _Topic:
             try:
                 found = use(self, message)
             except MessageError as problem:
-                self.trouble = "%s %s" % (self.name, problem)
-                rospy.logerr_throttle(1.0, "%s: not used" % self.trouble)
+                self.trouble = f"{self.name} {problem}"
+                rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
                 continue
             if found is None:
                 waiting.append(message)

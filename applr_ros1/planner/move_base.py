@@ -191,8 +191,8 @@ class MoveBase:
             listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
             if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
                 raise ApplrError(
-                    "the map on %s is in frame %s: %s rolls and can show one in %s alone"
-                    % (topic, given.frame, name, " or ".join(self._global_frames))
+                    f"the map on {topic} is in frame {given.frame}: {name} rolls and can show one in "
+                    f"{' or '.join(self._global_frames)} alone"
                 )
 
     @property

@@ -38,13 +38,13 @@ def updated(
     wanted.update((name, changes[name]) for name in names if name in changes)
     for name in names:
         if name not in wanted:
-            raise ParameterError("parameter %s is missing: give the local planner a value" % name)
+            raise ParameterError(f"parameter {name} is missing: give the local planner a value")
         if not math.isfinite(wanted[name]):
-            raise ParameterError("parameter %s = %r is not a finite number" % (name, wanted[name]))
+            raise ParameterError(f"parameter {name} = {wanted[name]!r} is not a finite number")
     for name in (*above_zero, *not_negative):
         if wanted[name] < 0 or (wanted[name] == 0 and name in above_zero):
             bound = "above 0" if name in above_zero else "0 or more"
-            raise ParameterError("parameter %s = %r must be %s" % (name, wanted[name], bound))
+            raise ParameterError(f"parameter {name} = {wanted[name]!r} must be {bound}")
     wanted.update({name: max(int(wanted[name]), 1) for name in samples})
     return wanted
 

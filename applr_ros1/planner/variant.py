@@ -17,11 +17,11 @@ PLANNERS = (OURS, CPP_LIKE)
 def draw(planner: str, seed) -> str:
     """The kind of planner; "drawn" is decided by a seed, an int or a sequence of them. Raises ApplrError for others."""
     if planner not in (*PLANNERS, DRAWN):
-        raise ApplrError("planner is %r: give %s or %s" % (planner, ", ".join(PLANNERS), DRAWN))
+        raise ApplrError(f"planner is {planner!r}: give {', '.join(PLANNERS)} or {DRAWN}")
     return generator(seed, 2).choice(PLANNERS) if planner == DRAWN else planner
 
 
 def generator(seed, stream: int) -> random.Random:
     """A random generator of its own for each purpose (`stream`), from one seed (an int, or a sequence of them)."""
     numbers = [seed] if isinstance(seed, int) else [int(n) for n in seed]
-    return random.Random("%d of %s" % (stream, numbers))
+    return random.Random(f"{stream} of {numbers}")

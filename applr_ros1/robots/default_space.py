@@ -68,5 +68,5 @@ def _inflation_layers(tree: Dict[str, Any]) -> List[str]:
     for costmap in ("local_costmap", "global_costmap"):
         plugins = branch(tree, costmap).get("plugins", [{"name": "inflation_layer", "type": "InflationLayer"}])
         listed = [entry for entry in plugins if isinstance(entry, dict)] if isinstance(plugins, list) else []
-        found += ["%s/%s" % (costmap, e.get("name")) for e in listed if str(e.get("type")).endswith("InflationLayer")]
+        found += [f"{costmap}/{e.get('name')}" for e in listed if str(e.get("type")).endswith("InflationLayer")]
     return found

@@ -237,7 +237,7 @@ class Robot:
         """The nested move_base parameters of its files, a copy; RobotError where there is no setup with a map."""
         tree = self.move_base.with_map if with_map else self.move_base.without_map
         if tree is None:
-            raise RobotError("robot %s: robot.yaml has no move_base.with_map: give its files for a map" % self.name)
+            raise RobotError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
         return copy.deepcopy(tree)
 
     def start_value(self, parameter: SpaceParameter) -> Optional[float]:

@@ -36,7 +36,7 @@ def _problems(robot: Robot) -> Iterator[str]:
     for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
         asked, most = getattr(robot.monitor, name), getattr(robot.base, limit)
         if asked > most:
-            yield "monitor.%s is %g: the base brakes with base.%s %g, give at most that" % (name, asked, limit, most)
+            yield f"monitor.{name} is {asked:g}: the base brakes with base.{limit} {most:g}, give at most that"
 
 
 def _base(robot: Robot) -> Iterator[str]:
@@ -44,7 +44,7 @@ def _base(robot: Robot) -> Iterator[str]:
     if base.drive == "skid_steer" and base.wheelbase == 0.0:
         yield "base.wheelbase is missing: a skid_steer base has two axles, give their distance"
     if base.drive == "two_wheel" and base.wheelbase != 0.0:
-        yield "base.wheelbase is %g: a two_wheel base has one axle, leave it out" % base.wheelbase
+        yield f"base.wheelbase is {base.wheelbase:g}: a two_wheel base has one axle, leave it out"
     if base.drive == "skid_steer" and base.casters:
         yield "base.casters: a skid_steer base has none, leave them out"
     if base.drive == "two_wheel" and not base.casters:
@@ -62,39 +62,34 @@ def _ground(robot: Robot) -> Iterator[str]:
 def _laser(robot: Robot) -> Iterator[str]:
     laser = robot.laser
     if not laser.first_angle < laser.last_angle:
-        yield "laser.last_angle is %g: give more than first_angle %g" % (laser.last_angle, laser.first_angle)
+        yield f"laser.last_angle is {laser.last_angle:g}: give more than first_angle {laser.first_angle:g}"
     elif laser.last_angle - laser.first_angle > 2 * pi + 1e-3:
-        yield "laser.last_angle is %g: from first_angle %g that is more than a full turn" % (
-            laser.last_angle,
-            laser.first_angle,
+        yield (
+            f"laser.last_angle is {laser.last_angle:g}: from first_angle {laser.first_angle:g} that is more than a "
+            "full turn"
         )
     if not laser.range_min < laser.range_max:
-        yield "laser.range_max is %g: give more than range_min %g" % (laser.range_max, laser.range_min)
+        yield f"laser.range_max is {laser.range_max:g}: give more than range_min {laser.range_min:g}"
 
 
 def _space(robot: Robot) -> Iterator[str]:
     for parameter in robot.space:
-        label = "parameter_space.%s" % parameter.name
+        label = f"parameter_space.{parameter.name}"
         for setting in parameter.settings:
             limit, most = _limit(robot, setting)
             if limit and max(abs(parameter.low), abs(parameter.high)) > most:
-                yield "%s.range is [%g, %g]: %s of this base is %g, stay within it" % (
-                    label,
-                    parameter.low,
-                    parameter.high,
-                    limit,
-                    most,
+                yield (
+                    f"{label}.range is [{parameter.low:g}, {parameter.high:g}]: {limit} of this base is {most:g}, "
+                    "stay within it"
                 )
         start = robot.start_value(parameter)
         if start is not None and not parameter.low <= start <= parameter.high:
-            yield "%s.range is [%g, %g]: the parameter files start with %g, include it" % (
-                label,
-                parameter.low,
-                parameter.high,
-                start,
+            yield (
+                f"{label}.range is [{parameter.low:g}, {parameter.high:g}]: the parameter files start with {start:g}, "
+                "include it"
             )
         elif start is not None and parameter.integer and not start.is_integer():
-            yield "%s is an integer, but the parameter files start with %g: give a whole number" % (label, start)
+            yield f"{label} is an integer, but the parameter files start with {start:g}: give a whole number"
 
 
 def _limit(robot: Robot, setting: Setting) -> Tuple[str, float]:
@@ -116,12 +111,8 @@ def _files(robot: Robot) -> Iterator[str]:
         for name in names:
             value = find(tree, planner, (name,))
             if value is not None and abs(value) > most:
-                yield "%s/%s is %g in the parameter files: base.%s is %g" % (planner, name, value, limit, most)
+                yield f"{planner}/{name} is {value:g} in the parameter files: base.{limit} is {most:g}"
     for costmap in ("local_costmap", "global_costmap"):
         frame = branch(tree, costmap).get("robot_base_frame", robot.frames.base)
         if frame != robot.frames.base:
-            yield "%s/robot_base_frame is %s in the parameter files: frames.base is %s" % (
-                costmap,
-                frame,
-                robot.frames.base,
-            )
+            yield f"{costmap}/robot_base_frame is {frame} in the parameter files: frames.base is {robot.frames.base}"

@@ -38,7 +38,7 @@ def _load(groups, folder: str) -> Dict[str, Any]:
         known = mapping(group, label, _GROUP + ("with_map", "without_map"))
         files = known.get("files", [])
         if not isinstance(files, list):
-            raise RobotError("%s.files is %s: give a list of {file: NAME.yaml}" % (label, shown(files)))
+            raise RobotError(f"{label}.files is {shown(files)}: give a list of {{file: NAME.yaml}}")
         for i, entry in enumerate(files):
             tree = merged(tree, _file(entry, folder, f"{label}.files[{i}]"))
         tree = merged(tree, mapping(known.get("parameters", {}), label + ".parameters"))

@@ -25,18 +25,18 @@ def urdf(robot: Robot) -> str:
         shapes.append(_visual((x, y, base.axle_height), wheel, "black", "1.5708 0 0"))
     radius = max((base.wheel_radius - base.axle_height + body.bottom) / 2, 0.1 * base.wheel_radius)
     for x, y in base.casters:
-        sphere = '<sphere radius="%g"/>' % radius
+        sphere = f'<sphere radius="{radius:g}"/>'
         shapes.append(_visual((x, y, radius - base.wheel_radius + base.axle_height), sphere, "black"))
     size = 0.2 * min(body.size[0], body.size[1])
-    lines = ['<?xml version="1.0"?>', "<robot name=%s>" % quoteattr(robot.name)]
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
     lines += ['  <material name="%s"><color rgba="%s"/></material>' % colour for colour in _COLOURS]
     lines += _link(robot.frames.base, shapes)
     lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), _cylinder(size / 2, size), "black")])
     lines += [
         '  <joint name="laser_mount" type="fixed">',
-        "    <parent link=%s/>" % quoteattr(robot.frames.base),
-        "    <child link=%s/>" % quoteattr(laser.frame),
-        '    <origin xyz="%g %g %g" rpy="0 0 %g"/>' % (laser.pose[0], laser.pose[1], laser.height, laser.pose[2]),
+        f"    <parent link={quoteattr(robot.frames.base)}/>",
+        f"    <child link={quoteattr(laser.frame)}/>",
+        f'    <origin xyz="{laser.pose[0]:g} {laser.pose[1]:g} {laser.height:g}" rpy="0 0 {laser.pose[2]:g}"/>',
         "  </joint>",
         "</robot>",
     ]
@@ -44,12 +44,12 @@ def urdf(robot: Robot) -> str:
 
 
 def _link(name: str, visuals: List[str]) -> List[str]:
-    return ["  <link name=%s>" % quoteattr(name)] + visuals + ["  </link>"]
+    return [f"  <link name={quoteattr(name)}>"] + visuals + ["  </link>"]
 
 
 def _visual(place, shape, colour, turn="0 0 0"):
     origin = '<origin xyz="%g %g %g" rpy="%s"/>' % (*place, turn)
-    return '    <visual>%s<geometry>%s</geometry><material name="%s"/></visual>' % (origin, shape, colour)
+    return f'    <visual>{origin}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
 
 
 def _box(size):
@@ -57,7 +57,7 @@ def _box(size):
 
 
 def _cylinder(radius, length):
-    return '<cylinder radius="%g" length="%g"/>' % (radius, length)
+    return f'<cylinder radius="{radius:g}" length="{length:g}"/>'
 
 
 def main() -> None:

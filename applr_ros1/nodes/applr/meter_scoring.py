@@ -7,23 +7,14 @@ is about and does the arithmetic.
 from __future__ import annotations
 
 import threading
-from typing import Dict, Optional
+from typing import Optional
 
 import numpy as np
 import rospy
 from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.policy.distance_weights import (
-    PLANNER,
-    Compensation,
-    Effective,
-    factor_of,
-    fit,
-    indices_of,
-    kind_of,
-)
-from applr_ros1.policy.parameter_space import Space
+from applr_ros1.policy.distance_weights import PLANNER, Compensation, Effective, factor_of, fit, indices_of, kind_of
 
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
 PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
@@ -85,11 +76,11 @@ class MeterScoring:
         if self._at is None:
             return f"sets are sent as they are: only the distance weights of {PLANNER} are rescaled"
         if self._factor is not None:
-            how = "found from cost_cloud" if self.choice == AUTO else "as said by meter_scoring:=%s" % self.choice
-            return "the planner's distance weights count %s (%s)" % (kind_of(self._factor).replace("_", " "), how)
-        why = "" if self._since is None else "no cost_cloud on %s" % self._topic()
+            how = "found from cost_cloud" if self.choice == AUTO else f"as said by meter_scoring:={self.choice}"
+            return f"the planner's distance weights count {kind_of(self._factor).replace('_', ' ')} ({how})"
+        why = "" if self._since is None else f"no cost_cloud on {self._topic()}"
         if self._odd >= CLOUDS:
-            why = "the cost_cloud on %s fits neither kind" % self._topic()
+            why = f"the cost_cloud on {self._topic()} fits neither kind"
         if not why or (self.waits(now) and self._odd < CLOUDS):
             return ""
         return "the planner's distance weights are taken to be what the set was made for: " + why
@@ -138,8 +129,3 @@ def rows_of(message: PointCloud2) -> Optional[np.ndarray]:
     if not named or step != 4 * len(FIELDS) or len(message.data) % step or any(f.datatype != 7 for f in fields):
         return None
     return np.frombuffer(message.data, ">f4" if message.is_bigendian else "<f4").reshape(-1, len(FIELDS))
-
-
-def multipliers(compensation: Compensation, space: Space) -> Dict[str, float]:
-    """{parameter: factor} of those that are sent otherwise than they stand in a set."""
-    return {name: float(factor) for name, factor in zip(space.names, compensation.multipliers) if factor != 1.0}

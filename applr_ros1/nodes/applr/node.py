@@ -14,7 +14,7 @@ import rospy
 
 from applr_ros1.common.errors import one_line
 from applr_ros1.common.progress import Throttled
-from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring, multipliers
+from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
 from applr_ros1.nodes.clock import jumped_back
@@ -179,13 +179,10 @@ class ApplrNode:
         return not np.array_equal(before.multipliers, self.client.compensation.multipliers)
 
     def _scoring_line(self, now):
-        changes = multipliers(self.client.compensation, self.space)
-        sent = ", ".join("%s x %.6g" % change for change in changes.items())
-        parts = [
-            self.meter_scoring.line(now),
-            sent and "the set is made for weights per cell, so what is sent is %s" % sent,
-        ]
-        return "; ".join(filter(None, parts))
+        factors = zip(self.space.names, self.client.compensation.multipliers)
+        sent = ", ".join(f"{name} x {factor:.6g}" for name, factor in factors if factor != 1.0)
+        why = sent and f"the set is made for weights per cell, so what is sent is {sent}"
+        return "; ".join(filter(None, [self.meter_scoring.line(now), why]))
 
     def _resend(self):
         """What the planner has was sent before it was known what its weights count."""

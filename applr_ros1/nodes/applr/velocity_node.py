@@ -66,7 +66,7 @@ class VelocityNode:
                     self._command = self.method.command(context)
                 self._publish(*self._command)
         except Exception as problem:  # a method is exchangeable: whatever it does, the node goes on
-            self._warn("velocity: standing: %s" % one_line(problem))
+            self._warn(f"velocity: standing: {one_line(problem)}")
             self._command = 0.0, 0.0
             self._stop()
 

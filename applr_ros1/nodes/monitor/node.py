@@ -120,7 +120,7 @@ class CollisionMonitorNode:
             return Verdict((0.0, 0.0), STOP, 0.0, trouble)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
         if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(self._scan):
-            return Verdict(verdict.command, STOP, 0.0, "%s (%s)" % (verdict.reason, self.sensors.trouble(self._scan)))
+            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.trouble(self._scan)})")
         return verdict
 
     def _report(self) -> None:
@@ -131,13 +131,13 @@ class CollisionMonitorNode:
         message = "idle: no commands" if idle else verdict.reason or "commands pass"
         values = {
             "action": verdict.action,
-            "scale": "%.2f" % verdict.scale,
+            "scale": f"{verdict.scale:.2f}",
             "remembered": len(self.monitor.memory.points),
         }
         values.update(self._counts)
         name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
         level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
-        text = "%s; unchecked commands come from %s" % (message, others) if others else message
+        text = f"{message}; unchecked commands come from {others}" if others else message
         self._diagnostics.publish(conversions.diagnostics(name, level, text, values, rospy.get_rostime()))
 
 

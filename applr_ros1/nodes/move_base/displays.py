@@ -39,9 +39,9 @@ class CostmapDisplay:
         self._costmap, self._settings, self._frame = costmap, settings, frame
         self._always_whole = always_whole
         listener = _NewSubscriber(post, self._send_whole)
-        self._whole = rospy.Publisher("~%s/costmap" % name, OccupancyGrid, listener, queue_size=1, latch=False)
-        self._updates = rospy.Publisher("~%s/costmap_updates" % name, OccupancyGridUpdate, queue_size=10)
-        self._footprint = rospy.Publisher("~%s/footprint" % name, PolygonStamped, queue_size=1)
+        self._whole = rospy.Publisher(f"~{name}/costmap", OccupancyGrid, listener, queue_size=1, latch=False)
+        self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
+        self._footprint = rospy.Publisher(f"~{name}/footprint", PolygonStamped, queue_size=1)
         self._sent = float("-inf")
         self._shape = None  # origin and size of the whole map sent last
         self._window = None  # union of the update windows since the last publication
@@ -86,10 +86,10 @@ class PlanDisplay:
         (self._global_frame, self._frame), self._static = frames, static
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
         self._global, self._local = (
-            rospy.Publisher("~%s/%s" % (name, topic), Path, queue_size=1) for topic in ("global_plan", "local_plan")
+            rospy.Publisher(f"~{name}/{topic}", Path, queue_size=1) for topic in ("global_plan", "local_plan")
         )
-        self._costs = rospy.Publisher("~%s/cost_cloud" % name, PointCloud2, queue_size=1)
-        self._trajectories = rospy.Publisher("~%s/trajectory_cloud" % name, PointCloud2, queue_size=1)
+        self._costs = rospy.Publisher(f"~{name}/cost_cloud", PointCloud2, queue_size=1)
+        self._trajectories = rospy.Publisher(f"~{name}/trajectory_cloud", PointCloud2, queue_size=1)
         self._sent = float("-inf")  # when the sampled trajectories were sent last [s]
 
     def planned(self, plan, stamp) -> None:

@@ -46,7 +46,7 @@ class GoalServer:
         goal_id = GoalID(message.goal_id.stamp, message.goal_id.id)
         if not goal_id.id:
             self._count += 1
-            goal_id.id = "%s-%d-%.9f" % (self._name, self._count, now)
+            goal_id.id = f"{self._name}-{self._count}-{now:.9f}"
         known = self._tracked.get(goal_id.id)
         if known is not None:
             if known.status == GoalStatus.RECALLING:  # its cancel came first

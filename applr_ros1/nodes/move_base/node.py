@@ -109,7 +109,7 @@ class MoveBaseNode:
             for name, server in self.move_base.declared_servers.items()
         }
         for name in ("conservative_reset", "aggressive_reset"):
-            mirror.write("%s/%s/" % (rospy.get_name(), name), {"reset_distance": static[name]["reset_distance"]})
+            mirror.write(f"{rospy.get_name()}/{name}/", {"reset_distance": static[name]["reset_distance"]})
         self._pose = None
         self._report_jump = Throttled(rospy.logwarn)
         rospy.on_shutdown(self._stop)
@@ -124,7 +124,7 @@ class MoveBaseNode:
             ("applr/heartbeat", TimeMessage, lambda m: self.watchdog.heartbeat(rospy.get_time())),
         ]
         for name in COSTMAPS:
-            subscribe.append(("~%s/footprint" % name, Polygon, partial(self._take_footprint, name)))
+            subscribe.append((f"~{name}/footprint", Polygon, partial(self._take_footprint, name)))
         for topic, with_updates in self.move_base.map_topics.items():
             subscribe.append((topic, OccupancyGrid, partial(self._take_map, topic)))
             if with_updates:
@@ -172,9 +172,8 @@ class MoveBaseNode:
         """
         move_base, sensors = self.move_base, self.sensors
         if move_base.missing_map:
-            sensors.pose_trouble = "no map on %s yet: start map_server, or give static_map: false" % rospy.resolve_name(
-                move_base.missing_map
-            )
+            topic = rospy.resolve_name(move_base.missing_map)
+            sensors.pose_trouble = f"no map on {topic} yet: start map_server, or give static_map: false"
             return None, None
         pose = sensors.pose(stamp, move_base.configuration_of("local_costmap")["transform_tolerance"])
         if pose is None or self.frame == self.local_frame:
@@ -191,7 +190,7 @@ class MoveBaseNode:
                     raise MessageError(INVALID_GOAL)
                 pose = self.sensors.to_global(goal)
                 if not all(map(math.isfinite, pose)):
-                    raise MessageError("Aborting on goal because its position (%s, %s) is not finite" % pose[:2])
+                    raise MessageError(f"Aborting on goal because its position {pose[:2]} is not finite")
                 self.move_base.set_goal(pose, now)
                 self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
             except MessageError as problem:
@@ -205,12 +204,12 @@ class MoveBaseNode:
     def _say_why_it_stands(self, pose, cycle) -> None:
         sensors = self.sensors
         if pose is None:
-            rospy.logerr_throttle(1.0, "standing still: %s" % sensors.pose_trouble)
+            rospy.logerr_throttle(1.0, f"standing still: {sensors.pose_trouble}")
         elif cycle.stale:
             topic, after = cycle.silent
             why = ": " + sensors.trouble(topic) if sensors.trouble(topic) else ""
             rospy.logerr_throttle(
-                1.0, "standing still: no usable scan on %s for %g s%s" % (sensors.resolved(topic), after, why)
+                1.0, f"standing still: no usable scan on {sensors.resolved(topic)} for {after:g} s{why}"
             )
         else:
             sensors.forgive()
@@ -249,8 +248,8 @@ class MoveBaseNode:
         if self.thread.missed and time.monotonic() > self._report_missed_from:
             self._report_missed_from = time.monotonic() + 5.0  # until then they add up
             rospy.logwarn(
-                "control loop missed its rate of %g Hz: %d cycles left out"
-                % (self.move_base.frequency, self.thread.missed),
+                f"control loop missed its rate of {self.move_base.frequency:g} Hz: {self.thread.missed} cycles left "
+                "out",
             )
             self.thread.missed = 0
 
@@ -302,7 +301,7 @@ class MoveBaseNode:
         elif self._pose is not None:
             start = self._pose
         else:
-            raise MessageError("move_base cannot make a plan: %s" % (self.sensors.pose_trouble or "no robot pose"))
+            raise MessageError(f"move_base cannot make a plan: {self.sensors.pose_trouble or 'no robot pose'}")
         plan = self.move_base.make_plan(start, self.sensors.to_global(request.goal), request.tolerance)
         return GetPlanResponse(self._path(plan))
 
@@ -344,7 +343,7 @@ class MoveBaseNode:
             return
         self._send(0.0, 0.0)
         rospy.logerr("a cycle failed: %s", "".join(traceback.format_exception(type(error), error, error.__traceback__)))
-        text = "Aborting because of an internal error: %s: %s" % (type(error).__name__, error)
+        text = f"Aborting because of an internal error: {type(error).__name__}: {error}"
         self.goals.finish("aborted", text.replace("\n", " "), rospy.Time.now())
         self.move_base.reset(rospy.get_time(), restore=False)
 
@@ -372,7 +371,7 @@ def main() -> int:
     tree, robot = with_robot(given)
     problems = check(tree)
     for problem in problems:
-        print("move_base: parameter %s" % problem, file=sys.stderr)
+        print(f"move_base: parameter {problem}", file=sys.stderr)
     if problems:
         return 1
     for logger in ("rosout", "rospy.internal"):

@@ -84,7 +84,7 @@ class PlannerThread:
         request = _Request(work, cost, answered=True)
         self._append(request)
         if not request.done.wait(patience) and self._withdraw(request):
-            raise RequestTimeout("move_base did not answer within %g s" % patience)
+            raise RequestTimeout(f"move_base did not answer within {patience:g} s")
         request.done.wait()  # work that has begun is waited for: what it changes must not go unreported
         if request.error is not None:
             raise request.error

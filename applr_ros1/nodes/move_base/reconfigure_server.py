@@ -37,7 +37,7 @@ class ParameterMirror:
                 try:
                     rospy.set_param(namespace + name, value)
                 except Exception as error:  # the master is away; the values are in force all the same
-                    rospy.logwarn_throttle(10.0, "cannot write parameter %s%s: %s" % (namespace, name, error))
+                    rospy.logwarn_throttle(10.0, f"cannot write parameter {namespace}{name}: {error}")
 
 
 class ReconfigureServer:
@@ -63,7 +63,7 @@ class ReconfigureServer:
         thread: PlannerThread,
         config: str,
     ):
-        kind = importlib.import_module("applr_ros1.cfg.%sConfig" % config)
+        kind = importlib.import_module(f"applr_ros1.cfg.{config}Config")
         self.name, self._apply, self._mirror, self._thread = name, apply, mirror, thread
         self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
         self._names = set(kind.defaults)

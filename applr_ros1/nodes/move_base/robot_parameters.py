@@ -34,7 +34,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
         return tree, None
     with_map, prefix = given.get("map", False), frame_prefix(str(given.get("tf_prefix", "")))
     if not isinstance(with_map, bool):
-        raise ParameterError("map is %r: give true or false" % (with_map,))
+        raise ParameterError(f"map is {with_map!r}: give true or false")
     robot = load(str(given["robot"]))
     files = robot.parameters(with_map)
     if prefix:

@@ -76,7 +76,7 @@ def numbers(text: str) -> List[int]:
         match = re.match(r"^(\d{1,3})(?:-(\d{1,3}))?$", part.strip(), re.ASCII)
         first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (1, 0)
         if not first <= last < WORLDS:
-            raise ApplrError("--worlds %s: give numbers from 0 to %d, such as 0-49,300" % (text, WORLDS - 1))
+            raise ApplrError(f"--worlds {text}: give numbers from 0 to {WORLDS - 1}, such as 0-49,300")
         found += range(first, last + 1)
     return list(dict.fromkeys(found))
 

@@ -39,9 +39,9 @@ class Overlay:
         helper = self.checkout / HELPER
         for needed in (self.runner, helper / "package.xml", helper / "worlds"):
             if not needed.exists():
-                raise ApplrError("%s is no checkout of the BARN Challenge: it has no %s" % (checkout, needed.name))
+                raise ApplrError(f"{checkout} is no checkout of the BARN Challenge: it has no {needed.name}")
         if controller is not None and not controller.is_file():
-            raise ApplrError("controller %s is not there: give a launch file" % controller)
+            raise ApplrError(f"controller {controller} is not there: give a launch file")
         shutil.rmtree(self.package, ignore_errors=True)
         shutil.copytree(helper, self.package, copy_function=os.symlink)
         launch = self.package / "launch"
@@ -57,8 +57,8 @@ class Overlay:
     def world_file(self, number: int) -> Path:
         """The world's file, where the runner looks for it."""
         if number < STATIC_WORLDS:
-            return self.package / "worlds" / "BARN" / ("world_%d.world" % number)
-        return self.package / "worlds" / "DynaBARN" / ("world_%d.world" % (number - STATIC_WORLDS))
+            return self.package / "worlds" / "BARN" / f"world_{number}.world"
+        return self.package / "worlds" / "DynaBARN" / f"world_{number - STATIC_WORLDS}.world"
 
     def make_table(self) -> List[str]:
         """Makes DynaBARN's table of key frames where there is none; one line for each plugin not understood."""
@@ -74,6 +74,6 @@ class Overlay:
         """Length [m] of the Challenge's reference path in a world, from which its optimal time follows."""
         path = self.world_file(number)
         if not path.is_file():
-            raise ApplrError("the checkout has no world %d: %s is missing" % (number, path.name))
+            raise ApplrError(f"the checkout has no world {number}: {path.name} is missing")
         course = worlds.load(str(path)).course
         return (barn_grid.challenge_course(course.path) if number < STATIC_WORLDS else course).route_m

@@ -46,7 +46,7 @@ def run_of(line: str, trial: int, route: float) -> Run:
         world, success, collided, timeout = (int(word) for word in words[:4])
         seconds, metric = (float(word) for word in words[4:6])
     except ValueError:
-        raise ApplrError("the runner wrote %r: no line of six numbers" % line[:80]) from None
+        raise ApplrError(f"the runner wrote {line[:80]!r}: no line of six numbers") from None
     optimal = route / SPEED
     scores = [round(score(bool(success), seconds, optimal, least), 4) for least in (2.0, 4.0)]
     return Run(world, trial, success, collided, timeout, seconds, metric, scores[0], scores[1], round(optimal, 4))

@@ -22,8 +22,8 @@ from sim_bridge.simulator import warm_up as warm_up_simulator
 PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
     ("the simulators", lambda: _simulators()),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
-    ("move_base with %s" % LOCAL_PLANNERS[0], lambda: warm_up_planner(LOCAL_PLANNERS[0])),
-    ("move_base with %s" % LOCAL_PLANNERS[1], lambda: warm_up_planner(LOCAL_PLANNERS[1])),
+    (f"move_base with {LOCAL_PLANNERS[0]}", lambda: warm_up_planner(LOCAL_PLANNERS[0])),
+    (f"move_base with {LOCAL_PLANNERS[1]}", lambda: warm_up_planner(LOCAL_PLANNERS[1])),
 )
 
 
@@ -34,7 +34,7 @@ def main() -> int:
 
 def _compile() -> None:
     for name, compile_part in PARTS:
-        with announced("compiling the kernels of %s (up to a minute)" % name, _say, first=0.5):
+        with announced(f"compiling the kernels of {name} (up to a minute)", _say, first=0.5):
             compile_part()
 
 

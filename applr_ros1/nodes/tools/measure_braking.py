@@ -114,7 +114,7 @@ class Base:
             off = math.hypot(now.x - self.start.x, now.y - self.start.y)
             if rospy.is_shutdown() or off > self.free:
                 self._out.publish(Twist())
-                raise ApplrError("stopped: the robot is %.2f m from its start, %g m are free" % (off, self.free))
+                raise ApplrError(f"stopped: the robot is {off:.2f} m from its start, {self.free:g} m are free")
             steer = w if w or not v else max(-0.5, min(0.5, 2.0 * normalize_angle(self.start.yaw - now.yaw)))
             self._out.publish(twist(v, steer))
             self._rate.sleep()
@@ -189,17 +189,12 @@ def main() -> None:
     reaction = statistics.median(s.reaction for s in straight + turns)
     brake, turn_brake = deceleration(straight, reaction), deceleration(turns, reaction)
     print(
-        "worst deceleration %.2f m/s^2 and %.2f rad/s^2 from %.3f s after the command on"
-        % (brake, turn_brake, reaction)
+        f"worst deceleration {brake:.2f} m/s^2 and {turn_brake:.2f} rad/s^2 from {reaction:.3f} s after the command on"
     )
-    print("turn rate over the commanded one: %.2f to %.2f" % (min(s.gain for s in turns), max(s.gain for s in turns)))
+    print(f"turn rate over the commanded one: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
     total = reaction + 1.0 / RATE + 1.0 / robot.laser.rate  # a command and a scan may be so old
     print(
-        "monitor: {margin: %g, reaction_time: %.2f, deceleration: %.1f, yaw_deceleration: %.1f}"
-        % (
-            robot.monitor.margin,
-            math.ceil(100.0 * total) / 100.0,
-            math.floor(10.0 * brake) / 10.0,
-            math.floor(10.0 * turn_brake) / 10.0,
-        )
+        f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {math.ceil(100.0 * total) / 100.0:.2f}, "
+        f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, yaw_deceleration: "
+        f"{math.floor(10.0 * turn_brake) / 10.0:.1f}}}"
     )

@@ -39,10 +39,10 @@ def main() -> None:
     )
     options = parser.parse_args(without_remappings(words))
     if not 0.0 < options.rate <= 1000.0:
-        raise ApplrError("rate is %g: give a number above 0, at most 1000" % options.rate)
+        raise ApplrError(f"rate is {options.rate:g}: give a number above 0, at most 1000")
     if not 0.0 <= options.start < float("inf"):
-        raise ApplrError("start is %g: give 0 seconds or more" % options.start)
-    arguments = ["--clock", "--rate=%g" % options.rate, "--start=%g" % options.start, "--delay=%g" % options.delay]
+        raise ApplrError(f"start is {options.start:g}: give 0 seconds or more")
+    arguments = ["--clock", f"--rate={options.rate:g}", f"--start={options.start:g}", f"--delay={options.delay:g}"]
     arguments.append("--loop" if boolean("loop", options.loop) else "--keep-alive")
     arguments += ["--quiet", "--topics", *replayed(options.bag), "--bags", options.bag]
     become("rosbag", "play", arguments + [word for word in words if word.startswith("__")])
@@ -57,15 +57,15 @@ def replayed(bag: str) -> List[str]:
     import rosbag
 
     if not os.path.isfile(bag):
-        raise ApplrError("bag is %s: there is no such file" % bag)
+        raise ApplrError(f"bag is {bag}: there is no such file")
     try:
         with rosbag.Bag(bag) as file:
             found = sorted(file.get_type_and_topic_info().topics)
     except rosbag.ROSBagUnindexedException:
-        raise ApplrError("bag is %s: it was not closed; mend it with rosbag reindex" % bag) from None
+        raise ApplrError(f"bag is {bag}: it was not closed; mend it with rosbag reindex") from None
     except (rosbag.ROSBagException, OSError, ValueError, KeyError) as error:
-        raise ApplrError("bag is %s: it cannot be read (%s)" % (bag, reason(error))) from None
+        raise ApplrError(f"bag is {bag}: it cannot be read ({reason(error)})") from None
     found = [topic for topic in found if topic not in LEFT_OUT]
     if not found:
-        raise ApplrError("bag is %s: there is nothing in it" % bag)
+        raise ApplrError(f"bag is {bag}: there is nothing in it")
     return found

@@ -25,8 +25,7 @@ from applr_ros1.nodes.tools.teleop_input import HELP, Joystick, Keyboard, Veloci
 COMMAND_PERIOD = 0.05  # s of wall time between commands
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, kill, a terminal that is closed
 
-USAGE = (
-    """usage: teleop.py [_PARAMETER:=VALUE ...]
+USAGE = f"""usage: teleop.py [_PARAMETER:=VALUE ...]
 
 Drives the robot by hand, with the keyboard or a joystick. move_base commands the same robot, so start it without a goal
 (goal:=none); with record:=FILE.bag its launch file records the drive for appld.py. Remap cmd_vel for another topic.
@@ -40,9 +39,7 @@ Drives the robot by hand, with the keyboard or a joystick. move_base commands th
   _turn:=1.0           Turn rate [rad/s] at the beginning, 0.1 to 4.
 
 Keys:
-%s"""
-    % HELP
-)
+{HELP}"""
 
 
 class InputDevice:
@@ -119,7 +116,7 @@ def drive(smoother, device, publisher):
             last = now
             time.sleep(COMMAND_PERIOD)
     except OSError as error:
-        raise ApplrError("%s is gone (%s)" % (device.kind, error.strerror or error)) from None
+        raise ApplrError(f"{device.kind} is gone ({error.strerror or error})") from None
     finally:
         publisher.publish(twist(0.0, 0.0))
         time.sleep(0.1)  # so that it goes out
@@ -132,14 +129,14 @@ def _number(name, default, low, high):
 def _input_device():
     kind, device = rospy.get_param("~input", "keyboard"), str(rospy.get_param("~joystick", ""))
     if kind not in ("keyboard", "joystick"):
-        raise ApplrError("input is %s: give keyboard or joystick" % kind)
+        raise ApplrError(f"input is {kind}: give keyboard or joystick")
     numbers = [
         int(_number(name, default, 0, 63)) for name, default in (("button", 4), ("axis_forward", 1), ("axis_turn", 0))
     ]
     try:
         return InputDevice(kind, device, *numbers)
     except OSError as error:
-        what = "joystick %s cannot be opened (%s)" % (device, error.strerror) if device else str(error)
+        what = f"joystick {device} cannot be opened ({error.strerror})" if device else str(error)
         raise ApplrError(what) from None
 
 

@@ -111,7 +111,7 @@ def tell(say: Callable[[str], None], publisher: rospy.Publisher, message: Any) -
     """Publish a message; say so where nobody listens."""
     publisher.publish(message)
     if not publisher.get_num_connections():
-        say("nobody listens on %s" % publisher.resolved_name)
+        say(f"nobody listens on {publisher.resolved_name}")
 
 
 def ask(say: Callable[[str], None], name: str, kind: Any, *request: Any) -> bool:
@@ -122,9 +122,9 @@ def ask(say: Callable[[str], None], name: str, kind: Any, *request: Any) -> bool
         answer = rospy.ServiceProxy(name, kind)(*request)
         problem = "" if getattr(answer, "success", True) else answer.message
     except rospy.ROSException:
-        problem = "%s does not answer" % name
+        problem = f"{name} does not answer"
     except rospy.ServiceException as error:
-        problem = "%s: %s" % (name, reason(error))
+        problem = f"{name}: {reason(error)}"
     if problem:
         say(problem)
     return not problem

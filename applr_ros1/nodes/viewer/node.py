@@ -34,7 +34,7 @@ class Viewer:
         import viser
 
         self.listener = Listener(fixed)
-        self.server = viser.ViserServer(host, port, label="applr_ros1: %s" % robot.name, verbose=False)
+        self.server = viser.ViserServer(host, port, label=f"applr_ros1: {robot.name}", verbose=False)
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
@@ -77,7 +77,7 @@ class Viewer:
                 with self.server.atomic():
                     self.draw()
             except Exception as problem:  # one message that cannot be drawn does not end the page
-                report("viewer: %s: %s" % (type(problem).__name__, problem))
+                report(f"viewer: {type(problem).__name__}: {problem}")
             time.sleep(max(0.0, began + 1.0 / RATE - time.monotonic()))
 
     def draw(self) -> None:
@@ -109,7 +109,7 @@ def main() -> int:
     fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
     port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
     viewer = Viewer(robot, prefix, fixed, str(rospy.get_param("~host", "127.0.0.1")), port)
-    address = "http://%s:%d" % (viewer.server.get_host(), viewer.server.get_port())
+    address = f"http://{viewer.server.get_host()}:{viewer.server.get_port()}"
     rospy.set_param("~address", address)
     rospy.loginfo("viewer: the page is at %s", address)
     with until_shutdown():

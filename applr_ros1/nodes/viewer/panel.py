@@ -76,7 +76,7 @@ class Panel:
                 show(slider, round(min(max(float(value), slider.min), slider.max), 4))
             self._history.append((rospy.get_time(), self.speed, *(theta - space.low) / (space.high - space.low)))
         self._draw_plots()
-        return "  \n".join([*self._lines(), *("**%s**" % line for line in self._silence())])
+        return "  \n".join([*self._lines(), *(f"**{line}**" for line in self._silence())])
 
     def _draw_plots(self) -> None:
         if len(self._history) < 2 or time.monotonic() - self._plotted < PLOTTED:
@@ -96,21 +96,21 @@ class Panel:
         else:
             doing = "waits for a goal" if goal is None else WORDS[goal.status]
         speed = round(self.speed, 2) + 0.0  # never -0.00
-        yield "move_base **%s**, %.2f m/s, parameters by **%s**" % (doing, speed, self._pilot.who)
+        yield f"move_base **{doing}**, {speed:.2f} m/s, parameters by **{self._pilot.who}**"
         action = self._listener.newest(ACTION, String)
         if action is not None:
-            yield "collision monitor: %s" % action.data
+            yield f"collision monitor: {action.data}"
 
     def _silence(self) -> Any:
         """What does not answer."""
         age, robot = self._listener.age, self._robot
         if age(STATUS) > SILENT:
-            yield "no move_base: nothing on %s" % rospy.resolve_name(STATUS)
+            yield f"no move_base: nothing on {rospy.resolve_name(STATUS)}"
         elif self._pilot.trouble:
             yield self._pilot.trouble + " (a recorded drive can only be looked at)" * (not self._pilot.client.connected)
         for what, topic in (("scan", robot.topics.scan), ("odometry", robot.topics.odometry)):
             if age(topic) > SILENT:
-                yield "no %s: nothing on %s" % (what, rospy.resolve_name(topic))
+                yield f"no {what}: nothing on {rospy.resolve_name(topic)}"
         if not self._pilot.method:
             yield "no applr node: sliders set the planner directly"
 

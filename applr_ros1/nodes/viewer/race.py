@@ -54,7 +54,7 @@ class Ghost:
         colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
         self.remove = scene.add_frame(name, show_axes=False).remove
         self._model = Model(scene, name + "/robot", robot, colour, 0.4)
-        words = "%s %.1f s" % (drive.who, drive.seconds)
+        words = f"{drive.who} {drive.seconds:.1f} s"
         scene.add_label(name + "/robot/label", words, position=(0.0, 0.0, 0.6))
         Lines(scene, name + "/trail", colour, 0.02).path(self._rows[:, 1:3], 0.01)
 
@@ -126,7 +126,7 @@ class RaceTab:
         self.drives.append(drive)
         lines = ["| world | parameters by | time | |", "|---|---|---:|---|"]
         for one in reversed(self.drives[-TABLE:]):
-            lines.append("| %s | %s | %.1f s | &nbsp; %s |" % (one.world, one.who, one.seconds, one.ended))
+            lines.append(f"| {one.world} | {one.who} | {one.seconds:.1f} s | &nbsp; {one.ended} |")
         self._table.content = "\n".join(lines)
 
     def _move_ghosts(self) -> None:
@@ -136,7 +136,7 @@ class RaceTab:
             self._ghosts.pop(who).remove()
         for who, drive in newest.items():
             if who not in self._ghosts:
-                name = "/ghosts/%d" % self.drives.index(drive)
+                name = f"/ghosts/{self.drives.index(drive)}"
                 self._ghosts[who] = Ghost(self._scene, self._robot, drive, name)
         longest = max((drive.seconds for drive in newest.values()), default=0.0) + BREAK
         at = self._now.seconds if self._now is not None else (time.monotonic() - self._ended) % longest

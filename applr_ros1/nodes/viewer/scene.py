@@ -63,7 +63,7 @@ class Scene:
         self._chosen = Lines(scene, "/trajectories/chosen", (20, 160, 60), 0.06)
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
         self._trail_line = Lines(scene, "/trail/line", (0, 0, 0), 0.05)
-        self._costmaps = {name: Costmap(scene, "/%s/image" % name, z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
+        self._costmaps = {name: Costmap(scene, f"/{name}/image", z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self.pose, self._trail = None, []  # type: Any, List[Tuple[float, float, float]]
         self._world = scene.add_frame("/world", show_axes=False)
@@ -91,7 +91,7 @@ class Scene:
             message = self._listener.news(topic, MarkerArray)
             for kind, colour in ((Marker.CYLINDER, cylinder), (Marker.CUBE, BOX)) if message is not None else ():
                 there = [m for m in message.markers if m.action == Marker.ADD and m.type == kind]
-                self._stand("/world/%s/%d" % (topic.split("/")[1], kind), kind, there, colour)
+                self._stand(f"/world/{topic.split('/')[1]}/{kind}", kind, there, colour)
 
     def _stand(self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]) -> None:
         """The same shape, of unit size, once for each marker."""

@@ -71,7 +71,7 @@ class Model:
         scene.add_box(name + "/body", color=colour, dimensions=body.size, position=middle, **look)
         aside = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # about x: a cylinder's axis along y
         for k, (x, y) in enumerate(wheel_places(base)):
-            wheel, place = "%s/wheel%d" % (name, k), (x, y, base.axle_height)
+            wheel, place = f"{name}/wheel{k}", (x, y, base.axle_height)
             size = base.wheel_radius, base.wheel_width
             scene.add_cylinder(wheel, *size, color=(40, 40, 45), wxyz=aside, position=place, **look)
         place = (*robot.laser.pose[:2], robot.laser.height)

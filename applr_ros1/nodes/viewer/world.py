@@ -112,7 +112,7 @@ class WorldTab:
         now = rospy.Time.now()
         goal = MoveBaseActionGoal(goal=message(pose, frame))
         goal.header.stamp = now
-        goal.goal_id = GoalID(now, "%s-%d-%.3f" % (rospy.get_name(), self._count, now.to_sec()))
+        goal.goal_id = GoalID(now, f"{rospy.get_name()}-{self._count}-{now.to_sec():.3f}")
         tell(self._say, self._goal, goal)
         return goal.goal_id.id
 
@@ -146,7 +146,7 @@ class WorldTab:
             rospy.set_param(PLAYED, [*words, "robot:=" + name, *spec])
         else:
             self._given.value = present
-            self._say("another robot starts with ./applr play robot:=%s" % name)
+            self._say(f"another robot starts with ./applr play robot:={name}")
 
     def reset(self) -> bool:
         """Put the robot back to the start. Returns whether it stands there."""
@@ -157,5 +157,5 @@ class WorldTab:
 @lru_cache(maxsize=1)
 def ranked() -> List[str]:
     """All generated worlds, those with most room first: mean distance to the closest obstacle along the path."""
-    names = ["generated:%d" % n for n in range(COUNT)]
+    names = [f"generated:{n}" for n in range(COUNT)]
     return sorted(names, key=lambda name: -difficulty(worlds.load(name))["closest_obstacle"])

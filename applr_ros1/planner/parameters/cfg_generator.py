@@ -19,10 +19,10 @@ def generate(server: str, node: str, name: str) -> int:
     generator = catkin.ParameterGenerator()
     for p in TYPES[server].live if server in TYPES else SERVERS[server]:
         bounds = [v if p.type in ("double", "int") and math.isfinite(v) else None for v in (p.min, p.max)]
-        doc = p.doc + (" Unit: %s." % p.unit if p.unit else "")
+        doc = p.doc + (f" Unit: {p.unit}." if p.unit else "")
         choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]
         edit = generator.enum(choices, doc) if choices else ""
         for key in (p.name,) + p.aliases:
-            text = doc if key == p.name else "Older name of %s; both always show the same value." % p.name
+            text = doc if key == p.name else f"Older name of {p.name}; both always show the same value."
             generator.add(key, types[p.type], 0, text, p.default, bounds[0], bounds[1], edit)
     return generator.generate("applr_ros1", node, name)

@@ -50,12 +50,12 @@ def convert(p: Parameter, value: Any, label: str = "") -> Any:
     label = label or p.name
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if isinstance(value, int) and abs(value) > sys.float_info.max:
-        raise ParameterError("%s is a whole number beyond 1e308: give a finite number" % label)
+        raise ParameterError(f"{label} is a whole number beyond 1e308: give a finite number")
     if p.type == "double" and number or p.type == "int" and number and value == value // 1:
         if not math.isfinite(value):
-            raise ParameterError("%s is %r: give a finite number" % (label, value))
+            raise ParameterError(f"{label} is {value!r}: give a finite number")
         if p.not_zero and value == 0:
-            raise ParameterError("%s is 0, which cannot work: give a number above it" % label)
+            raise ParameterError(f"{label} is 0, which cannot work: give a number above it")
         return float(value) if p.type == "double" else int(value)
     if p.type == "bool" and isinstance(value, bool) or p.type == "list" and isinstance(value, list):
         return value
@@ -65,7 +65,7 @@ def convert(p: Parameter, value: Any, label: str = "") -> Any:
             _check_outline(text, label)
         return text
     kind = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text"}
-    raise ParameterError("%s is %r: give %s" % (label, value, kind.get(p.type, "a list")))
+    raise ParameterError(f"{label} is {value!r}: give {kind.get(p.type, 'a list')}")
 
 
 def clamp(p: Parameter, value: Any, label: str = "") -> Any:
@@ -74,7 +74,7 @@ def clamp(p: Parameter, value: Any, label: str = "") -> Any:
         return value
     moved = min(max(value, p.min), p.max)
     if p.not_zero and moved == 0:
-        raise ParameterError("%s is %r, which cannot work: give a number above 0" % (label or p.name, value))
+        raise ParameterError(f"{label or p.name} is {value!r}, which cannot work: give a number above 0")
     return moved
 
 
@@ -86,7 +86,7 @@ def _check_outline(text: str, label: str) -> None:
         good = False
     if not good:
         shown = text if len(text) < 60 else text[:57] + "..."
-        raise ParameterError("%s is %s: give at least three points, [[x, y], ...] in metres" % (label, shown))
+        raise ParameterError(f"{label} is {shown}: give at least three points, [[x, y], ...] in metres")
 
 
 Tables = Dict[str, Tuple[Parameter, ...]]
@@ -133,11 +133,9 @@ def warnings(tree: Dict[str, Any]) -> List[str]:
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
         found = dwa_warnings(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
         lines += ["DWAPlannerROS/" + line for line in found]
-    lines += [
-        "recovery_behaviors has the name %r more than once: as in C++ the default behaviours take the place of the "
-        "list; give each a name of its own" % name
-        for name in _repeated(_behaviours(tree))
-    ]
+    for name in _repeated(_behaviours(tree)):
+        instead = "as in C++ the default behaviours take the place of the list; give each a name of its own"
+        lines.append(f"recovery_behaviors has the name {name!r} more than once: {instead}")
     lines += _warn_of_behaviours(tree)
     tree = arranged(tree)
     _warn_of_layers(tree, tables(tree), lines)
@@ -149,7 +147,7 @@ def _warn_of_behaviours(tree):
     usual = {p.name: p.default for p in BEHAVIOUR if p.name in ("affected_maps", "invert_area_to_clear")}
     given = [(path, branch(tree, path)) for path in dict.fromkeys([*USUAL, *_behaviours(tree)])]
     return [
-        "%s/%s is without effect: a clearing clears both costmaps outside of its square" % (path, name)
+        f"{path}/{name} is without effect: a clearing clears both costmaps outside of its square"
         for path, own in given
         for name, value in usual.items()
         if own.get(name, value) != value
@@ -160,10 +158,10 @@ def _warn_of_layers(tree, known, lines):
     """Parameters of layers and sources that no list names, and a robot that sees nothing."""
     for path in [path for path in known if path.partition("/")[0] in COSTMAPS]:
         for name, value in branch(tree, path).items():
-            label = "%s/%s" % (path, name)
+            label = f"{path}/{name}"
             if isinstance(value, dict) and label not in known:
                 which = "observation_sources" if "/" in path else "plugins"
-                lines.append("%s has no effect: %s of %s does not name it" % (label, which, path))
+                lines.append(f"{label} has no effect: {which} of {path} does not name it")
     seen = [layer for layer in layers("local_costmap", tree.get("local_costmap", {})) if layer.kind == OBSTACLE_LAYER]
     if not any(sources(branch(tree, layer.path)) for layer in seen):
         lines.append("local_costmap has no observation source: the robot will not see obstacles")
@@ -174,7 +172,7 @@ def _check(here, path, known, behaviours, problems):
     if path in COSTMAPS:
         mine = dict(INHERITED, **mine)
     for key, value in here.items():
-        label = "%s/%s" % (path, key) if path else str(key)
+        label = f"{path}/{key}" if path else str(key)
         if isinstance(value, dict):
             if label in known or label in behaviours:
                 _check(value, label, known, behaviours, problems)
@@ -183,15 +181,14 @@ def _check(here, path, known, behaviours, problems):
                 continue  # of a layer or source that is not in use: a remark
         if key not in mine:
             close = difflib.get_close_matches(str(key), mine, 1)
-            problems.append(
-                "%s: no such parameter; %s" % (label, "did you mean %s?" % close[0] if close else "remove it")
-            )
+            remedy = f"did you mean {close[0]}?" if close else "remove it"
+            problems.append(f"{label}: no such parameter; {remedy}")
         else:
             p = mine[key]
             try:
                 value = convert(p, value, label)
                 if clamp(p, value, label) != value and not p.clamps:
-                    problems.append("%s is %r: give a value from %r to %r" % (label, value, p.min, p.max))
+                    problems.append(f"{label} is {value!r}: give a value from {p.min!r} to {p.max!r}")
             except ParameterError as problem:
                 problems.append(str(problem))
 
@@ -209,7 +206,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
         have, here = branch(tree, path), branch(full, path, create=True)
         assert here is not None  # it has just been created
         for p in parameters:
-            label = "%s/%s" % (path, p.name) if path else p.name
+            label = f"{path}/{p.name}" if path else p.name
             named = [have[name] for name in (p.name,) + p.aliases if name in have]
             if not named and p.name == "controller_frequency" and p.name in tree:
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
@@ -217,7 +214,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
                 continue  # the layers have it
             if any(other != named[0] for other in named):
                 raise ParameterError(
-                    "%s is %r but its other name %s is %r: give one of them" % (label, named[0], p.aliases[0], named[1])
+                    f"{label} is {named[0]!r} but its other name {p.aliases[0]} is {named[1]!r}: give one of them"
                 )
             value = convert(p, named[0] if named else p.default, label)
             here.update({name: value for name in (p.name,) + p.aliases})
@@ -231,8 +228,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
         own = branch(tree, name)
         usual = full.get(name, {})
         full[name] = {
-            p.name: convert(p, own.get(p.name, usual.get(p.name, p.default)), "%s/%s" % (name, p.name))
-            for p in BEHAVIOUR
+            p.name: convert(p, own.get(p.name, usual.get(p.name, p.default)), f"{name}/{p.name}") for p in BEHAVIOUR
         }
     _check_whole(full)
     return full
@@ -246,7 +242,7 @@ def _check_behaviours(full, names):
     for name in names:
         if not NAME.fullmatch(name) or name in full and name not in USUAL:
             why = "something else has this name" if name in full else "a name has letters, digits and _ only"
-            raise ParameterError("recovery_behaviors has the name %r: %s, give another" % (name, why))
+            raise ParameterError(f"recovery_behaviors has the name {name!r}: {why}, give another")
 
 
 def _check_whole(full):
@@ -254,7 +250,7 @@ def _check_whole(full):
     known = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
     for name, plugins in known.items():
         if full[name] not in plugins:
-            raise ParameterError("%s is %s: give %s" % (name, full[name], " or ".join(plugins)))
+            raise ParameterError(f"{name} is {full[name]}: give {' or '.join(plugins)}")
     planner = namespace(full["base_local_planner"])
     check_consistency(planner, full[planner])
     for name in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
@@ -266,27 +262,27 @@ def _check_whole(full):
         columns, rows = (costmap[side] / costmap["resolution"] for side in ("width", "height"))
         if not (columns >= 1 and rows >= 1):
             raise ParameterError(
-                "%s/width, height are %d x %d m at a resolution of %g m, which has no cells: give at least one each way"
-                % (name, costmap["width"], costmap["height"], costmap["resolution"])
+                f"{name}/width, height are {costmap['width']} x {costmap['height']} m at a resolution of "
+                f"{costmap['resolution']:g} m, which has no cells: give at least one each way"
             )
         if columns * rows > MAX_CELLS:
             raise ParameterError(
-                "%s/width, height are %d x %d m at %g m, %.3g cells: give at most %g"
-                % (name, costmap["width"], costmap["height"], costmap["resolution"], columns * rows, MAX_CELLS)
+                f"{name}/width, height are {costmap['width']} x {costmap['height']} m at {costmap['resolution']:g} m, "
+                f"{columns * rows:.3g} cells: give at most {MAX_CELLS:g}"
             )
         for layer in layers(name, costmap):
             if layer.kind == OBSTACLE_LAYER:
                 _check_sources(layer, costmap[layer.name], types)
-    if full["global_costmap"]["robot_base_frame"] != full["local_costmap"]["robot_base_frame"]:
+    world, local = (full[name]["robot_base_frame"] for name in COSTMAPS)
+    if world != local:
         raise ParameterError(
-            "robot_base_frame is %s in global_costmap and %s in local_costmap: give the same"
-            % tuple(full[name]["robot_base_frame"] for name in COSTMAPS)
+            f"robot_base_frame is {world} in global_costmap and {local} in local_costmap: give the same"
         )
     for behaviour in full["recovery_behaviors"]:
         named = isinstance(behaviour, dict) and isinstance(behaviour.get("name"), str)
         if not named or behaviour.get("type") not in RECOVERY_TYPES:
             raise ParameterError(
-                "recovery_behaviors has %r: give a name and a type of %s" % (behaviour, " or ".join(RECOVERY_TYPES))
+                f"recovery_behaviors has {behaviour!r}: give a name and a type of {' or '.join(RECOVERY_TYPES)}"
             )
 
 
@@ -294,11 +290,10 @@ def _check_sources(layer, own, types):
     """Data types that there are, and one for each topic; `types` collects {topic: data type}."""
     for name in sources(own):
         topic, kind = own[name]["topic"], own[name]["data_type"]
-        label = "%s/%s" % (layer.path, name)
+        label = f"{layer.path}/{name}"
         if kind not in DATA_TYPES:
-            raise ParameterError("%s/data_type is %s: give %s" % (label, kind, " or ".join(DATA_TYPES)))
+            raise ParameterError(f"{label}/data_type is {kind}: give {' or '.join(DATA_TYPES)}")
         if types.setdefault(topic, kind) != kind:
             raise ParameterError(
-                "%s takes %s from the topic %s, another source takes %s: give one type"
-                % (label, kind, topic, types[topic])
+                f"{label} takes {kind} from the topic {topic}, another source takes {types[topic]}: give one type"
             )

@@ -39,7 +39,7 @@ class Configuration:
             return self._now[server]
         except KeyError:
             known = ", ".join(map(repr, self._start))
-            raise ParameterError("no server %r: give one of %s" % (server, known)) from None
+            raise ParameterError(f"no server {server!r}: give one of {known}") from None
 
     def start_up(self, server: str) -> Dict[str, Any]:
         """The values of one server when it started."""
@@ -56,7 +56,7 @@ class Configuration:
         wanted = {}
         for name, value in values.items():
             if name not in table:
-                raise ParameterError("%s: no such parameter of server %r" % (name, server))
+                raise ParameterError(f"{name}: no such parameter of server {server!r}")
             wanted[name] = clamp(table[name], convert(table[name], value))
         if wanted.get("restore_defaults"):
             return dict(self._start[server])

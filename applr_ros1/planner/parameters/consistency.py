@@ -28,7 +28,7 @@ def check_turn(name: str, values: Dict[str, Any]) -> None:
     spacing = values["sim_granularity"]
     if 2 * math.pi > MOST_POINTS * spacing:
         raise ParameterError(
-            "%s/sim_granularity is %g: a turn has more than %d poses, give a larger one" % (name, spacing, MOST_POINTS)
+            f"{name}/sim_granularity is {spacing:g}: a turn has more than {MOST_POINTS} poses, give a larger one"
         )
 
 
@@ -37,14 +37,13 @@ def _check_dwa(values):
     most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
     if most > MOST_SAMPLES:
         raise ParameterError(
-            "vx_samples, vy_samples, vth_samples are %d, %d, %d, up to %d samples: give at most %d together"
-            % (*counts, most, MOST_SAMPLES)
+            f"{', '.join(SAMPLES)} are {counts}, up to {most} samples: give at most {MOST_SAMPLES} together"
         )
     for fastest, spacing in (("max_vel_trans", "sim_granularity"), ("max_vel_theta", "angular_sim_granularity")):
         _check_points(values, spacing, fastest, values[fastest])
     sideways = values["min_vel_y"], values["max_vel_y"]
     if sideways != (0.0, 0.0):
-        raise ParameterError("min_vel_y, max_vel_y are %g, %g: give 0: no sideways velocity is commanded" % sideways)
+        raise ParameterError(f"min_vel_y, max_vel_y are {sideways}: give 0: no sideways velocity is commanded")
 
 
 def _check_trajectory(values):
@@ -59,8 +58,8 @@ def _check_trajectory(values):
 def _check_points(values, spacing, fastest, speed, timed=True):
     """Refuse trajectories of too many points. timed: whether their number grows with sim_time."""
     if abs(speed) * (values["sim_time"] if timed else 1.0) > MOST_POINTS * values[spacing]:
-        time = " and sim_time %g s" % values["sim_time"] if timed else ""
+        time = f" and sim_time {values['sim_time']:g} s" if timed else ""
         raise ParameterError(
-            "%s is %g: with %s %g%s a trajectory has more than %d points, give a larger one"
-            % (spacing, values[spacing], fastest, speed, time, MOST_POINTS)
+            f"{spacing} is {values[spacing]:g}: with {fastest} {speed:g}{time} a trajectory has more than "
+            f"{MOST_POINTS} points, give a larger one"
         )

@@ -118,7 +118,7 @@ def static_tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
             found[layer.path] = TYPES[layer.kind].static
             own = costmap.get(layer.name, {})
             if layer.kind == OBSTACLE_LAYER and isinstance(own, dict):
-                found.update({"%s/%s" % (layer.path, source): STATIC_SOURCE for source in sources(own)})
+                found.update({f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)})
     return found
 
 

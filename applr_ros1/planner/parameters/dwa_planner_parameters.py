@@ -92,12 +92,12 @@ def warnings(values, latches):
 
     values: those that the parameter files give; latches: latch_xy_goal_tolerance of move_base itself.
     """
-    lines = ["%s is an older name without effect: give %s" % (old, OLDER[old]) for old in OLDER if old in values]
+    lines = [f"{old} is an older name without effect: give {OLDER[old]}" for old in OLDER if old in values]
     if bool(values.get("latch_xy_goal_tolerance", latches)) != latches:
         lines.append("latch_xy_goal_tolerance is without effect here: give it below move_base itself")
     for name in ("occdist_scale", "path_distance_bias"):
         if values.get(name) == 0:
-            lines.append("%s is 0: trajectories that only this critic refuses are driven" % name)
+            lines.append(f"{name} is 0: trajectories that only this critic refuses are driven")
     return lines
 
 
@@ -131,6 +131,6 @@ STATIC_DWA_PLANNER = (
     text("global_frame_id", "odom", "Frame of trajectory_cloud."),
     text("odom_topic", "odom", "Topic of the odometry."),
 ) + tuple(
-    real(old, 0.0, -INF, INF, "", "Older name of %s. Without effect, as in the C++ node: give %s." % (new, new))
+    real(old, 0.0, -INF, INF, "", f"Older name of {new}. Without effect, as in the C++ node: give {new}.")
     for old, new in OLDER.items()
 )

@@ -37,7 +37,7 @@ class LayerType(NamedTuple):
 
 
 STATIC_LAYER, OBSTACLE_LAYER, INFLATION_LAYER = (
-    "costmap_2d::%sLayer" % kind for kind in ("Static", "Obstacle", "Inflation")
+    f"costmap_2d::{kind}Layer" for kind in ("Static", "Obstacle", "Inflation")
 )
 TYPES: Dict[str, LayerType] = {
     STATIC_LAYER: LayerType(
@@ -80,22 +80,18 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         good = isinstance(entry, dict) and isinstance(entry.get("name"), str) and entry["name"]
         if not good or entry.get("type") not in tuple(TYPES):
-            raise ParameterError(
-                "%s/plugins has %r: give a name and a type of %s" % (name, entry, ", ".join(sorted(TYPES)))
-            )
+            raise ParameterError(f"{name}/plugins has {entry!r}: give a name and a type of {', '.join(sorted(TYPES))}")
         if any(layer.name == entry["name"] for layer in found):
-            raise ParameterError("%s/plugins has two layers named %s: give each its own" % (name, entry["name"]))
-        _check_name("%s/plugins" % name, entry["name"], COSTMAP + STATIC_COSTMAP)
-        found.append(Layer("%s/%s" % (name, entry["name"]), entry["name"], entry["type"]))
+            raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each its own")
+        _check_name(f"{name}/plugins", entry["name"], COSTMAP + STATIC_COSTMAP)
+        found.append(Layer(f"{name}/{entry['name']}", entry["name"], entry["type"]))
     return found
 
 
 def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:
     """Refuse the name of a branch that cannot be, or that is a parameter beside it."""
     if not NAME.fullmatch(name) or name in INHERITED or any(name in (p.name,) + p.aliases for p in parameters):
-        raise ParameterError(
-            "%s has the name %r: give one of letters, digits and _ that is no parameter's" % (label, name)
-        )
+        raise ParameterError(f"{label} has the name {name!r}: give one of letters, digits and _ that is no parameter's")
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:
@@ -126,7 +122,7 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
             own.update({key: costmap[key] for key in TYPES[layer.kind].inherited if key in costmap})
             if layer.kind == OBSTACLE_LAYER:
                 for source in sources(own):
-                    _check_name("%s/observation_sources" % layer.path, source, OBSTACLES + STATIC_OBSTACLES)
+                    _check_name(f"{layer.path}/observation_sources", source, OBSTACLES + STATIC_OBSTACLES)
                 _arrange_sources(own, (own, costmap, tree))
     return made
 
