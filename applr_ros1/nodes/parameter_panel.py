@@ -9,9 +9,8 @@ Parameter: ~robot (jackal), the name or the folder of its description, for the b
 
 from __future__ import annotations
 
-import threading
 import time
-from typing import Any, Dict, Tuple
+from typing import Dict, Tuple
 
 import numpy as np
 import rospy
@@ -21,6 +20,7 @@ from std_msgs.msg import String
 
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.msg import Parameters
+from applr_ros1.nodes.viewer.listening import Listener
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -71,19 +71,8 @@ class ParameterPanel:
 
     def __init__(self, robot: Robot = JACKAL) -> None:
         self._space, self._odometry = space_of(robot), robot.topics.odometry
-        self._seen: Dict[str, Any] = {}
-        self._lock = threading.Lock()
+        self._listener = Listener(robot.frames.odom)
         self._image = rospy.Publisher("~image", Image, queue_size=1)
-        for topic, kind in (
-            ("applr/parameters", Parameters),
-            (self._odometry, Odometry),
-            ("collision_monitor/action", String),
-        ):
-            rospy.Subscriber(topic, kind, self._keep, topic, queue_size=1)
-
-    def _keep(self, message: Any, topic: str) -> None:
-        with self._lock:
-            self._seen[topic] = message
 
     def spin(self) -> None:
         """Draw until shutdown."""
@@ -93,25 +82,18 @@ class ParameterPanel:
             time.sleep(1.0 / RATE)  # of wall time: the clock of a replayed bag may stand
 
     def _message(self) -> Image:
-        with self._lock:
-            seen = dict(self._seen)
-        pixels = picture(_parameters(seen.get("applr/parameters")), _lines(seen, self._odometry), self._space)
+        newest = self._listener.newest
+        parameters, odometry = newest("applr/parameters", Parameters), newest(self._odometry, Odometry)
+        action = newest("collision_monitor/action", String)
+        values = {} if parameters is None else dict(zip(parameters.names, parameters.values))
+        speed = "no odometry" if odometry is None else f"speed {odometry.twist.twist.linear.x:.2f} m/s"
+        commands = "no monitor" if action is None else action.data.partition(":")[0]
+        lines = f"time {rospy.get_time():.1f} s    {speed}", f"commands: {commands}"
+        pixels = picture(values, lines, self._space)
         height, width, _ = pixels.shape
         message = Image(height=height, width=width, encoding="rgb8", step=3 * width, data=pixels.tobytes())
         message.header.stamp = rospy.get_rostime()
         return message
-
-
-def _parameters(message: Any) -> Dict[str, float]:
-    """{name: value} of the topic applr/parameters."""
-    return {} if message is None else dict(zip(message.names, message.values))
-
-
-def _lines(seen: Dict[str, Any], topic: str) -> Tuple[str, ...]:
-    odometry, action = seen.get(topic), seen.get("collision_monitor/action")
-    speed = "no odometry" if odometry is None else f"speed {odometry.twist.twist.linear.x:.2f} m/s"
-    commands = "no monitor" if action is None else action.data.partition(":")[0]
-    return f"time {rospy.get_time():.1f} s    {speed}", f"commands: {commands}"
 
 
 def main() -> int:

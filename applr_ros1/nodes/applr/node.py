@@ -70,10 +70,9 @@ class ApplrNode:
         self._goal, self._due, self._failures, self._began = None, None, 0, None
         self._last = None  # ROS time of the last decision
         self._base_set = False  # whether what a goal-less planner should have has been sent
-        self._lock = threading.Lock()  # of trouble
         self._deciding = threading.Lock()  # of method, enabled and the course's state
         self.client = ReconfigureClient(namespace, self.space, self._on_restart)
-        self.worker = ReconfigureWorker(self.client, self._on_report, self._on_trouble)
+        self.worker = ReconfigureWorker(self.client, self._on_report, self._say)
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
@@ -85,7 +84,7 @@ class ApplrNode:
         try:
             self.method.reset(self.seed + self.counts["courses"])
         except Exception as e:  # as in _ask
-            self._warn(one_line(e))
+            self._say(one_line(e))
         self.counts["courses"] += 1
         self._due, self._failures, self._began = now, 0, now
 
@@ -237,9 +236,9 @@ class ApplrNode:
         """A period without a decision. After several the policy counts as lost: theta_0."""
         self.counts[kind] += 1
         self._failures += 1
-        self._warn(line)
+        self._say(line)
         if self._failures == LOST_AFTER and not self.method.static:
-            self._warn(f"no decision for {LOST_AFTER} periods: back to theta_0")
+            self._say(f"no decision for {LOST_AFTER} periods: back to theta_0")
             self.worker.request(self._capped(self.space.theta0))
 
     def _base(self):
@@ -278,38 +277,28 @@ class ApplrNode:
     def _on_report(self, report):
         if report.ok:
             self.counts["applied"] += 1
-            with self._lock:
-                self.trouble = ""
+            self._say("")
             self._publish_parameters()
             return
         self.counts["failed"] += 1
         self.counts["put_back"] += len(report.put_back)
         also = f"; put back: {', '.join(report.put_back)}" if report.put_back else ""
-        self._warn(f"parameters not changed: {report.error}{also}")
+        self._say(f"parameters not changed: {report.error}{also}")
 
-    def _on_trouble(self, line):
-        """The worker cannot find the planner's servers; "" when it has found them."""
-        if line:
-            self._warn(line)
-            return
-        with self._lock:
-            self.trouble = ""
-
-    def _warn(self, line):
-        with self._lock:
-            fresh, self.trouble = line != self.trouble, line
-        if fresh:
+    def _say(self, line):
+        """What is wrong now, logged when it is news; "" for nothing."""
+        fresh, self.trouble = line != self.trouble, line
+        if line and fresh:
             rospy.logwarn(f"applr: {line}")
 
     def _report(self, now):
         theta = self._publish_parameters()
         age = math.nan if self._last is None else (now - self._last).to_sec()
         if self.inputs.has_lost_move_base(now):
-            self._warn(GONE)
+            self._say(GONE)
         elif self.trouble == GONE:
-            self._on_trouble("")
-        with self._lock:
-            trouble = self.trouble or self.degraded
+            self._say("")
+        trouble = self.trouble or self.degraded
         lost = bool(self.degraded) or self._failures >= LOST_AFTER or bool(theta is None and trouble)
         if theta is None:
             trouble = trouble or "waiting for the parameter servers of move_base"
