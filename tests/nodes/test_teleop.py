@@ -74,7 +74,6 @@ def test_joystick_device(tmp_path):
         stick.read()
     assert stick.buttons == {4: 1}
     assert stick.axes == pytest.approx({1: 20000 / 32767, 0: -16384 / 32767})
-    stick.close()
 
 
 def test_devices_that_are_not_there_are_named():

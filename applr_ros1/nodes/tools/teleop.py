@@ -8,7 +8,6 @@ cmd_vel (20 Hz) and demonstration (who drives, latched). With the launch argumen
 import contextlib
 import json
 import signal
-import termios
 import time
 
 import rospy
@@ -42,66 +41,35 @@ Keys:
 {HELP}"""
 
 
-class InputDevice:
-    """The keyboard, a joystick device or the topic joy.
+class JoyTopic:
+    """The topic joy, with axes and buttons as a Joystick has them."""
 
-    Args:
-        kind: "keyboard" or "joystick".
-        device: A joystick device such as /dev/input/js0; "" takes the topic joy.
-        button: Number of the button that has to be held to drive.
-        forward: Number of the axis for the speed.
-        turn: Number of the axis for the turn rate.
-    """
+    def __init__(self):
+        self.axes, self.buttons, self._newest = {}, {}, None
+        rospy.Subscriber("joy", Joy, lambda message: setattr(self, "_newest", message), queue_size=1)
 
-    def __init__(self, kind, device, button, forward, turn):
-        self.kind, self.keyboard, self.joystick, self._joy = kind, None, None, None
-        self.button, self.forward, self.turn = button, forward, turn
-        if kind == "keyboard":
-            self.keyboard = Keyboard()
-        elif device:
-            self.joystick = Joystick(device)
-        else:
-            rospy.Subscriber("joy", Joy, self._on_joy, queue_size=1)
+    def read(self):
+        """Whether a message has come since the last call: a topic that falls silent asks for nothing."""
+        message, self._newest = self._newest, None
+        if message is not None:
+            self.axes, self.buttons = dict(enumerate(message.axes)), dict(enumerate(message.buttons))
+        return message is not None
 
-    def _on_joy(self, message):
-        self._joy = message
+
+class Stick:
+    """A Joystick or JoyTopic whose axes and button drive, by their numbers."""
+
+    name = "joystick"
+
+    def __init__(self, device, button, forward, turn):
+        self._device, self._button, self._axes = device, button, (forward, turn)
 
     def poll(self, smoother, now):
-        """Hand what was pressed since the last call to the smoother. Returns False when the person ends the drive."""
-        if self.keyboard:
-            return all([smoother.key(key, now) for key in self.keyboard.read()])
-        if self.joystick:
-            self.joystick.read()
-            stick = self.joystick
-            smoother.stick(
-                stick.axes.get(self.forward, 0.0),
-                stick.axes.get(self.turn, 0.0),
-                stick.buttons.get(self.button, 0),
-                now,
-            )
-            return True
-        message, self._joy = self._joy, None
-        if message is not None:
-            smoother.stick(
-                _at(message.axes, self.forward), _at(message.axes, self.turn), _at(message.buttons, self.button), now
-            )
+        """Hand its position to the smoother. Returns True: it never ends the drive."""
+        if self._device.read():
+            forward, turn = (self._device.axes.get(number, 0.0) for number in self._axes)
+            smoother.stick(forward, turn, self._device.buttons.get(self._button, 0), now)
         return True
-
-    def __enter__(self):
-        if self.keyboard:
-            self.keyboard.__enter__()
-        return self
-
-    def __exit__(self, *exc):
-        if self.keyboard:
-            with contextlib.suppress(termios.error):  # the terminal is gone
-                self.keyboard.__exit__(*exc)
-        if self.joystick:
-            self.joystick.close()
-
-
-def _at(values, number):
-    return values[number] if 0 <= number < len(values) else 0.0
 
 
 def drive(smoother, device, publisher):
@@ -116,7 +84,7 @@ def drive(smoother, device, publisher):
             last = now
             time.sleep(COMMAND_PERIOD)
     except OSError as error:
-        raise ApplrError(f"{device.kind} is gone ({error.strerror or error})") from None
+        raise ApplrError(f"{device.name} is gone ({error.strerror or error})") from None
     finally:
         publisher.publish(twist(0.0, 0.0))
         time.sleep(0.1)  # so that it goes out
@@ -126,18 +94,19 @@ def _number(name, default, low, high):
     return number_within(name, rospy.get_param("~" + name, default), low, high)
 
 
+@contextlib.contextmanager
 def _input_device():
+    """The keyboard or a joystick."""
     kind, device = rospy.get_param("~input", "keyboard"), str(rospy.get_param("~joystick", ""))
-    if kind not in ("keyboard", "joystick"):
+    if kind == "keyboard":
+        with Keyboard() as keyboard:
+            print(HELP, flush=True)
+            yield keyboard
+    elif kind == "joystick":
+        numbers = (int(_number(*given, 0, 63)) for given in (("button", 4), ("axis_forward", 1), ("axis_turn", 0)))
+        yield Stick(Joystick(device) if device else JoyTopic(), *numbers)
+    else:
         raise ApplrError(f"input is {kind}: give keyboard or joystick")
-    numbers = [
-        int(_number(name, default, 0, 63)) for name, default in (("button", 4), ("axis_forward", 1), ("axis_turn", 0))
-    ]
-    try:
-        return InputDevice(kind, device, *numbers)
-    except OSError as error:
-        what = f"joystick {device} cannot be opened ({error.strerror})" if device else str(error)
-        raise ApplrError(what) from None
 
 
 def main():
@@ -149,11 +118,9 @@ def main():
     smoother = VelocitySmoother(_number("speed", 0.5, 0.05, 2.0), _number("turn", 1.0, 0.1, 4.0))
     with contextlib.suppress(KeyboardInterrupt), _input_device() as device:
         who = rospy.Publisher("demonstration", String, queue_size=1, latch=True)
-        who.publish(json.dumps({"demonstrator": f"a person, by {device.kind}"}))
+        who.publish(json.dumps({"demonstrator": f"a person, by {device.name}"}))
         publisher = rospy.Publisher("cmd_vel", Twist, queue_size=1, tcp_nodelay=True)
-        if device.keyboard:
-            print(HELP, flush=True)
-        rospy.loginfo("teleop: ready, %s", device.kind)
+        rospy.loginfo("teleop: ready, %s", device.name)
         drive(smoother, device, publisher)
     rospy.signal_shutdown("teleop has ended")
 

@@ -3,6 +3,7 @@
 Nothing here knows ROS; time is an argument.
 """
 
+import contextlib
 import os
 import re
 import select
@@ -10,6 +11,8 @@ import struct
 import sys
 import termios
 import tty
+
+from applr_ros1.common.errors import ApplrError
 
 SPECIAL_KEY = re.compile(r"\x1b(\[[0-9;?]*[ -/]*[@-~]|O[@-~])")  # what an arrow or function key sends; Esc alone is not
 KEYS = {
@@ -87,12 +90,14 @@ class VelocitySmoother:
 
 
 class Keyboard:
-    """The terminal, key by key. Context manager; raises OSError where standard input is no terminal."""
+    """The terminal, key by key. Context manager; raises ApplrError where standard input is no terminal."""
+
+    name = "keyboard"
 
     def __init__(self, stream=sys.stdin):
         self.file = stream.fileno()
         if not os.isatty(self.file):
-            raise OSError("standard input is no terminal: start it with rosrun in one, or take _input:=joystick")
+            raise ApplrError("standard input is no terminal: start it with rosrun in one, or take _input:=joystick")
 
     def __enter__(self):
         self._before = termios.tcgetattr(self.file)
@@ -100,7 +105,12 @@ class Keyboard:
         return self
 
     def __exit__(self, *exc):
-        termios.tcsetattr(self.file, termios.TCSADRAIN, self._before)
+        with contextlib.suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(self.file, termios.TCSADRAIN, self._before)
+
+    def poll(self, smoother, now):
+        """Hand the keys typed since the last call to the smoother. Returns False when the person ends the drive."""
+        return all([smoother.key(key, now) for key in self.read()])
 
     def read(self):
         """The characters typed since the last call; "" for none."""
@@ -127,12 +137,12 @@ class Joystick:
         self.axes, self.buttons = {}, {}
 
     def read(self):
-        """Update axes and buttons with the events since the last call. Raises OSError when the device is gone."""
+        """Update axes and buttons with the events since the last call. True; raises OSError when the device is gone."""
         while True:
             try:
                 data = os.read(self.file, 64 * self.EVENT.size)
             except BlockingIOError:
-                return
+                return True
             for at in range(0, len(data) - self.EVENT.size + 1, self.EVENT.size):
                 _, value, kind, number = self.EVENT.unpack_from(data, at)
                 if kind & 0x02:
@@ -140,11 +150,7 @@ class Joystick:
                 elif kind & 0x01:
                     self.buttons[number] = value
             if len(data) < 64 * self.EVENT.size:
-                return
-
-    def close(self):
-        """Close the device."""
-        os.close(self.file)
+                return True
 
 
 def _dead(value):
