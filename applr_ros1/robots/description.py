@@ -7,7 +7,6 @@ Fields without a default have to be given.
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
@@ -257,9 +256,4 @@ def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[
         branches.append(branch(tree, costmap))
     values = [branch[name] for branch in branches for name in names if name in branch]
     numbers = [value for value in values if isinstance(value, (int, float)) and not isinstance(value, bool)]
-    if not numbers:
-        return None
-    try:
-        return float(numbers[0])
-    except OverflowError:  # an integer beyond every limit
-        return math.inf if numbers[0] > 0 else -math.inf
+    return float(numbers[0]) if numbers else None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import sys
 from collections import Counter
 from typing import Any, Dict, List, Tuple
 
@@ -49,8 +48,6 @@ def convert(p: Parameter, value: Any, label: str = "") -> Any:
     """`value` as p's type, bounds aside. ParameterError for another type, NaN, infinity or a useless 0."""
     label = label or p.name
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if isinstance(value, int) and abs(value) > sys.float_info.max:
-        raise ParameterError(f"{label} is a whole number beyond 1e308: give a finite number")
     if p.type == "double" and number or p.type == "int" and number and value == value // 1:
         if not math.isfinite(value):
             raise ParameterError(f"{label} is {value!r}: give a finite number")
