@@ -10,35 +10,48 @@ import os
 import re
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import List, Optional
+from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
 from . import builtin, dynamic, generator, physical_course, sdf_reader
 from .world import World, WorldError
 
-GENERATED = "generated:"
-FRESH = "fresh:"  # more worlds of the same recipe, made on the spot
-DYNAMIC = "dynamic:"  # rooms with moving obstacles
 FORMS = (
     f"generated:N (0-{generator.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world "
     "file or a folder of them"
 )
-MAX_WORLDS = 10_000  # in a folder
+MAX_WORLDS = 10_000  # in a folder, or from N to M
+
+
+class _Recipe(NamedTuple):
+    """Worlds with a number: how one is made, numbers by a name, and the first number that there is not."""
+
+    make: Callable[[int], World]
+    splits: Dict[str, Any]
+    end: int
+
+
+def _fresh(number: int) -> World:
+    """More worlds of the generator's recipe, made on the spot."""
+    return dataclasses.replace(generator.generate(generator.COUNT + number), name=f"fresh:{number}")
+
+
+_RECIPES = {
+    "generated": _Recipe(builtin.world, builtin.SPLITS, generator.COUNT),
+    "fresh": _Recipe(_fresh, {}, 10**9),
+    "dynamic": _Recipe(dynamic.generate, dynamic.SPLITS, 10**9),
+}
 
 
 def load(spec: str) -> World:
     """The one world that `spec` names. Raises WorldError with one line."""
     text = str(spec)
-    if text.startswith((GENERATED, FRESH, DYNAMIC)):
+    recipe, _, _ = text.partition(":")
+    if recipe in _RECIPES:
         names = specs(text)
         if len(names) > 1:
             raise WorldError(f"{text} names {len(names)} worlds where one is needed; give one of them")
-        number = int(names[0].split(":")[1])
-        if text.startswith(GENERATED):
-            return builtin.world(number)
-        if text.startswith(DYNAMIC):
-            return dynamic.generate(number)
-        return dataclasses.replace(generator.generate(generator.COUNT + number), name=names[0])
+        return _RECIPES[recipe].make(int(names[0].partition(":")[2]))
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
@@ -67,7 +80,7 @@ class Worlds(Sequence):
 
     def __init__(self, spec: str):
         self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
-        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith((FRESH, DYNAMIC))}
+        self._loaded = {i: load(one) for i, one in enumerate(self.specs) if not one.startswith(("fresh:", "dynamic:"))}
         self._fresh: "OrderedDict[int, World]" = OrderedDict()
 
     def __len__(self) -> int:
@@ -96,14 +109,18 @@ class Worlds(Sequence):
 def specs(spec: str) -> List[str]:
     """The specifications of the single worlds that `spec` names, in load_all's order."""
     text = str(spec)
-    if text.startswith(GENERATED):
-        return [f"{GENERATED}{n}" for n in _numbers(text)]
-    if text.startswith(FRESH):
-        return [f"{FRESH}{n}" for n in _range(text, FRESH)]
-    if text.startswith(DYNAMIC):
-        split = dynamic.SPLITS.get(text[len(DYNAMIC) :])
-        return [f"{DYNAMIC}{n}" for n in (_range(text, DYNAMIC) if split is None else split)]
-    return folder_files(text) if os.path.isdir(text) else [text]
+    name, _, part = text.partition(":")
+    recipe = _RECIPES.get(name)
+    if recipe is None:
+        return folder_files(text) if os.path.isdir(text) else [text]
+    numbers = recipe.splits.get(part)
+    if numbers is None:
+        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
+        first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
+        if not first <= last < min(recipe.end, first + MAX_WORLDS):
+            raise WorldError(f"no worlds {text[:200]!r}; give {FORMS}; {MAX_WORLDS} worlds at most")
+        numbers = range(first, last + 1)
+    return [f"{name}:{number}" for number in numbers]
 
 
 def folder_files(folder: str) -> List[str]:
@@ -119,20 +136,3 @@ def folder_files(folder: str) -> List[str]:
 
 def _natural(name: str):
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
-
-
-def _range(text: str, form: str) -> List[int]:
-    match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", text[len(form) :], re.ASCII)
-    first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
-    if not 0 <= last - first < MAX_WORLDS:
-        raise WorldError(f"{text[:200]}: give {form}N or {form}N-M, {MAX_WORLDS} worlds at most")
-    return list(range(first, last + 1))
-
-
-def _numbers(text: str) -> List[int]:
-    part = text[len(GENERATED) :]
-    if part in builtin.SPLITS:
-        return list(builtin.SPLITS[part])
-    if not re.match(r"^\d{1,9}$", part, re.ASCII) or int(part) >= generator.COUNT:
-        raise WorldError(f"world {text[:200]!r} does not exist; give {FORMS}")
-    return [int(part)]
