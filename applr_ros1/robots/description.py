@@ -232,6 +232,11 @@ class Robot:
     space: Tuple[SpaceParameter, ...]
     move_base: MoveBaseSetup = field(repr=False, hash=False, compare=False)
 
+    @property
+    def local_planner(self) -> str:
+        """The local planner that its files name, without the package."""
+        return str(self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
+
     def parameters(self, with_map: bool = False) -> Dict[str, Any]:
         """The nested move_base parameters of its files, a copy; RobotError where there is no setup with a map."""
         tree = self.move_base.with_map if with_map else self.move_base.without_map

@@ -105,7 +105,7 @@ def _limit(robot: Robot, setting: Setting) -> Tuple[str, float]:
 def _files(robot: Robot) -> Iterator[str]:
     """Speeds in the parameter files that the base cannot drive, and frames that differ."""
     tree = robot.move_base.without_map
-    planner = str(tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2]
+    planner = robot.local_planner
     for names, limit in ((_SPEEDS, "max_speed"), (_TURNS, "max_yaw_rate")):
         most = getattr(robot.base, limit)
         for name in names:

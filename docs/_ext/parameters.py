@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 
-from applr_ros1.planner.parameters.declarations import BEHAVIOUR, SERVERS, STATIC, Parameter
+from applr_ros1.planner.parameters.declarations import SERVERS, STATIC
 from applr_ros1.planner.parameters.layers import TYPES
+from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR
+from applr_ros1.planner.parameters.parameter import Parameter
 
 OBSTACLES, INFLATION = "local_costmap/obstacles_layer", "local_costmap/inflater_layer"
 MAP = "costmap_2d::StaticLayer"

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import ParameterError
+from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.support import ROOT
 from tests.support.jackal import tree
 from tests.support.toy_robot import ToyRobot, run, start

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.declarations import ParameterError
+from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.support.toy_robot import ToyRobot, quick, run, start
 
 PLANNER = "TrajectoryPlannerROS"

@@ -25,7 +25,6 @@ from applr_ros1.drives.animation import STEP
 from applr_ros1.drives.picture import Drive, View
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.viewer.listening import Listener
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.policy.parameter_space import space_of
 from sim_bridge.ros_bridge import BASE_TIME
 
@@ -51,7 +50,7 @@ class Observer:
         self._scanned, self._began, self.client = False, None, None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         self._scan = "/" + scan.lstrip("/")
-        planner = "/move_base/" + namespace(robot.parameters().get("base_local_planner", LOCAL_PLANNERS[0]))
+        planner = "/move_base/" + robot.local_planner
         self._paths, self._cloud = ("/move_base/NavfnROS/plan", planner + "/local_plan"), planner + "/trajectory_cloud"
         space = space_of(robot)
         rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=50, buff_size=2**24)

@@ -16,7 +16,6 @@ from typing import Any, Dict
 import yaml
 
 from applr_ros1.common.arguments import frame_prefix, without_remappings
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.robots import JACKAL, NAMES, Robot, load
 
 from .processes import become
@@ -53,12 +52,11 @@ def configured(tree: Dict[str, Any], robot: Robot, prefix: str) -> Dict[str, Any
     manager = tree["Visualization Manager"]
     manager["Global Options"]["Fixed Frame"] = prefix + robot.frames.odom
     manager["Views"]["Current"]["Target Frame"] = prefix + robot.frames.base
-    planner = namespace(robot.parameters().get("base_local_planner", LOCAL_PLANNERS[0]))
     for display in manager["Displays"]:
         if display["Class"] == "rviz/RobotModel":
             display["TF Prefix"] = prefix.strip("/")
         elif display["Class"] == "rviz/LaserScan":
             display["Topic"] = robot.topics.scan
         elif "Topic" in display:
-            display["Topic"] = display["Topic"].replace(namespace(LOCAL_PLANNERS[0]), planner)
+            display["Topic"] = display["Topic"].replace(JACKAL.local_planner, robot.local_planner)
     return tree

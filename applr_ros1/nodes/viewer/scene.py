@@ -17,7 +17,6 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import compose, transform_point
 from applr_ros1.nodes.conversions import MessageError, check_scan, pose_of
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.robots import Robot
 
 from .listening import Listener
@@ -48,7 +47,7 @@ class Scene:
         from trimesh import creation
 
         self._robot, self._listener, self._base = robot, listener, base
-        self._planner = "move_base/" + namespace(robot.parameters().get("base_local_planner", LOCAL_PLANNERS[0]))
+        self._planner = "move_base/" + robot.local_planner
         self._scene = scene = server.scene
         scene.configure_default_lights(cast_shadow=False)  # shadows would halve the pictures a second without a GPU
         ground = {"cell_size": 1.0, "section_size": 5.0, "plane_opacity": 1.0, "position": (0, 0, -0.01)}

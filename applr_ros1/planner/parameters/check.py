@@ -18,14 +18,9 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.consistency import check_consistency, check_turn
 from applr_ros1.planner.parameters.declarations import (
-    BEHAVIOUR,
-    DEFAULT_RECOVERIES,
     GLOBAL_PLANNERS,
     LOCAL_PLANNERS,
-    RECOVERY_TYPES,
     SERVERS,
-    Parameter,
-    ParameterError,
     namespace,
     static_tables,
 )
@@ -40,6 +35,8 @@ from applr_ros1.planner.parameters.layers import (
     layers,
     sources,
 )
+from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR, DEFAULT_RECOVERIES, RECOVERY_TYPES
+from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
 
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may give as lists
 

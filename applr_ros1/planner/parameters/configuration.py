@@ -9,7 +9,8 @@ from typing import Any, Dict
 
 from applr_ros1.planner.parameters.check import clamp, convert
 from applr_ros1.planner.parameters.consistency import check_consistency
-from applr_ros1.planner.parameters.declarations import ParameterError, servers
+from applr_ros1.planner.parameters.declarations import servers
+from applr_ros1.planner.parameters.parameter import ParameterError
 
 
 class Configuration:

@@ -23,39 +23,17 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, TYPES
 from applr_ros1.planner.parameters.move_base_parameters import (
     AGGRESSIVE_RESET,
     APPLR_NODE,
-    BEHAVIOUR,
     CONSERVATIVE_RESET,
-    DEFAULT_RECOVERIES,
     MOVE_BASE,
-    RECOVERY_TYPES,
     ROTATE_RECOVERY,
     STATIC_MOVE_BASE,
     STATIC_NAVFN,
 )
-from applr_ros1.planner.parameters.parameter import INF, Parameter, ParameterError
-from applr_ros1.planner.parameters.trajectory_planner_parameters import (
-    STATIC_TRAJECTORY_PLANNER,
-    TRAJECTORY_PLANNER,
-)
-
-__all__ = [
-    "BEHAVIOUR",
-    "DEFAULT_RECOVERIES",
-    "INF",
-    "GLOBAL_PLANNERS",
-    "LOCAL_PLANNERS",
-    "RECOVERY_TYPES",
-    "SERVERS",
-    "STATIC",
-    "Parameter",
-    "ParameterError",
-    "namespace",
-    "servers",
-]
+from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.trajectory_planner_parameters import STATIC_TRAJECTORY_PLANNER, TRAJECTORY_PLANNER
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
-
 
 SERVERS: Dict[str, Tuple[Parameter, ...]] = {
     "": MOVE_BASE,

@@ -13,7 +13,8 @@ import pytest
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.planner.parameters.configuration import Configuration
-from applr_ros1.planner.parameters.declarations import SERVERS, ParameterError, servers
+from applr_ros1.planner.parameters.declarations import SERVERS, servers
+from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.support import DATA, ROOT
 from tests.support.jackal import JACKAL
 
