@@ -121,11 +121,7 @@ def _outline(robot):
 def prepare(words, file):
     """(values of all arguments, words for the launch file, Robot, World) from the command line. Raises ApplrError."""
     known = {name: default for name, (_, default) in roslaunch.arg_dump.get_args([file]).items()}
-    given = load_mappings(words)
-    for word in words:
-        name, separator, _ = word.partition(":=")
-        if not separator or name not in (*known, *OWN) and not name.startswith("_"):  # ROS's own begin so
-            raise ApplrError(f"{word} is no argument: give ARG:=VALUE; there are {', '.join((*known, *OWN))}")
+    given = arguments(words, (*known, *OWN))
     values = {**known, **OWN, **given}
     if not boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
         raise ApplrError(
@@ -152,6 +148,15 @@ def prepare(words, file):
         world = dataclasses.replace(world, course=dataclasses.replace(world.course, goal=goal, finish_y=None))
     passed = {name: values[name] for name in {"method", *given} & set(known) - {"policy"}}
     return values, [f"{name}:={value}" for name, value in dict(passed, goal="none").items()], robot, world
+
+
+def arguments(words, known):
+    """{name: value} of ARG:=VALUE; ROS's own arguments, such as __name:=N, are left out. Raises ApplrError."""
+    for word in words:
+        name, separator, _ = word.partition(":=")
+        if not separator or name not in known and not name.startswith("_"):
+            raise ApplrError(f"{word} is no argument: give ARG:=VALUE; there are {', '.join(known)}")
+    return load_mappings(words)
 
 
 def with_folders(values):
