@@ -34,7 +34,7 @@ class PybulletSimulator(Simulator):
         super().__init__(robot, **randomisation)
         self._p = scene.load_pybullet()
         if gui and not os.environ.get("DISPLAY"):
-            raise SimulatorError("gui is true but there is no display (DISPLAY is not set): leave gui away")
+            raise SimulatorError("gui is true but there is no display (DISPLAY is not set): give gui:=false")
         self._window = gui
         self._client = self._p.connect(self._p.GUI if gui else self._p.DIRECT)
         self._mechanics = m.mechanics(self.robot)

@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.robots import geometry, load
 
-FAR_AWAY = (1e3, 1e3)  # [m], until the robot has been heard of
+FAR_AWAY = (1e3, 1e3)  # [m], until its first message
 AHEAD = 0.1  # s for which a pose is carried on with its velocity
 
 

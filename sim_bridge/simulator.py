@@ -190,7 +190,7 @@ class Simulator(ABC):
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
     def teleport(self, pose: Sequence[float]) -> RobotState:
-        """Put the robot at `pose` (x, y, yaw) of the world frame, standing; time goes on and the commands count on.
+        """Put the robot at `pose` (x, y, yaw) of the world frame, standing; time and commands go on.
 
         The odometry notices nothing of the way: its position stays, as in Gazebo, where it comes from the wheels. Its
         heading follows, since that comes from the IMU.

@@ -69,7 +69,7 @@ def load_all(spec: str) -> List[World]:
 class Worlds(Sequence):
     """The worlds of a specification, several with commas between them, as a sequence.
 
-    Files and built-in worlds are loaded at once, so that a wrong one is heard of at the beginning. Fresh worlds are
+    Files and built-in worlds are loaded at once, so that a wrong one is reported at the beginning. Fresh worlds are
     generated when they are asked for, since each takes up to a tenth of a second; the last KEPT of them stay.
 
     Raises:

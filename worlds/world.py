@@ -22,7 +22,7 @@ MAP_REACH = 19.7  # [m]; the planners' global maps reach 20 m from the start, an
 
 
 class WorldError(ApplrError):
-    """A world cannot be had. One line: what, which value, what to do."""
+    """A world cannot be read or made. One line: what, which value, what to do."""
 
 
 @dataclass(frozen=True, eq=False)

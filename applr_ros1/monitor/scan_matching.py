@@ -17,15 +17,15 @@ from applr_ros1.common.angles import compose, inverse, normalize_angle
 from applr_ros1.common.kernels import kernel
 
 REACH = 8.0  # [m]: farther beams are not used
-STRIDE = 3  # every so manieth beam is laid over the earlier scan
+STRIDE = 3  # every third beam is laid over the earlier scan
 BASE = 0.02  # [m]: a surface's direction is taken from its points so far to both sides
-APART = 0.15, 0.3  # [m, rad]: from every reference by one of these on, a scan becomes one more of them
+APART = 0.15, 0.3  # [m, rad]: a scan that is farther from every reference becomes one more of them
 KEPT = 256  # references
 ITERATIONS, COARSE = 12, 4
 WIDE, NARROW = 0.1, 0.02  # [m]: a point so far from its line counts a quarter, in the coarse and later iterations
 NOISE = 0.01  # [m]: of a distance between a point and its line
 SLIP, YAW_ERROR = 0.05, 0.01  # [m, rad]: errors of the odometry that are expected between two scans
-MOST, MOST_TURN = 0.15, 0.1  # [m, rad]: a larger correction at once is not believed
+MOST, MOST_TURN = 0.15, 0.1  # [m, rad]: a larger correction at once is rejected
 BETTER = 0.05  # by so much the mean weight of a match that does not begin at the odometry's pose must be better
 LONGEST = 0.5  # [s]: over more between two scans nothing goes on as before
 ENOUGH = 20  # points that must have found a line ...

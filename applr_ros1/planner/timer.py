@@ -8,7 +8,7 @@ EARLY = 0.2  # of a period: a step that comes this much early still counts, so t
 
 
 class Timer:
-    """Keeps its phase while it is asked often enough; a late turn is not made up for. 0 Hz is never due."""
+    """Keeps its phase while it is asked often enough; a late turn is not repeated. 0 Hz is never due."""
 
     __slots__ = ("_period", "_next")
 

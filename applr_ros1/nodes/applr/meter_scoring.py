@@ -1,4 +1,4 @@
-"""Finds out what the distance weights of a running planner count, and what is to be sent instead of a set.
+"""Finds out whether a running planner's distance biases count per metre or per cell, and rescales a set for it.
 
 Held by the applr node, whose thread calls everything but the cloud's callback. policy/distance_weights.py says what it
 is about and does the arithmetic.
@@ -34,7 +34,7 @@ class MeterScoring:
     def __init__(self, client: ReconfigureClient, choice: str = AUTO):
         self.choice = choice
         self._client, self._space = client, client.space
-        self._at = indices_of(client.space)  # None: a robot whose space has nothing to make up for
+        self._at = indices_of(client.space)  # None: a robot whose space has no distance biases
         self._lock = threading.Lock()  # of what the callback writes
         self._subscriber: Optional[rospy.Subscriber] = None
         self.forget()
@@ -94,7 +94,7 @@ class MeterScoring:
         found = Compensation(self._space, self._factor, largest)
         if all(self._client.holds(found.outgoing(bound)) for bound in (self._space.low, self._space.high)):
             return found
-        rospy.logwarn("applr: the planner's bounds do not allow biases that make up for what its weights count")
+        rospy.logwarn("applr: the distance biases are not rescaled: the planner's bounds do not allow it")
         return nothing
 
     def _topic(self) -> str:

@@ -165,9 +165,9 @@ class ApplrNode:
             self._decide(now, goal)
 
     def _compensate(self):
-        """Have sent what means to this planner what the sets mean, and say so. Returns whether that is something else.
+        """Rescale the sets for this planner from now on, and log it. Returns whether what it has is to be sent again.
 
-        Where it is not, what the planner has stays as it is; a person may have set it meanwhile.
+        Where nothing changes, what the planner has stays as it is; a person may have set it meanwhile.
         """
         before = self.client.compensation
         self.client.compensation = self.meter_scoring.compensation(self.method.per_cell)

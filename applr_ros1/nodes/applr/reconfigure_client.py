@@ -28,7 +28,7 @@ _KINDS: Dict[str, Callable[[Any], Any]] = {"bool": bool, "int": lambda v: int(np
 
 @dataclass
 class ApplyReport:
-    """What came of one `apply`.
+    """The result of one `apply`.
 
     error: one line, "" where every value is in force, read back; put_back: servers returned to their former values;
     unanswered: servers that still have a call to answer.

@@ -39,7 +39,7 @@ IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as id
 
 
 class CollisionMonitorNode:
-    """Hands scans and commands to a CollisionMonitor and publishes what it makes of them.
+    """Hands scans and commands to a CollisionMonitor and publishes its verdicts.
 
     Args:
         settings: of the monitor.

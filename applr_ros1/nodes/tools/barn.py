@@ -151,7 +151,7 @@ class Evaluation:
                         process.terminate()
 
     def _drive(self, job: Job) -> str:
-        """One run in a thread of the pool, again where its runner fails; returns what came of it, in words."""
+        """One run in a thread of the pool, again where its runner fails; returns its result in words."""
         for _ in range(ATTEMPTS):
             if self._stopped:
                 return "stopped"

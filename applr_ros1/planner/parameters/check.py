@@ -122,7 +122,7 @@ def check(tree: Dict[str, Any]) -> List[str]:
 
 
 def warnings(tree: Dict[str, Any]) -> List[str]:
-    """What a tree without mistakes gives in vain, or at a risk: one line each."""
+    """What has no effect in a tree without mistakes, or is a risk: one line each."""
     lines: List[str] = []
     if namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])) == "DWAPlannerROS":
         found = dwa_warnings(tree.get("DWAPlannerROS", {}), tree.get("latch_xy_goal_tolerance", False))
