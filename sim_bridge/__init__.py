@@ -70,7 +70,7 @@ def make(name: str, gui: bool = False, robot: Union[Robot, str, None] = None, **
 
     Raises:
         SimulatorError: An argument cannot be used; one line says which and what to give.
-        RobotError: There is no such robot, or its description cannot be used.
+        ApplrError: There is no such robot, or its description cannot be used.
     """
     if gui and name != "pybullet":
         raise SimulatorError(f"gui is true but the simulator {name} has no window: take pybullet")

@@ -13,7 +13,8 @@ from typing import Tuple
 
 import numpy as np
 
-from applr_ros1.robots import Robot, RobotError, geometry
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots import Robot, geometry
 
 GRAVITY = 9.8
 STEP = 1.0 / 240.0  # both simulators' physics step [s]
@@ -59,7 +60,7 @@ class Mechanics:
 def mechanics(robot: Robot) -> Mechanics:
     """The mechanics of a robot.
 
-    Raises RobotError where its centre of mass lies outside its wheels and casters, so that it would tip over.
+    Raises ApplrError where its centre of mass lies outside its wheels and casters, so that it would tip over.
     """
     base, body = robot.base, robot.body
     n = base.wheels
@@ -150,5 +151,5 @@ def _supports(robot, mass, com):
         levers = [float(value) or 1.0 for value in (centred**2).sum(axis=0)]
     if (supports[:, LOAD] <= 0.0).any():
         where = f"robot {robot.name}: its centre of mass ({com[0]:.3f}, {com[1]:.3f})"
-        raise RobotError(f"{where} lies outside its wheels and casters: check body.com and base.casters")
+        raise ApplrError(f"{where} lies outside its wheels and casters: check body.com and base.casters")
     return supports, levers

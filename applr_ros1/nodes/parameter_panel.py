@@ -97,7 +97,7 @@ class ParameterPanel:
 
 
 def main() -> int:
-    """Runs until shutdown. Raises RobotError, one line, where ~robot is none."""
+    """Runs until shutdown. Raises ApplrError, one line, where ~robot is none."""
     init_node("parameter_panel")
     panel = ParameterPanel(load(str(rospy.get_param("~robot", JACKAL.name))))
     with until_shutdown():

@@ -10,8 +10,9 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any, Dict, Optional, Tuple
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
-from applr_ros1.robots.field_types import RobotError, choice, points, real, ros_name, vector, whole
+from applr_ros1.robots.field_types import choice, points, real, ros_name, vector, whole
 
 GROUNDS = ("plain", "gazebo")  # of Simulation
 
@@ -238,10 +239,10 @@ class Robot:
         return str(self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
 
     def parameters(self, with_map: bool = False) -> Dict[str, Any]:
-        """The nested move_base parameters of its files, a copy; RobotError where there is no setup with a map."""
+        """The nested move_base parameters of its files, a copy; ApplrError where there is no setup with a map."""
         tree = self.move_base.with_map if with_map else self.move_base.without_map
         if tree is None:
-            raise RobotError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
+            raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
         return copy.deepcopy(tree)
 
     def start_value(self, parameter: SpaceParameter) -> Optional[float]:

@@ -16,10 +16,6 @@ ROS_NAME = re.compile(r"/?[A-Za-z]\w*(/\w+)*", re.ASCII)
 Take = Callable[[Any, str], Any]  # (value, label) -> the value converted; ApplrError
 
 
-class RobotError(ApplrError):
-    """A robot description that cannot be used; one line with what, which value and what to give."""
-
-
 def real(low: float, high: float, default: Any = MISSING) -> Any:
     """A field that holds a finite number from low to high."""
     return _field(number(low, high), default)
@@ -30,7 +26,7 @@ def whole(low: int, high: int) -> Any:
 
     def take(value: Any, label: str) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise RobotError(f"{label} is {shown(value)}: give a whole number from {low} to {high}")
+            raise ApplrError(f"{label} is {shown(value)}: give a whole number from {low} to {high}")
         return value
 
     return _field(take)
@@ -41,7 +37,7 @@ def choice(*names: str, default: Any = MISSING) -> Any:
 
     def take(value: Any, label: str) -> str:
         if value not in names:
-            raise RobotError(f"{label} is {shown(value)}: give {' or '.join(names)}")
+            raise ApplrError(f"{label} is {shown(value)}: give {' or '.join(names)}")
         return value
 
     return _field(take, default)
@@ -52,7 +48,7 @@ def ros_name(default: Any = MISSING) -> Any:
 
     def take(value: Any, label: str) -> str:
         if not isinstance(value, str) or not ROS_NAME.fullmatch(value):
-            raise RobotError(f"{label} is {shown(value)}: give a name such as front/scan")
+            raise ApplrError(f"{label} is {shown(value)}: give a name such as front/scan")
         return value
 
     return _field(take, default)
@@ -75,12 +71,12 @@ def number(low: float, high: float) -> Take:
 
 
 def mapping(value: Any, label: str, known: Sequence[str] = ()) -> Dict[str, Any]:
-    """`value` if it is a mapping of the known names (of any where none are given), else RobotError."""
+    """`value` if it is a mapping of the known names (of any where none are given), else ApplrError."""
     if not isinstance(value, dict):
-        raise RobotError(f"{label} is {shown(value)}: give a mapping of names and values")
+        raise ApplrError(f"{label} is {shown(value)}: give a mapping of names and values")
     unknown = [name for name in value if known and name not in known]
     if unknown:
-        raise RobotError(f"{label + '.' if label else ''}{unknown[0]} is unknown: there are {', '.join(known)}")
+        raise ApplrError(f"{label + '.' if label else ''}{unknown[0]} is unknown: there are {', '.join(known)}")
     return value
 
 
@@ -92,7 +88,7 @@ def shown(value: Any) -> str:
 def _items(take: Take, least: int, most: int, what: str) -> Take:
     def take_all(value: Any, label: str) -> Tuple[Any, ...]:
         if not isinstance(value, list) or not least <= len(value) <= most:
-            raise RobotError(f"{label} is {shown(value)}: give a list of {what}")
+            raise ApplrError(f"{label} is {shown(value)}: give a list of {what}")
         return tuple(take(item, f"{label}[{i}]") for i, item in enumerate(value))
 
     return take_all

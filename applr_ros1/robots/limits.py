@@ -8,9 +8,9 @@ from __future__ import annotations
 from math import pi
 from typing import Iterator, Tuple
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.robots.description import Robot, Setting, find
-from applr_ros1.robots.field_types import RobotError
 
 # the last part of a server's name is that of a local planner; its speeds by the base's limits
 _SPEEDS = ("max_vel_x", "min_vel_x", "max_vel_trans", "min_vel_trans", "max_trans_vel", "min_trans_vel", "escape_vel")
@@ -22,9 +22,9 @@ _PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 
 
 def check(robot: Robot) -> None:
-    """Raise RobotError, one line, for the first contradiction in a description."""
+    """Raise ApplrError, one line, for the first contradiction in a description."""
     for problem in _problems(robot):
-        raise RobotError(problem)
+        raise ApplrError(problem)
 
 
 def _problems(robot: Robot) -> Iterator[str]:

@@ -8,10 +8,11 @@ from __future__ import annotations
 import os
 from typing import Any, Dict
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import merged
 from applr_ros1.robots import yaml_file
 from applr_ros1.robots.description import MoveBaseSetup
-from applr_ros1.robots.field_types import ROS_NAME, RobotError, mapping, shown
+from applr_ros1.robots.field_types import ROS_NAME, mapping, shown
 
 _GROUP = ("files", "parameters")
 _FILE = ("file", "namespace")
@@ -38,7 +39,7 @@ def _load(groups, folder: str) -> Dict[str, Any]:
         known = mapping(group, label, _GROUP + ("with_map", "without_map"))
         files = known.get("files", [])
         if not isinstance(files, list):
-            raise RobotError(f"{label}.files is {shown(files)}: give a list of {{file: NAME.yaml}}")
+            raise ApplrError(f"{label}.files is {shown(files)}: give a list of {{file: NAME.yaml}}")
         for i, entry in enumerate(files):
             tree = merged(tree, _file(entry, folder, f"{label}.files[{i}]"))
         tree = merged(tree, mapping(known.get("parameters", {}), label + ".parameters"))
@@ -50,9 +51,9 @@ def _file(entry: Any, folder: str, label: str) -> Dict[str, Any]:
     entry = mapping(entry, label, _FILE)
     name, namespace = entry.get("file"), entry.get("namespace", "")
     if not isinstance(name, str) or os.path.isabs(name) or ".." in name.split("/"):
-        raise RobotError(f"{label}.file is {shown(name)}: give the name of a file in the robot's folder")
+        raise ApplrError(f"{label}.file is {shown(name)}: give the name of a file in the robot's folder")
     if namespace and not (isinstance(namespace, str) and ROS_NAME.fullmatch(namespace)):
-        raise RobotError(f"{label}.namespace is {shown(namespace)}: give a name such as local_costmap")
+        raise ApplrError(f"{label}.namespace is {shown(namespace)}: give a name such as local_costmap")
     tree = yaml_file.read(os.path.join(folder, name))
     for part in reversed(list(filter(None, namespace.split("/")))):
         tree = {part: tree}

@@ -15,7 +15,7 @@ from applr_ros1.robots import description as sections
 from applr_ros1.robots import limits, parameter_files, yaml_file
 from applr_ros1.robots.default_space import default_space
 from applr_ros1.robots.description import Robot
-from applr_ros1.robots.field_types import RobotError, mapping, number
+from applr_ros1.robots.field_types import mapping, number
 from applr_ros1.robots.space_section import space
 
 FILE = "robot.yaml"
@@ -42,7 +42,7 @@ def load(name_or_folder: str) -> Robot:
     same folder reads nothing.
 
     Raises:
-        RobotError: There is no such robot, or its description cannot be used: one line with what is missing, unknown,
+        ApplrError: There is no such robot, or its description cannot be used: one line with what is missing, unknown,
             out of bounds or contradicts the base.
     """
     name = str(name_or_folder)
@@ -50,12 +50,12 @@ def load(name_or_folder: str) -> Robot:
         return _read(os.path.join(_HERE, name))
     folder = os.path.abspath(name) if name else ""
     if not os.path.isdir(folder):
-        raise RobotError(f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}")
+        raise ApplrError(f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}")
     return _read(folder)
 
 
 def on_ground(robot: Robot, ground: str) -> Robot:
-    """The robot on another simulated ground (Simulation.ground); RobotError where it cannot stand on that."""
+    """The robot on another simulated ground (Simulation.ground); ApplrError where it cannot stand on that."""
     changed = replace(robot, simulation=replace(robot.simulation, ground=ground))
     limits.check(changed)
     return changed
@@ -68,14 +68,14 @@ def _read(folder: str) -> Robot:
     try:
         return _robot(folder, given)
     except ApplrError as error:
-        raise RobotError(str(error) if str(error).startswith(folder) else f"{path}: {error}") from None
+        raise ApplrError(str(error) if str(error).startswith(folder) else f"{path}: {error}") from None
 
 
 def _robot(folder: str, given: Dict[str, Any]) -> Robot:
     mapping(given, "", (*_SECTIONS, *_OTHERS))
     for key in (*_SECTIONS, *_OTHERS):
         if key not in given and key not in _OPTIONAL:
-            raise RobotError(f"{key} is missing: give it")
+            raise ApplrError(f"{key} is missing: give it")
     parts = {key: _section(kind, given.get(key, {}), key) for key, kind in _SECTIONS.items()}
     setup = parameter_files.setup(given["move_base"], folder, "move_base")
     stated = given.get("parameter_space")
@@ -101,5 +101,5 @@ def _section(kind: Any, given: Any, label: str) -> Any:
         if f.name in given:
             values[f.name] = f.metadata["take"](given[f.name], f"{label}.{f.name}")
         elif f.default is MISSING:
-            raise RobotError(f"{label}.{f.name} is missing: give it")
+            raise ApplrError(f"{label}.{f.name} is missing: give it")
     return kind(**values)

@@ -7,17 +7,17 @@ from typing import Any, Dict
 import yaml
 
 from applr_ros1.common import files
-from applr_ros1.robots.field_types import RobotError
+from applr_ros1.common.errors import ApplrError
 
 MAX_BYTES = 2**17
 
 
 def read(path: str) -> Dict[str, Any]:
-    """The mapping in a YAML file; {} for an empty file. RobotError of one line for everything else."""
+    """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
     try:
         found = yaml.safe_load(files.read_bytes(path, MAX_BYTES))
     except (yaml.YAMLError, ValueError, LookupError, RecursionError) as error:  # ValueError: such as a date 2001-99-99
-        raise RobotError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
+        raise ApplrError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(found or {}, dict):
-        raise RobotError(f"{path}: holds no mapping; give lines such as name: value")
+        raise ApplrError(f"{path}: holds no mapping; give lines such as name: value")
     return found or {}

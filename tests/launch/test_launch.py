@@ -14,6 +14,7 @@ import yaml
 from PIL import Image
 
 import worlds
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes import parameter_panel
 from applr_ros1.nodes.move_base.robot_parameters import with_robot
 from applr_ros1.nodes.tools import record as recording
@@ -21,7 +22,7 @@ from applr_ros1.nodes.tools import rviz
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, RobotError, load
+from applr_ros1.robots import NAMES, load
 from tests.support import DATA, ROOT
 from tests.support.jackal import JACKAL
 from tests.support.processes import is_alive
@@ -81,7 +82,7 @@ def test_other_robots_bring_their_files_names_and_frames(name):
 
 
 def test_a_robot_without_files_for_a_map():
-    with pytest.raises(RobotError, match=r"has no move_base\.with_map: give its files for a map"):
+    with pytest.raises(ApplrError, match=r"has no move_base\.with_map: give its files for a map"):
         with_robot({"robot": "jackal", "map": True})
     assert with_robot({"a": 1}) == ({"a": 1}, None)
 

@@ -10,8 +10,9 @@ import pytest
 import rospy
 from dynamic_reconfigure.msg import DoubleParameter
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.move_base import reconfigure_server
-from applr_ros1.nodes.move_base.planner_thread import PlannerThread, RequestTimeout
+from applr_ros1.nodes.move_base.planner_thread import PlannerThread
 
 
 @pytest.fixture
@@ -71,7 +72,7 @@ def test_requests_are_answered_between_cycles_that_take_too_long(running):
 def test_a_request_that_was_not_answered_never_runs(running):
     done = []
     running.block()
-    with pytest.raises(RequestTimeout, match=r"did not answer within 0\.05 s"):
+    with pytest.raises(ApplrError, match=r"did not answer within 0\.05 s"):
         running.planner.ask(lambda: done.append("late"), patience=0.05)
     running.hold.clear()
     assert running.planner.ask(lambda: done.append("next")) is None  # requests are done in order
@@ -97,7 +98,7 @@ def test_requests_at_a_shutdown_are_refused(running):
     def ask():
         try:
             running.planner.ask(lambda: None)
-        except RequestTimeout as error:
+        except ApplrError as error:
             errors.append(str(error))
 
     asking = threading.Thread(target=ask)

@@ -7,7 +7,7 @@ import pytest
 
 import sim_bridge
 from applr_ros1 import robots
-from applr_ros1.robots import RobotError
+from applr_ros1.common.errors import ApplrError
 from sim_bridge.scenes import STEP, drive, small_world
 from training.env.drawn_robots import draw
 
@@ -85,7 +85,7 @@ def test_odometry_lags_by_its_filter():
     ],
 )
 def test_a_ground_that_a_robot_cannot_have_is_one_line(name, change, line):
-    with pytest.raises(RobotError, match=line):
+    with pytest.raises(ApplrError, match=line):
         robots.on_ground(robots.load(name), **change)
 
 

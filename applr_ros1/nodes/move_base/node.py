@@ -41,7 +41,7 @@ from applr_ros1.policy.parameter_space import SPACE, space_of
 from . import heartbeat_watchdog
 from .displays import CostmapDisplay, PlanDisplay
 from .goal_server import GoalServer
-from .planner_thread import PlannerThread, RequestTimeout
+from .planner_thread import PlannerThread
 from .reconfigure_server import ParameterMirror, ReconfigureServer
 from .robot_parameters import OWN, with_robot
 
@@ -260,7 +260,7 @@ class MoveBaseNode:
         def call(request):
             try:
                 return self.thread.ask(lambda: work(request), cost)
-            except (RequestTimeout, MessageError) as problem:
+            except ApplrError as problem:
                 raise rospy.ServiceException(str(problem)) from None
 
         return call

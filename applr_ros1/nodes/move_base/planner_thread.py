@@ -21,10 +21,6 @@ STALLED = 1.0  # s of wall time without a new value of a simulated clock after w
 LONGEST_DELAY = 0.2  # s for which a long request gives way to control cycles
 
 
-class RequestTimeout(ApplrError):
-    """A request was not begun in time, or the node is shutting down. The request will not run later."""
-
-
 class _Request:
     """Work for the planner's thread. `answered`: whether a caller waits for its value or error."""
 
@@ -79,19 +75,19 @@ class PlannerThread:
             patience: Wall time [s] within which the work has to begin.
 
         Raises:
-            RequestTimeout: The work did not begin within `patience`. It is withdrawn: it will not run later.
+            ApplrError: The work did not begin within `patience`. It is withdrawn: it will not run later.
         """
         request = _Request(work, cost, answered=True)
         self._append(request)
         if not request.done.wait(patience) and self._withdraw(request):
-            raise RequestTimeout(f"move_base did not answer within {patience:g} s")
+            raise ApplrError(f"move_base did not answer within {patience:g} s")
         request.done.wait()  # work that has begun is waited for: what it changes must not go unreported
         if request.error is not None:
             raise request.error
         return request.value
 
     def run(self) -> None:
-        """Until the node is shut down. Requests that wait at that moment raise RequestTimeout."""
+        """Until the node is shut down. Requests that wait at that moment raise ApplrError."""
         try:
             self._run()
         finally:
@@ -159,7 +155,7 @@ class PlannerThread:
 
     def _refuse(self, request: _Request) -> None:
         if self._withdraw(request):
-            request.error = RequestTimeout("move_base is shutting down")
+            request.error = ApplrError("move_base is shutting down")
             request.done.set()
 
     def _serve(self, left: float) -> bool:

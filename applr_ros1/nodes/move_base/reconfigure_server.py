@@ -16,7 +16,7 @@ from dynamic_reconfigure.encoding import decode_config, encode_config, encode_de
 from dynamic_reconfigure.msg import Config, ConfigDescription, GroupState
 from dynamic_reconfigure.srv import Reconfigure
 
-from .planner_thread import PlannerThread, RequestTimeout
+from .planner_thread import PlannerThread
 
 
 class ParameterMirror:
@@ -108,7 +108,7 @@ class ReconfigureServer:
         values = {name: value for name, value in values.items() if name in self._names}
         try:
             return self._encode(self._thread.ask(lambda: self.change(values)))
-        except (ValueError, RequestTimeout) as problem:
+        except ValueError as problem:
             if not rospy.is_shutdown():
                 rospy.logerr("%s refused a change: %s", self._ns, problem)
             raise rospy.ServiceException(str(problem)) from None

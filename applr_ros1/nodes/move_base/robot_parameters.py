@@ -27,7 +27,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
 
     Raises:
         ParameterError: `map` or `tf_prefix` is of no use.
-        RobotError: There is no such robot, or it has no files for a map.
+        ApplrError: There is no such robot, or it has no files for a map.
     """
     tree = {name: value for name, value in given.items() if name not in OWN}
     if not given.get("robot"):
