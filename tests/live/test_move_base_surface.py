@@ -118,8 +118,8 @@ def test_watch_over_the_policy():
     from applr_ros1.planner.parameters.declarations import SERVERS
     from tests.support.jackal import JACKAL
 
-    start_up = Configuration(complete(JACKAL)).start_up
-    capped = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS), max_speed=0.3)
+    jackal = MoveBase(JACKAL)
+    capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
     assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
     requests = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS))
     assert requests == {

@@ -5,9 +5,10 @@ Called by the move_base node once per cycle. A planner that has never received a
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Optional, Sequence
+from typing import Any, Dict, Optional
 
-from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import Space
 
 PERIODS = 2.5  # heartbeats that stay away: theta_0 is back within three of them of the node's death
 
@@ -39,27 +40,16 @@ class HeartbeatWatchdog:
         return True
 
 
-def start_up_requests(
-    start_up_configuration: Callable[[str], Dict[str, Any]],
-    servers: Sequence[str],
-    space: Space = SPACE,
-    max_speed: float = 0.0,
-) -> Dict[str, Dict[str, Any]]:
-    """What each server has to be sent to give the learned parameters their values of the node's start.
+def start_up_requests(move_base: MoveBase, space: Space, max_speed: float = 0.0) -> Dict[str, Dict[str, Any]]:
+    """{server: {name: value}} that give the parameters of a space the values with which the planner started.
 
-    Args:
-        start_up_configuration: Maps a server's name to its values {name: value} at the start.
-        servers: The names of the servers that there are; what others would have to be sent is left out.
-        space: The parameters that are learned.
-        max_speed: Largest forward speed [m/s] among them; 0 for any.
-
-    Returns:
-        {server: {name: value}}.
+    max_speed: the largest forward speed [m/s] among them; 0 for any.
     """
-    wanted = {server: names for server, names in space.requests(space.theta0).items() if server in servers}
-    start_up = {server: start_up_configuration(server) for server in wanted}
-    requests = {server: {name: start_up[server][name] for name in names} for server, names in wanted.items()}
-    for values in requests.values():
+    requests = {}
+    for server in set(space.servers) & set(move_base.servers):
+        start = move_base.start_up_configuration(server)
+        values = {name: start[name] for name in space.requests(space.theta0)[server]}
         for name in set(values) & {"max_vel_x", "max_vel_trans"} if max_speed > 0.0 else ():
             values[name] = min(values[name], max_speed)
+        requests[server] = values
     return requests

@@ -38,9 +38,9 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
 
-from . import heartbeat_watchdog
 from .displays import CostmapDisplay, PlanDisplay
 from .goal_server import GoalServer
+from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .planner_thread import PlannerThread
 from .reconfigure_server import ParameterMirror, ReconfigureServer
 from .robot_parameters import OWN, with_robot
@@ -72,7 +72,7 @@ class MoveBaseNode:
             self.move_base.ray_origins,
             tree.get(local_planner, {}).get("odom_topic", odometry),
         )
-        self.watchdog = heartbeat_watchdog.HeartbeatWatchdog(static["applr"]["period"])
+        self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
         self._report_missed_from = 0.0  # time.monotonic()
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
@@ -232,12 +232,8 @@ class MoveBaseNode:
 
     def _back_to_start_up(self) -> None:
         """The policy is lost: the parameters that it sets get their start-up values."""
-        for server, values in heartbeat_watchdog.start_up_requests(
-            self.move_base.start_up_configuration,
-            self.move_base.servers,
-            self._space,
-            max_speed=self.move_base.parameters["applr"]["max_speed"],
-        ).items():
+        max_speed = self.move_base.parameters["applr"]["max_speed"]
+        for server, values in start_up_requests(self.move_base, self._space, max_speed).items():
             self.servers[server].change(values)
         rospy.logwarn(
             "no sign of the applr node for %g s: planner parameters are back at their start-up values",
