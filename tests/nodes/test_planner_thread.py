@@ -132,14 +132,17 @@ def test_changes_are_published_in_the_order_in_which_they_come_into_force(runnin
         reconfigure_server.ReconfigureServer, "_encode", lambda self, values: values["publish_frequency"]
     )
 
-    def apply(values):
+    def reconfigure(name, values):
         in_force.append(values["publish_frequency"])
         return values
 
-    mirror = SimpleNamespace(write=lambda namespace, values: time.sleep(0.001))
-    server = reconfigure_server.ReconfigureServer(
-        "local_costmap", apply, {"publish_frequency": -1.0}, mirror, running.planner, "Costmap2D"
+    move_base = SimpleNamespace(
+        declared_servers={"local_costmap": SimpleNamespace(config="Costmap2D")},
+        configuration=lambda name: {"publish_frequency": -1.0},
+        reconfigure=reconfigure,
     )
+    mirror = SimpleNamespace(write=lambda namespace, values: time.sleep(0.001))
+    server = reconfigure_server.ReconfigureServer("local_costmap", move_base, mirror, running.planner)
     published.clear()
 
     def many(first):

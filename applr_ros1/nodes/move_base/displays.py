@@ -14,6 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from applr_ros1.nodes import conversions
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.grid import union
+from applr_ros1.planner.parameters.layers import COSTMAPS
 
 TRAJECTORIES_RATE = 5.0  # Hz of trajectory_cloud where C++ has none
 
@@ -32,12 +33,13 @@ class _NewSubscriber(rospy.SubscribeListener):
 class CostmapDisplay:
     """One costmap: topics `costmap`, `costmap_updates`, `footprint` (docs/explanation/planner.md, section 3.7).
 
-    costmap() returns the planner.costmap.Costmap, settings() the values of its server.
+    name: of the costmap of the MoveBase. post(work): has work done in the node's own thread.
     """
 
-    def __init__(self, name, costmap, settings, frame, always_whole, post):
-        self._costmap, self._settings, self._frame = costmap, settings, frame
-        self._always_whole = always_whole
+    def __init__(self, name, move_base, post):
+        self._name, self._move_base = name, move_base
+        static = move_base.parameters[name]
+        self._frame, self._always_whole = static["global_frame"].lstrip("/"), static["always_send_full_costmap"]
         listener = _NewSubscriber(post, self._send_whole)
         self._whole = rospy.Publisher(f"~{name}/costmap", OccupancyGrid, listener, queue_size=1, latch=False)
         self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
@@ -48,13 +50,13 @@ class CostmapDisplay:
 
     def updated(self, stamp, pose) -> None:
         """After an update of the map for the robot's pose: publish what is due."""
-        costmap = self._costmap()
+        costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
             self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
-        frequency, now = self._settings()["publish_frequency"], stamp.to_sec()
+        frequency, now = self._move_base.configuration_of(self._name)["publish_frequency"], stamp.to_sec()
         if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
             return
         self._sent = now
@@ -70,20 +72,16 @@ class CostmapDisplay:
         self._shape, self._window = shape, None
 
     def _send_whole(self, publish, stamp=None) -> None:
-        publish(conversions.grid(self._costmap(), self._frame, stamp or rospy.Time.now()))
+        publish(conversions.grid(self._move_base.costmaps[self._name], self._frame, stamp or rospy.Time.now()))
 
 
 class PlanDisplay:
-    """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner.
+    """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner of a MoveBase."""
 
-    Args:
-        frames: of the global plan, and of what the local planner shows.
-        name: the name space of the local planner.
-        static: its parameters that are read once, by name.
-    """
-
-    def __init__(self, frames, name, static):
-        (self._global_frame, self._frame), self._static = frames, static
+    def __init__(self, move_base):
+        name, static = move_base.local_planner_name, move_base.parameters
+        self._static = static[name]
+        self._global_frame, self._frame = (static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS)
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
         self._global, self._local = (
             rospy.Publisher(f"~{name}/{topic}", Path, queue_size=1) for topic in ("global_plan", "local_plan")

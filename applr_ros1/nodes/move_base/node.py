@@ -84,29 +84,11 @@ class MoveBaseNode:
             rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
             rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
         )
-        self._plans = PlanDisplay((self.frame, self.local_frame), local_planner, static[local_planner])
-        self._maps = {
-            name: CostmapDisplay(
-                name,
-                lambda name=name: getattr(self.move_base, name),
-                lambda name=name: self.move_base.configuration(name),
-                static[name]["global_frame"].lstrip("/"),
-                static[name]["always_send_full_costmap"],
-                self.thread.post,
-            )
-            for name in COSTMAPS
-        }
+        self._plans = PlanDisplay(self.move_base)
+        self._maps = {name: CostmapDisplay(name, self.move_base, self.thread.post) for name in COSTMAPS}
         mirror = ParameterMirror()
         self.servers = {
-            name: ReconfigureServer(
-                name,
-                lambda values, name=name: self.move_base.reconfigure(name, values),
-                self.move_base.configuration(name),
-                mirror,
-                self.thread,
-                server.config,
-            )
-            for name, server in self.move_base.declared_servers.items()
+            name: ReconfigureServer(name, self.move_base, mirror, self.thread) for name in self.move_base.servers
         }
         for name in ("conservative_reset", "aggressive_reset"):
             mirror.write(f"{rospy.get_name()}/{name}/", {"reset_distance": static[name]["reset_distance"]})

@@ -9,12 +9,14 @@ from __future__ import annotations
 import importlib
 import queue
 import threading
-from typing import Any, Callable, Dict, Tuple
+from typing import Any, Dict, Tuple
 
 import rospy
 from dynamic_reconfigure.encoding import decode_config, encode_config, encode_description, get_tree
 from dynamic_reconfigure.msg import Config, ConfigDescription, GroupState
 from dynamic_reconfigure.srv import Reconfigure
+
+from applr_ros1.planner.move_base import MoveBase
 
 from .planner_thread import PlannerThread
 
@@ -45,26 +47,15 @@ class ReconfigureServer:
 
     Args:
         name: Of the server below the node's, "" for the node's own.
-        apply: Called with {name: value} in the planner's thread. Returns everything that is then in force, or raises
-            ValueError and changes nothing.
-        now: {name: value} in force at the start.
+        move_base: Holds the values; used in the planner's thread.
         mirror: Writes the values as ROS parameters.
         thread: The planner's thread. Values are published there too, so that they go out in the order in which they
             came into force, whoever changes them.
-        config: Name of the generated type, without "Config".
     """
 
-    def __init__(
-        self,
-        name: str,
-        apply: Callable[[Dict[str, Any]], Dict[str, Any]],
-        now: Dict[str, Any],
-        mirror: ParameterMirror,
-        thread: PlannerThread,
-        config: str,
-    ):
-        kind = importlib.import_module(f"applr_ros1.cfg.{config}Config")
-        self.name, self._apply, self._mirror, self._thread = name, apply, mirror, thread
+    def __init__(self, name: str, move_base: MoveBase, mirror: ParameterMirror, thread: PlannerThread):
+        kind = importlib.import_module(f"applr_ros1.cfg.{move_base.declared_servers[name].config}Config")
+        self.name, self._move_base, self._mirror, self._thread = name, move_base, mirror, thread
         self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
         self._names = set(kind.defaults)
         description = encode_description(kind)
@@ -75,7 +66,7 @@ class ReconfigureServer:
         self._descriptions = self._publisher("parameter_descriptions", ConfigDescription)
         self._descriptions.publish(description)
         self._updates = self._publisher("parameter_updates", Config)
-        self._publish(now)
+        self._publish(move_base.configuration(name))
         self._service = rospy.Service(self._ns + "set_parameters", Reconfigure, self._set)
 
     def _publisher(self, topic, kind):
@@ -90,7 +81,7 @@ class ReconfigureServer:
         Raises:
             ValueError: The values cannot be used; nothing has changed.
         """
-        in_force = self._apply(values)
+        in_force = self._move_base.reconfigure(self.name, values)
         self._publish(in_force)
         return in_force
 
