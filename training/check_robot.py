@@ -62,7 +62,7 @@ def summary(described: Robot) -> List[str]:
         "move_base: %s, %g commands per second, %s"
         % (
             namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])),
-            planner.configuration_of("")["controller_frequency"],
+            planner.configuration("")["controller_frequency"],
             "without a map only" if with_map is None else "with and without a map",
         ),
         "parameter space, default and range:",

@@ -7,7 +7,7 @@ calls get their time, resets their seed. What happens to a goal is state_machine
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, Optional
 
 import numpy as np
 
@@ -327,28 +327,19 @@ class MoveBase:
         return NO_PLAN
 
     # -- parameters ------------------------------------------------------------------------------------------
-    def configuration_of(self, server: str) -> Dict[str, Any]:
-        """As configuration(), without a copy: not to be changed."""
-        return self._config[server]
-
     @property
     def local_planner_name(self) -> str:
         """The name space of the local planner in use: "TrajectoryPlannerROS" or "DWAPlannerROS"."""
         return namespace(self.parameters["base_local_planner"])
 
     @property
-    def servers(self) -> List[str]:
-        """The names of the dynamic_reconfigure servers that there are, "" for move_base's own."""
-        return list(self.declared_servers)
-
-    @property
-    def declared_servers(self) -> Dict[str, Server]:
-        """The dynamic_reconfigure servers by name, with their parameters."""
+    def servers(self) -> Dict[str, Server]:
+        """The dynamic_reconfigure servers by name, "" for move_base's own."""
         return servers(self.parameters)
 
     def configuration(self, server: str) -> Dict[str, Any]:
-        """The values in force of one server ("", "TrajectoryPlannerROS", "local_costmap", ...)."""
-        return dict(self._config[server])
+        """The values in force of one server ("", "TrajectoryPlannerROS", "local_costmap", ...), not to be changed."""
+        return self._config[server]
 
     def reconfigure(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
         """Take `values` (out of bounds: clamped), return what is in force. ParameterError refuses them whole.

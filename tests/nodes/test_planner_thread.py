@@ -137,7 +137,7 @@ def test_changes_are_published_in_the_order_in_which_they_come_into_force(runnin
         return values
 
     move_base = SimpleNamespace(
-        declared_servers={"local_costmap": SimpleNamespace(config="Costmap2D")},
+        servers={"local_costmap": SimpleNamespace(config="Costmap2D")},
         configuration=lambda name: {"publish_frequency": -1.0},
         reconfigure=reconfigure,
     )

@@ -80,7 +80,7 @@ def main():
     node = ApplrNode(
         method,
         Inputs(robot, namespace),
-        ApplrTopics(space=space),
+        ApplrTopics(space),
         float(period) or None,
         namespace,
         float(max_speed) or math.inf,

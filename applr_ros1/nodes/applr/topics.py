@@ -17,20 +17,15 @@ from applr_ros1.policy.parameter_space import SPACE, Space
 
 
 class ApplrTopics:
-    """Publishers below applr in the node's namespace, and /diagnostics, which all robots share.
+    """Publishers below applr in the node's namespace, and /diagnostics, which all robots share."""
 
-    Args:
-        prefix: What the topics' names begin with.
-        space: The parameters.
-    """
-
-    def __init__(self, prefix="applr", space: Space = SPACE):
+    def __init__(self, space: Space = SPACE):
         self._space = space
         self._name = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
-        self._heartbeat = rospy.Publisher(prefix + "/heartbeat", Time, queue_size=1)
-        self._decision = rospy.Publisher(prefix + "/decision", Decision, queue_size=5)
-        self._local_goal = rospy.Publisher(prefix + "/local_goal", PoseStamped, queue_size=1)
-        self._parameters = rospy.Publisher(prefix + "/parameters", Parameters, queue_size=1, latch=True)
+        self._heartbeat = rospy.Publisher("applr/heartbeat", Time, queue_size=1)
+        self._decision = rospy.Publisher("applr/decision", Decision, queue_size=5)
+        self._local_goal = rospy.Publisher("applr/local_goal", PoseStamped, queue_size=1)
+        self._parameters = rospy.Publisher("applr/parameters", Parameters, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
     def heartbeat(self, now):

@@ -56,7 +56,7 @@ class CostmapDisplay:
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
             self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
-        frequency, now = self._move_base.configuration_of(self._name)["publish_frequency"], stamp.to_sec()
+        frequency, now = self._move_base.configuration(self._name)["publish_frequency"], stamp.to_sec()
         if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
             return
         self._sent = now

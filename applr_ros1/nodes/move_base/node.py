@@ -157,10 +157,10 @@ class MoveBaseNode:
             topic = rospy.resolve_name(move_base.missing_map)
             sensors.pose_trouble = f"no map on {topic} yet: start map_server, or give static_map: false"
             return None, None
-        pose = sensors.pose(stamp, move_base.configuration_of("local_costmap")["transform_tolerance"])
+        pose = sensors.pose(stamp, move_base.configuration("local_costmap")["transform_tolerance"])
         if pose is None or self.frame == self.local_frame:
             return pose, None
-        frame = sensors.frame(stamp, move_base.configuration_of("global_costmap")["transform_tolerance"])
+        frame = sensors.frame(stamp, move_base.configuration("global_costmap")["transform_tolerance"])
         return (pose, frame) if frame is not None else (None, None)
 
     def _take_goals(self, stamp, now) -> None:

@@ -54,7 +54,7 @@ class ReconfigureServer:
     """
 
     def __init__(self, name: str, move_base: MoveBase, mirror: ParameterMirror, thread: PlannerThread):
-        kind = importlib.import_module(f"applr_ros1.cfg.{move_base.declared_servers[name].config}Config")
+        kind = importlib.import_module(f"applr_ros1.cfg.{move_base.servers[name].config}Config")
         self.name, self._move_base, self._mirror, self._thread = name, move_base, mirror, thread
         self._ns = rospy.get_name() + "/" + (name + "/" if name else "")
         self._names = set(kind.defaults)
