@@ -137,7 +137,7 @@ def _rotation(transform) -> Tuple[float, float, float, float]:
     return q.x, q.y, q.z, q.w
 
 
-def uprightness(transform) -> float:
+def cos_tilt(transform) -> float:
     """The cosine between a sensor's z axis and the frame's, from its geometry_msgs/Transform there."""
     x, y, _, _ = _rotation(transform)
     return 1.0 - 2.0 * (x**2 + y**2)
@@ -148,7 +148,7 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame; origin: where the rays start if not there.
     """
-    upright = uprightness(transform)
+    upright = cos_tilt(transform)
     first, step = message.angle_min, message.angle_increment
     if upright < LEVEL - 1.0:  # it hangs upside down: its beams run the other way round
         first, ranges = -(first + (len(ranges) - 1) * step), ranges[::-1]

@@ -7,7 +7,7 @@ from typing import Any, Tuple
 import rospy
 
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.nodes.conversions import uprightness
+from applr_ros1.nodes.conversions import cos_tilt
 from applr_ros1.policy.observation import ObservationError
 
 LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
@@ -79,4 +79,4 @@ class LaserMount:
         except ObservationError:
             return
         self._transforms.rest()
-        self._known[base, laser] = yaw_of(transform.rotation), uprightness(transform)
+        self._known[base, laser] = yaw_of(transform.rotation), cos_tilt(transform)

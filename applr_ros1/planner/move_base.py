@@ -18,10 +18,10 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.factory import make_costmap, make_local_planner, padded_footprint
-from applr_ros1.planner.inputs import Inputs, Sensed
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.make_plan import free_square, reachable_near
 from applr_ros1.planner.navfn.navfn import Navfn
+from applr_ros1.planner.observation_router import ObservationRouter, Sensed
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
@@ -73,7 +73,7 @@ class MoveBase:
         self._machine = StateMachine(self._parts, generator(self._seed, 3) if like_cpp else None)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
-        self._inputs = Inputs(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
+        self._router = ObservationRouter(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
         self.frame: Optional[Pose] = None  # of the last step
         for topic, given in self._maps.items():
             self._show_map(topic, given)
@@ -231,9 +231,9 @@ class MoveBase:
         self.frame = frame
         if scan is not None:
             world, local = self._global_frames
-            self._inputs.take(scan, now, frame, placed=pose is not None or world == local)
+            self._router.take(scan, now, frame, placed=pose is not None or world == local)
         self._update_maps(now, pose, cycle)
-        cycle.silent = self._inputs.silent(now)
+        cycle.silent = self._router.silent(now)
         place = None if pose is None else self.in_global_frame(pose)
         own, stale = self._config[""], cycle.silent is not None
         self._machine.step(Moment(now, pose, place, frame, twist, own, stale), cycle)
@@ -266,12 +266,12 @@ class MoveBase:
     @property
     def sources(self) -> Dict[str, str]:
         """{topic: data type} of the observation sources, those of the local costmap first."""
-        return self._inputs.data_types
+        return self._router.data_types
 
     @property
     def ray_origins(self) -> Dict[str, str]:
         """{topic: frame at whose origin the rays start} of the sources that give one."""
-        return self._inputs.ray_origins
+        return self._router.ray_origins
 
     @property
     def goal(self) -> Optional[Pose]:

@@ -52,7 +52,7 @@ class Snapshot:
         return self.pose, self.twist, self.goal, self.plan
 
 
-class Inputs:
+class RobotInputs:
     """Subscribes to a robot's scan and odometry and to move_base's plan and status.
 
     Args:

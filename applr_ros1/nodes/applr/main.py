@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool, SetBoolResponse
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.nodes.applr.inputs import Inputs
+from applr_ros1.nodes.applr.inputs import RobotInputs
 from applr_ros1.nodes.applr.meter_scoring import CHOICES
 from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.topics import ApplrTopics
@@ -79,7 +79,7 @@ def main():
     method, trouble = make_method(spec, robot)
     node = ApplrNode(
         method,
-        Inputs(robot, namespace),
+        RobotInputs(robot, namespace),
         ApplrTopics(space),
         float(period) or None,
         namespace,

@@ -14,7 +14,7 @@ from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.applr.inputs import Inputs
+from applr_ros1.nodes.applr.inputs import RobotInputs
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import COMMAND_PERIOD
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
@@ -109,7 +109,7 @@ def main():
     if not spec:
         raise ApplrError("~method is empty: give my_file.py:Class or module:Class of a method that commands")
     method = methods.make(spec, commands=True)
-    node = VelocityNode(method, Inputs(move_base=rospy.resolve_name("move_base")), int(seed))
+    node = VelocityNode(method, RobotInputs(move_base=rospy.resolve_name("move_base")), int(seed))
     rospy.loginfo("velocity: ready, method %s, a command every %g s", spec, method.period)
     with until_shutdown():
         node.spin()

@@ -172,7 +172,7 @@ def _check(here, path, known, behaviours, problems):
                 _check(value, label, known, behaviours, problems)
                 continue
             if path.partition("/")[0] in COSTMAPS and key not in mine:
-                continue  # of a layer or source that is not in use: a remark
+                continue  # of a layer or source that is not in use: a warning
         if key not in mine:
             close = difflib.get_close_matches(str(key), mine, 1)
             remedy = f"did you mean {close[0]}?" if close else "remove it"

@@ -22,7 +22,7 @@ class _Listener(NamedTuple):
     is_global: bool  # of the global costmap
 
 
-class Inputs:
+class ObservationRouter:
     """The sources of both costmaps by topic.
 
     Args:
