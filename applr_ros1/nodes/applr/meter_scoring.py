@@ -6,7 +6,6 @@ is about and does the arithmetic.
 
 from __future__ import annotations
 
-import threading
 from typing import Optional
 
 import numpy as np
@@ -14,7 +13,7 @@ import rospy
 from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.policy.distance_weights import PLANNER, Compensation, Effective, factor_of, fit, indices_of, kind_of
+from applr_ros1.policy.distance_weights import PLANNER, Compensation, factor_of, fit, indices_of, kind_of
 
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
 PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
@@ -35,18 +34,15 @@ class MeterScoring:
         self.choice = choice
         self._client, self._space = client, client.space
         self._at = indices_of(client.space)  # None: a robot whose space has no distance biases
-        self._lock = threading.Lock()  # of what the callback writes
         self._subscriber: Optional[rospy.Subscriber] = None
         self.forget()
 
     def forget(self) -> None:
         """Nothing is known: the planner was started anew. May be called from any thread."""
-        with self._lock:
-            self._found: Optional[Effective] = None
-            self._factor: Optional[float] = None  # what the biases are multiplied by, once it is known
-            self._odd = 0
-            self._since: Optional[rospy.Time] = None  # when the node began to listen
-            self._said = ""
+        self._factor: Optional[float] = None  # what the biases are multiplied by, once it is known
+        self._odd = 0
+        self._since: Optional[rospy.Time] = None  # when the node began to listen
+        self._said = ""
 
     def look(self, now: rospy.Time, driving: bool) -> bool:
         """Listen while there is something to find; True when what is known has changed since the last call."""
@@ -101,9 +97,7 @@ class MeterScoring:
         return self._client.servers[PLANNER] + "/cost_cloud"
 
     def _resolution(self) -> float:
-        """Of the local costmap [m]: as the cloud shows it, else as the parameter server says."""
-        if self._found is not None:
-            return round(self._found.spacing, 4)
+        """Of the local costmap [m], as the parameter server says."""
         value = rospy.get_param(self._client.namespace + "/local_costmap/resolution", 0.05)
         return float(value) if isinstance(value, (int, float)) and value > 0.0 else 0.05
 
@@ -115,11 +109,10 @@ class MeterScoring:
             return
         biases = values[self._at.path], values[self._at.goal]
         factor = None if effective is None else factor_of(effective, *biases)
-        with self._lock:
-            if factor is None:
-                self._odd += 1
-            elif self._factor is None:
-                self._found, self._factor = effective, factor
+        if factor is None:
+            self._odd += 1
+        elif self._factor is None:
+            self._factor = factor
 
 
 def rows_of(message: PointCloud2) -> Optional[np.ndarray]:

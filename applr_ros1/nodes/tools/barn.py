@@ -32,7 +32,7 @@ from .barn_checkout import STATIC_WORLDS, WORLDS, Overlay
 from .barn_results import LIMIT, Run, run_of, summary
 
 START_UP = 150.0  # wall seconds that a run may take beside the drive
-GIVEN = ("APPLR_METHOD",)  # variables of the environment that this package's controllers read
+METHOD = "APPLR_METHOD"  # variable of the environment that this package's controllers read
 ATTEMPTS = 2  # a run whose runner fails is started so often
 Job = Tuple[int, int]  # world, trial
 
@@ -94,7 +94,7 @@ class Evaluation:
             raise ApplrError(f"--real-time-factor {options.real_time_factor:g}: give a number above 0")
         self.out = options.out.resolve()
         (self.out / "logs").mkdir(parents=True, exist_ok=True)
-        self.given = {name: methods.absolute(os.environ[name]) for name in GIVEN if os.environ.get(name)}
+        self.method = methods.absolute(os.environ[METHOD]) if os.environ.get(METHOD) else None
         self.overlay = Overlay(options.checkout, self.out / "overlay", options.controller)
         self._check_settings()
         if any(world >= STATIC_WORLDS for world in self.worlds):
@@ -115,7 +115,7 @@ class Evaluation:
             "controller": str(options.controller.resolve()) if options.controller else None,
             "simulator": options.simulator,
             "seed": options.seed,
-            **{name: self.given.get(name) for name in GIVEN},
+            METHOD: self.method,
         }
         path = self.out / "settings.json"
         before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else settings
@@ -188,7 +188,7 @@ class Evaluation:
                 [str(self.overlay.package), str(self.overlay.checkout), os.environ.get("ROS_PACKAGE_PATH", "")]
             ),
             PYTHONUNBUFFERED="1",
-            **self.given,
+            **({METHOD: self.method} if self.method else {}),
             APPLR_SIMULATOR=options.simulator,
             APPLR_SEED=str(zlib.crc32(b"%d %d %d" % (options.seed, *job)) & 0x7FFFFFFF),
             APPLR_REAL_TIME_FACTOR=repr(options.real_time_factor),
