@@ -134,7 +134,7 @@ def test_other_names_of_the_cpp_move_base(robot, stack, fake):
     _, _, client = stack(fake=fake)
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), 5.0, "decisions")
-    names = dict(n for n in [(i, name) for i, _, name in client._names[PLANNER.split("/")[-1]]])
+    names = {i: name for i, _, name in client._servers[PLANNER.split("/")[-1]].settings}
     assert names[5] == ("pdist_scale" if "kinetic" in fake else "path_distance_bias")
     assert client.servers["local_costmap/inflater_layer"].endswith(
         fake[1] if fake[0] == "--layer" else "inflater_layer"
