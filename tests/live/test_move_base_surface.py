@@ -113,15 +113,14 @@ def test_watch_over_the_policy():
     watch.heartbeat(300.0)
     assert not watch.is_lost(10.0)
     assert watch.is_lost(15.1)
-    from applr_ros1.planner.parameters.check import complete
-    from applr_ros1.planner.parameters.configuration import Configuration
-    from applr_ros1.planner.parameters.declarations import SERVERS
+    from applr_ros1.planner.move_base import MoveBase
+    from applr_ros1.policy.parameter_space import SPACE
     from tests.support.jackal import JACKAL
 
     jackal = MoveBase(JACKAL)
     capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
     assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
-    requests = heartbeat_watchdog.start_up_requests(start_up, tuple(SERVERS))
+    requests = heartbeat_watchdog.start_up_requests(jackal, SPACE)
     assert requests == {
         "TrajectoryPlannerROS": {
             "max_vel_x": 0.5,
