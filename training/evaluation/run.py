@@ -35,14 +35,14 @@ class EvaluationOptions(Options):
     planner: Planner
     monitor: Monitor
     ground: Literal["", "plain", "gazebo"] = option("",
-        "Simulated ground to drive on: plain, where tyres grip alike in all directions, or gazebo, with the friction "
-        "of Gazebo's Jackal. Default: the robot's own.")
+        "Simulated ground: plain, where tyres grip equally in all directions, or gazebo, with the friction of Gazebo's "
+        "Jackal. Default: the robot's own.")
     workers: Workers = option(2,
         "Number of trials that are driven at the same time, in processes or Ray actors; 0 drives them in this process.")
     ray_address: str = option("",
         "Address HOST:PORT of a Ray cluster to drive on, or auto for one that runs on this machine.")
     out: str = option("results",
-        "Folder for trials.csv, tables and figures. An evaluation that it holds already is continued.")
+        "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
     seed: Seed
     traces: int = option(1,
         "Number of trials of each method in each world whose driven path is stored.", ge=0, le=1000)

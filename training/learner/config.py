@@ -45,14 +45,13 @@ class RunOptions(Options):
 
     # fmt: off
     out: str = option("runs/applr",
-        "Folder of the run. It takes the configuration, the checkpoints, all trajectories, the actors, and the "
-        "learning curves.")
+        "Folder for the configuration, the checkpoints, all trajectories, the actors, and the learning curves.")
     resume: bool = option(False,
         "Continue the run in the folder --out with the options that it was started with. Options that are given again "
         "replace the stored ones, except for the networks, the replay buffer's size, the seed, the environment, the "
         "robot and --init-from.")
     total_timesteps: int = option(PAPER_STEPS,
-        "Number of transitions to collect in all, one per decision. The paper used 5 million.", ge=0, le=10**9)
+        "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
     minutes: float = option(0.0,
         "Wall time [min] after which the run ends even before --total-timesteps, interruptions not counted. 0 sets no "
         "limit.", ge=0, le=1e6)
@@ -83,7 +82,7 @@ class ActorOptions(Options):
 
 
 class TaskOptions(Options):
-    """What is learnt in."""
+    """Environment, worlds and robot."""
 
     model_config = ConfigDict(title="Worlds and robot")
 
@@ -147,10 +146,10 @@ class OfflineOptions(Options):
         "online.")
     gradient_steps: int = option(100_000, "Number of gradient steps of offline learning.", ge=0, le=10**9)
     init_from: str = option("",
-        "What learning begins with: the folder of another run, whose policy, critics and optimisers are taken over "
-        "without its experience (period, reward and worlds may be others); or a parameter set that the policy first "
-        "answers with, static for the robot's own best single set or a JSON file; or a policy in the dimensionless "
-        "form, applr for the included one or its file. Without it the policy begins near the middle of the ranges.",
+        "Start from the policy, critics and optimisers of another run, given by its folder, without its experience "
+        "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
+        "robot's own best single set or a JSON file; or from a policy in the dimensionless form, applr for the "
+        "included one or its file. Default: the policy's first output is near the middle of the ranges.",
         fixed=True)
     # fmt: on
 
@@ -162,9 +161,9 @@ class PeriodicOptions(Options):
 
     # fmt: off
     eval_worlds: str = option("generated:validation",
-        "Held-out worlds in which the policy is evaluated during the run, which chooses the best actor. The default is "
-        "a part of the training worlds that --worlds leaves out, so that no test world takes part in the choice. none "
-        "switches the evaluation off.")
+        "Held-out worlds in which the policy is evaluated during the run, to choose the best actor. The default is a "
+        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. none disables "
+        "the evaluation.")
     eval_freq: int = option(50_000,
         "Number of transitions (offline: of gradient steps) between two evaluations.", ge=1, le=10**9)
     n_eval_episodes: int = option(1, "Number of trials in each held-out world.", ge=1, le=1000)

@@ -82,17 +82,14 @@ class Viewer:
 
     def draw(self) -> None:
         """Bring the page up to date."""
-        before = self.scene.pose
         self.state.content = self.panel.look()
         self._world.look()
         self.scene.draw(self.panel.speed)
-        pose = self.scene.pose
-        if self._race.look(pose):
+        if self._race.look(self.scene.pose):
             self.scene.begin_trail()
-        if self._follow.value and before and pose and before != pose:
+        if self._follow.value:
             for client in self.server.get_clients().values():
-                x, y, z = client.camera.position
-                client.camera.position = x + pose[0] - before[0], y + pose[1] - before[1], z
+                self.scene.follow(client)
 
     def close(self) -> None:
         """End the page."""

@@ -125,8 +125,8 @@ class RaceTab:
         drive.ended, self._ended = how + ", touched something" * drive.touched, time.monotonic()
         self.drives.append(drive)
         lines = ["| world | parameters by | time | |", "|---|---|---:|---|"]
-        for one in reversed(self.drives[-TABLE:]):
-            lines.append(f"| {one.world} | {one.who} | {one.seconds:.1f} s | &nbsp; {one.ended} |")
+        for one in reversed(self.drives[-TABLE:]):  # the columns of the page's tables have no space between them
+            lines.append(f"| {one.world} | &nbsp;{one.who} | {one.seconds:.1f}&nbsp;s | &nbsp;{one.ended} |")
         self._table.content = "\n".join(lines)
 
     def _move_ghosts(self) -> None:

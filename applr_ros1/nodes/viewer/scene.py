@@ -68,6 +68,7 @@ class Scene:
         self._world = scene.add_frame("/world", show_axes=False)
         self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles
+        self._aims: Dict[int, Tuple[float, float]] = {}  # by page: what its camera looks at, from the robot [m]
 
     def draw(self, speed: float) -> None:
         """Bring everything up to date; speed [m/s] colours the trail."""
@@ -172,8 +173,15 @@ class Scene:
         """Turn a page's camera to the robot: from above, or from behind."""
         x, y, yaw = self.pose or (0.0, 0.0, math.pi / 2)
         back, high, ahead = np.multiply(self._robot.world_scale, (1e-3, 14.0, 0.0) if from_above else (3.5, 2.5, 1.0))
+        aim = self._aims[client.client_id] = ahead * math.cos(yaw), ahead * math.sin(yaw)
         client.camera.position = x - back * math.cos(yaw), y - back * math.sin(yaw), high
-        client.camera.look_at = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw), 0.0
+        client.camera.look_at = x + aim[0], y + aim[1], 0.0
+
+    def follow(self, client: Any) -> None:
+        """Move a page's camera so that it looks at the same place beside the robot as when it was turned to it."""
+        if self.pose is not None:
+            aim = np.add(self.pose[:2], self._aims.get(client.client_id, (0.0, 0.0)))
+            client.camera.position = client.camera.position + (*(aim - client.camera.look_at[:2]), 0.0)
 
 
 def _moved(place: Any, points: np.ndarray) -> np.ndarray:
