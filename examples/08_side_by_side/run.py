@@ -41,11 +41,10 @@ def frames(world, drives: dict):
     back, front, right, left = bounding_box(load("jackal"))
     body = np.array([[front, left], [front, right], [back, right], [back, left]])
     racers = []
-    for (method, trace), colour, side in zip(drives.items(), COLOURS, (1, -1)):
+    for (method, trace), colour, place in zip(drives.items(), COLOURS, (0.3, 0.7)):
         robot = course.fill(*body.T, facecolor=colour, edgecolor="black", alpha=0.6, zorder=5)[0]
         trail, curve = course.plot([], [], color=colour, lw=2.5)[0], speeds.plot([], [], color=colour)[0]
-        label = course.annotate("", (0.0, 0.0), (0, 26 * side), textcoords="offset points", color=colour, zorder=6)
-        label.set(ha="center", va="center", weight="bold", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0})
+        label = course.text(place, 1.0, "", transform=course.transAxes, color=colour, weight="bold", ha="center")
         racers.append((TITLES.get(method, method), trace, robot, trail, curve, label))
     for now in np.arange(0.0, last + STEP, STEP):
         for title, trace, robot, trail, curve, label in racers:
@@ -54,7 +53,6 @@ def frames(world, drives: dict):
             robot.set_xy(body @ [[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]] + places[-1])
             trail.set_data(*places.T)
             curve.set_data(trace["time"][: at + 1], trace["twist"][: at + 1, 0])
-            label.xy = places[-1]
             label.set_text(f"{title} {trace['time'][at]:.1f} s")
         canvas.draw()
         yield Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba()).convert("RGB")
