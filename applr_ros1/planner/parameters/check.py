@@ -206,7 +206,7 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
                 named = [tree[p.name]]  # looked for from the planner's name space upwards
             if path in COSTMAPS and p.name in INHERITED and not (named and p.name == "track_unknown_space"):
                 continue  # the layers have it
-            if any(other != named[0] for other in named):
+            if any(other != named[0] for other in named[1:]):
                 raise ParameterError(
                     f"{label} is {named[0]!r} but its other name {p.aliases[0]} is {named[1]!r}: give one of them"
                 )
