@@ -27,7 +27,7 @@ def random_network(path: str, sizes=(721, 64, 64, 7)) -> None:
 def main() -> None:
     """Evaluate, and print each method's times."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--actor", help="safetensors file that training.import_actor wrote (default: random weights)")
+    parser.add_argument("--actor", help="safetensors file with its layers (default: random weights)")
     parser.add_argument("--worlds", default="generated:0,generated:7", help="courses to drive (default %(default)s)")
     parser.add_argument("--trials", default="2", help="in each world (default %(default)s)")
     parser.add_argument("--out", default="results_barn", help="folder to write (default %(default)s)")

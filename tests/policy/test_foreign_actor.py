@@ -3,11 +3,9 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-import safetensors.numpy
 import torch
 
 from applr_ros1.common.errors import ApplrError
@@ -15,7 +13,6 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.methods.check import scenes
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import ROOT
-from training import import_actor
 
 FILE = ROOT / "examples" / "06_foreign_actor" / "barn_actor.py"
 RANGES = [(0.2, 2.0), (0.314, 3.14), (4, 12), (8, 40), (0.1, 1.5), (0.1, 2.0), (0.1, 0.6)]
@@ -54,9 +51,11 @@ def theirs(network, context):
 
 @pytest.fixture
 def actor(network, tmp_path):
-    """The network's file, imported from torch's."""
+    """The network's file, made of torch's as the tutorial says."""
     torch.save(network.state_dict(), tmp_path / "policy.pt")
-    assert import_actor.main([str(tmp_path / "policy.pt"), str(tmp_path / "actor.safetensors")]) == 0
+    page = (ROOT / "docs" / "tutorials" / "own_method.md").read_text()
+    lines = page.partition("```python\nimport torch")[2].partition("```")[0]
+    subprocess.run([sys.executable, "-c", "import torch" + lines], cwd=tmp_path, check=True)
     return tmp_path / "actor.safetensors"
 
 
@@ -110,29 +109,3 @@ def test_what_cannot_be_is_one_line(network, actor, tmp_path, capsys):
         file = tmp_path / ("my_%s.py" % name)
         file.write_text(FILE.read_text() + "\n\nclass %s(BarnActor):\n    %s\n" % (name, line))
         refused("%s:%s:%s" % (file, name, actor), words)
-    for name, state, words in (
-        ("a", {**network.state_dict(), "log_std": torch.zeros(7)}, "--prefix"),
-        ("b", {"0.weight": torch.zeros(4, 3), "0.bias": torch.zeros(4), "1.weight": torch.zeros(2, 3)}, "1.weight"),
-        ("c", [1, 2], "holds a list"),
-        ("d", {"x": Path("/")}, "read safely"),
-        ("f", {"0.weight": torch.full((4, 3), torch.nan), "0.bias": torch.zeros(4)}, "0.weight holds values that are"),
-        ("g", {"0.weight": torch.zeros(4, 3), "0.bias": torch.full((4,), torch.inf)}, "0.bias holds values that are"),
-        ("h", {0: torch.zeros(4, 3), "0.bias": torch.zeros(4)}, "is of type int"),
-        ("i", {"0.weight": torch.zeros(4, 3, device="meta"), "0.bias": torch.zeros(4)}, "0.weight: its values cannot"),
-    ):
-        torch.save(state, tmp_path / name)
-        assert import_actor.main([str(tmp_path / name), str(tmp_path / "out")]) == 1
-        line = capsys.readouterr().err
-        assert words in line
-        assert line.count("\n") == 1
-    torch.save(
-        {"actor." + k: v for k, v in network.state_dict().items()} | {"critic.x": torch.zeros(1)}, tmp_path / "e"
-    )
-    assert import_actor.main([str(tmp_path / "e"), str(tmp_path / "e.out"), "--prefix", "actor."]) == 0
-    assert safetensors.numpy.load_file(tmp_path / "e.out").keys() == safetensors.numpy.load_file(actor).keys()
-
-
-def test_parameters_with_gradients_are_imported_alike(network, actor, tmp_path):
-    torch.save(dict(network.named_parameters()), tmp_path / "parameters.pt")
-    assert import_actor.main([str(tmp_path / "parameters.pt"), str(tmp_path / "again.safetensors")]) == 0
-    assert (tmp_path / "again.safetensors").read_bytes() == actor.read_bytes()

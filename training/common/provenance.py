@@ -76,16 +76,9 @@ def cpu() -> str:
 def sentences(sessions: List[Dict[str, Any]]) -> List[str]:
     """One sentence for each session of an evaluation, for people to read."""
     return [
-        "Driven on %s with commit %s on %s (%s cores); %s. Command: %s"
-        % (
-            session.get("date", "?"),
-            session.get("commit", "?"),
-            session.get("cpu", "?"),
-            session.get("cores", "?"),
-            ", ".join("%s %s" % item for item in session.get("versions", {}).items()),
-            session.get("command", "?"),
-        )
-        for session in sessions
+        f"Driven on {s['date']} with commit {s['commit']} on {s['cpu']} ({s['cores']} cores); "
+        f"{', '.join(' '.join(item) for item in s['versions'].items())}. Command: {s['command']}"
+        for s in sessions
     ]
 
 

@@ -16,10 +16,6 @@ class ReportOptions(Options):
 
     # fmt: off
     folder: str = argument("Folder of an evaluation, --out of evaluate.py.")
-    training: str = option("", "Folder of a training run whose learning curves are shown as well.")
-    beside: List[str] = option([],
-        "Folder of another evaluation, for instance with --planner cpp-like, whose figures stand beside these in one "
-        "more table; may be given several times.")
     join: List[str] = option([],
         "Folder of an evaluation of the same methods in other worlds, for instance the training worlds with fewer "
         "trials, or of other methods in the same worlds, which all tables count in; may be given several times.")
@@ -34,7 +30,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(arguments: Optional[Sequence[str]] = None) -> None:
     """Write the report and print its path."""
     options = parsed(ReportOptions, "python -m training.report", __doc__, arguments)
-    print(write(options.folder, options.training, options.beside, options.join))
+    print(write(options.folder, options.join))
 
 
 if __name__ == "__main__":

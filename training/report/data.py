@@ -98,8 +98,8 @@ class Results:
             measures += read_rows(place / MEASURES_FILE, MEASURES)
         if not rows:
             raise ApplrError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
-        self.settings = _settings(self.folder)
-        self._digests = {tuple(self.settings.get("worlds", [])): self.settings.get("worlds_sha256")}
+        self.settings = dict(read_json(self.folder / SETTINGS))
+        self._digests = {tuple(self.settings["worlds"]): self.settings["worlds_sha256"]}
         for place in self.joined:
             self._join(place)
         self.planner: str = self.settings["planner"]
@@ -120,21 +120,21 @@ class Results:
 
     def _join(self, place: Path) -> None:
         """Takes over another evaluation's worlds and methods. Raises ApplrError where something else differs, too."""
-        here, there = self.settings, _settings(place)
-        other = [name for name in SAME if here.get(name) != there.get(name)]
-        names, digest = tuple(there.get("worlds", [])), there.get("worlds_sha256")
+        here, there = self.settings, read_json(place / SETTINGS)
+        other = [name for name in SAME if here[name] != there[name]]
+        names, digest = tuple(there["worlds"]), there["worlds_sha256"]
         if self._digests.setdefault(names, digest) != digest:
             other.append("set of worlds of the same names")
-        methods, more = here.get("methods", {}), there.get("methods", {})
+        methods, more = here["methods"], there["methods"]
         other += [name for name in methods if name in more and methods[name] != more[name]]
         if other:
             raise ApplrError("%s: driven with another %s than %s; it cannot be joined" % (place, other[0], self.folder))
         here["methods"] = {**methods, **more}
-        known = set(here.get("worlds", []))
-        for name, spec in zip(there.get("worlds", []), there.get("world_specs", [])):
+        known = set(here["worlds"])
+        for name, spec in zip(there["worlds"], there["world_specs"]):
             if name not in known:
-                here.setdefault("worlds", []).append(name)
-                here.setdefault("world_specs", []).append(spec)
+                here["worlds"].append(name)
+                here["world_specs"].append(spec)
         for name in ("worlds_with_movers", "provenance"):
             here[name] = [*here.get(name, []), *there.get(name, [])]
         here["wall_s"] = here.get("wall_s", 0.0) + there.get("wall_s", 0.0)
@@ -189,11 +189,6 @@ class Results:
         """A field of all trials of `method` in `worlds`."""
         parts = [getattr(self.cells[method][w], field) for w in worlds if w in self.cells[method]]
         return np.concatenate(parts) if parts else np.zeros(0)
-
-
-def _settings(folder: Path) -> Dict[str, Any]:
-    """What an evaluation says of itself; nothing where it has no such file."""
-    return dict(read_json(folder / SETTINGS)) if (folder / SETTINGS).exists() else {}
 
 
 def _cell(trials: List[Dict[str, str]]) -> Cell:

@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
+from training.evaluation.trials import under
 from training.report.data import Results
 from training.report.regions import REGIONS, region_of
 from worlds import World
+from worlds.draw import draw
 
 # the baseline red and applr green, as in the paper
 COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
@@ -26,9 +30,6 @@ log = logging.getLogger(__name__)
 
 def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.0), **more):
     """(figure, axes array) without pyplot: no window, no global state."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **more)
@@ -82,8 +83,6 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     world, traces = load(results, name), _traces(results, name)
     if world is None or not traces:
         return None
-    from worlds.draw import draw
-
     shade = colors(results)
     figure, axes = canvas(size=(6.5, 8.0))
     ax = axes[0, 0]
@@ -103,8 +102,6 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     world, trace = load(results, name), results.trace(name, method, 0)
     if world is None or trace is None or not len(trace["theta"]):
         return None
-    from worlds.draw import draw
-
     regions = region_of(world, trace["pose"])
     space = results.space
     rows = max(2, (len(space) + 1) // 2)
@@ -158,16 +155,13 @@ def chosen(results: Results) -> List[str]:
 
 def load(results: Results, name: str) -> Optional[World]:
     """A world of the evaluation, None where its file has gone since."""
-    from training.evaluation.trials import under
-
-    for known, spec in zip(results.settings.get("worlds", []), results.settings.get("world_specs", [])):
-        if known == name:
-            try:
-                world = under(results.settings.get("protocol", "paper"), worlds_package.load(spec))
-                return worlds_package.scaled(world, results.robot["world_scale"])
-            except ApplrError as error:
-                log.warning("no map of %s: %s", name, error)
-    return None
+    specs = dict(zip(results.settings["worlds"], results.settings["world_specs"]))
+    try:
+        world = under(results.settings["protocol"], worlds_package.load(specs[name]))
+        return worlds_package.scaled(world, results.robot["world_scale"])
+    except ApplrError as error:
+        log.warning("no map of %s: %s", name, error)
+        return None
 
 
 def _traces(results: Results, name: str) -> Dict[str, dict]:

@@ -10,10 +10,6 @@ SWAP_SLIP = (
     'The paper\'s "Medium All" 3 % and "Difficult All" 14 % for DWA lie outside what their own '
     "training and test parts allow (6 to 14 %, 0 to 5 %): the two cells look swapped."
 )
-NOISE_SLIP = (
-    "The paper's exploration noise, .5 falling by .125 per million steps, reaches its floor of .02 "
-    "after 3.84 million steps, not 4."
-)
 CHANCE = (
     'Two identical methods "win" 2.4 % of worlds each way under this test; with 20 trials a side a '
     "uniform gain of 9.6 % wins 40 % of worlds, one of 20 % wins 73 %."

@@ -1,4 +1,4 @@
-"""Tables beyond the paper's: rates with intervals, BARN's metric, smoothness, ablation, methods, other planners.
+"""Tables beyond the paper's: rates with intervals, BARN's metric, smoothness, ablation, methods.
 
 page.py writes them.
 """
@@ -6,11 +6,9 @@ page.py writes them.
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Sequence
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
 from training.report import statistics
 from training.report.data import SETS, Results
 from training.report.table import NONE, Table, number, share, span
@@ -152,39 +150,6 @@ def methods(results: Results) -> Table:
             parts.append("%s: %s" % (key, value))
         rows.append({"method": name, "what it is": "; ".join(parts) or NONE})
     return Table.of("methods", "Methods", rows)
-
-
-def planners(evaluations: Sequence[Results]) -> Table:
-    """Several evaluations side by side: a row for each planner, set of worlds and method.
-
-    Raises:
-        ApplrError: where the evaluations were driven under different protocols or in different simulators.
-    """
-    for name in ("protocol", "simulator"):
-        values = {str(results.settings.get(name)) for results in evaluations}
-        if len(values) > 1:
-            raise ApplrError("evaluations of different %ss do not compare: %s" % (name, ", ".join(sorted(values))))
-    rows = []
-    for results in evaluations:
-        for name, worlds, method in results.groups():
-            mean, low, high = statistics.mean_time(results, method, worlds)
-            success, collided = (results.pooled(method, worlds, field) for field in ("success", "collided"))
-            gain = statistics.gain(results, method, worlds)[0] if method != results.baseline else np.nan
-            rows.append(
-                {
-                    "planner": results.planner,
-                    "worlds": name,
-                    "method": method,
-                    "time [s]": number(mean),
-                    "95 % interval": span(low, high),
-                    "gain [%]": number(100 * gain, 1),
-                    "success [%]": number(100 * success.mean(), 1),
-                    "collided [%]": number(100 * collided.mean(), 1),
-                    "trials": str(len(success)),
-                }
-            )
-    note = "Times are means over the successful trials; the gain is over the baseline with the same planner."
-    return Table.of("planners", "All planners", rows, note)
 
 
 def _p(value: float) -> str:

@@ -40,8 +40,8 @@ class ForeignActor(Method):
         activation: What the last layer's output goes through.
 
     Args:
-        path: A safetensors file with 0.weight (h, size), 0.bias (h,), 1.weight, ... in float32;
-            `python -m training.import_actor` makes one of a PyTorch file.
+        path: A safetensors file with 0.weight (h, size), 0.bias (h,), 1.weight, ... in float32
+            (docs/tutorials/own_method.md makes one of a PyTorch file).
 
     Raises:
         ApplrError: The file cannot be used, or the class states something that cannot be.
