@@ -10,19 +10,19 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from recording import RecordingEpisode, StackWriter
 
 import sim_bridge
 import worlds
 from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
-from training.bags.writer import BagWriter, RecordingEpisode
 
 
 def record(bag: Path, courses: int, decisions: int) -> None:
     """Drive `courses` built-in worlds for at most `decisions` decisions each, and record what a robot would."""
     random = np.random.default_rng(0)
-    with BagWriter(bag) as writer:
+    with StackWriter(bag) as writer:
         episode = RecordingEpisode(
             sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, limit=decisions
         )

@@ -16,10 +16,10 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
+from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, static_search, train
 from training.bags import reader as bags
 from training.bags.reader import TopicNames
-from training.bags.writer import BagWriter, RecordingEpisode
 from training.evaluation.store import read_rows
 from training.evaluation.trials import COLUMNS
 
@@ -199,7 +199,7 @@ def test_searched_trained_and_driven(crate, tmp_path, capsys):
 def test_recorded_and_read_back(crate, tmp_path):
     robot = robots.load(str(crate))
     space, topics = space_of(robot), TopicNames.of(robot)
-    with BagWriter(tmp_path / "a.bag", topics, robot) as writer:
+    with StackWriter(tmp_path / "a.bag", topics, robot) as writer:
         simulator, planner = sim_bridge.make("kinematic", robot=robot), MoveBase(robot.parameters())
         episode = RecordingEpisode(simulator, planner, writer, limit=2)
         outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)

@@ -14,11 +14,12 @@ from applr_ros1 import robots
 from applr_ros1.common.files import StorageError
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
 from training import bags_to_dataset
 from training.bags.episodes import BagReport, trajectories
 from training.bags.goals import goals
 from training.bags.reader import BagError, find, read
-from training.bags.writer import ABORTED, PREEMPTED, SUCCEEDED, BagWriter, nanoseconds
+from training.bags.writer import nanoseconds
 from training.env.reward import Reward
 from training.replay.store import Store
 from training.replay.trajectory import Layout
@@ -84,7 +85,7 @@ class Drive:
 
 
 def record(path, **options):
-    with BagWriter(path) as writer:
+    with StackWriter(path) as writer:
         return Drive(writer, **options)
 
 
@@ -123,7 +124,7 @@ def test_transitions_are_what_the_node_saw(tmp_path, node):
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
     """Rewards count time in it, as in training; a course of two decisions takes it from the bag's other course."""
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         drives = [
             Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
             for begin, count in ((10.0, 4), (60.0, 2))
@@ -158,7 +159,7 @@ def test_a_finish_line_before_the_goal(tmp_path):
 
 def test_a_goal_without_a_result_ends_where_the_next_is_sent(tmp_path):
     """Of a bag that holds neither the action's status nor the first goal's result."""
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         Drive(writer, begin=10.0, seconds=9.0, goal="g0", without=("status", "result"))
         Drive(writer, begin=20.0, seconds=9.0, goal="g1", seed=1)
     recording = read(tmp_path / "a.bag")
@@ -224,7 +225,7 @@ def damaged(tmp_path):
         name = "no_%s.bag" % missing
         record(tmp_path / name, without=(missing,), node=False)
         reasons[name] = reason
-    with BagWriter(tmp_path / "nothing.bag"):
+    with StackWriter(tmp_path / "nothing.bag"):
         pass
     reasons["nothing.bag"] = "no messages"
     return reasons
@@ -253,7 +254,7 @@ def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
 
 
 def test_a_clock_that_jumps_back_loses_only_its_courses(tmp_path):
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         first = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
         Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # the clock fell back to 43 s
@@ -287,7 +288,7 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path):
         ("moved", Moved, [], "the odometry jumped"),
         ("person", Person, [2, 2], "parameters were changed"),
     ):
-        with BagWriter(tmp_path / (name + ".bag")) as writer:
+        with StackWriter(tmp_path / (name + ".bag")) as writer:
             kind(writer)
         found, report = rebuild(tmp_path / (name + ".bag"))
         assert [len(t) for t in found] == expected, (name, report)
@@ -303,7 +304,7 @@ def test_a_node_that_saw_something_else_is_noticed(tmp_path):
             super().see(t)
             self.observations[-1] = self.observations[-1] + np.float32(0.01 * (self.number == 2))
 
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         Other(writer)
     found, report = rebuild(tmp_path / "a.bag")
     assert report.skipped == {"a rebuilt observation differs from the node's": 1}
@@ -327,7 +328,7 @@ def test_unusable_scans_are_counted_in_words(tmp_path):
         ("coarse", Coarse, "scan of 360 beams covers"),
         ("blind", Blind, "beams of the scan are NaN"),
     ):
-        with BagWriter(tmp_path / (name + ".bag")) as writer:
+        with StackWriter(tmp_path / (name + ".bag")) as writer:
             kind(writer, node=False, seconds=4.5)
         found, report = rebuild(tmp_path / (name + ".bag"))
         assert not found, report
@@ -348,7 +349,7 @@ def test_a_range_of_zero_is_no_obstacle(tmp_path, lowest):
                 self.ranges[:] = 0.0 if k % 100 else self.ranges
             self.writer.scan(t, self.ranges)
 
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         Zeros(writer, node=False)
     (trajectory,), report = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest))
     assert report.skipped == {}
@@ -362,7 +363,7 @@ def test_the_smallest_range_is_that_of_the_recordings_robot(tmp_path):
             super().step(t, k)
             self.writer.scan(t, np.full(720, -np.inf, np.float32))  # too near to tell
 
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         Near(writer, node=False)
     robot = replace(robots.JACKAL, laser=replace(robots.JACKAL.laser, range_min=0.4))
     recording = read(tmp_path / "a.bag", robot=robot)
@@ -372,7 +373,7 @@ def test_the_smallest_range_is_that_of_the_recordings_robot(tmp_path):
 
 def test_plan_and_goal_are_in_the_robots_odometry_frame(tmp_path):
     robot = replace(robots.JACKAL, frames=replace(robots.JACKAL.frames, odom="wheel_odom"))
-    with BagWriter(tmp_path / "a.bag", robot=robot) as writer:
+    with StackWriter(tmp_path / "a.bag", robot=robot) as writer:
         drive = Drive(writer)
         topics = writer.topics
     with AnyReader([tmp_path / "a.bag"]) as reader:
@@ -388,7 +389,7 @@ def test_plan_and_goal_are_in_the_robots_odometry_frame(tmp_path):
 
 
 def test_lone_mcap_files_are_found_in_folders_and_read(tmp_path):
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         drive = Drive(writer)
     convert([tmp_path / "a.bag"], tmp_path / "ros2", "mcap", 9, None, "none", None, None, (), (), (), ())
     assert find([tmp_path / "ros2"]) == [tmp_path / "ros2"]  # one bag, whatever files it consists of
@@ -405,10 +406,9 @@ def test_lone_mcap_files_are_found_in_folders_and_read(tmp_path):
 def test_recorded_simulation_equals_the_environment(tmp_path):
     sim_bridge, worlds = pytest.importorskip("sim_bridge"), pytest.importorskip("worlds")
     from applr_ros1.planner.move_base import MoveBase
-    from training.bags.writer import RecordingEpisode
 
     rng, observations, actions = np.random.default_rng(0), [], []
-    with BagWriter(tmp_path / "a.bag") as writer:
+    with StackWriter(tmp_path / "a.bag") as writer:
         episode = RecordingEpisode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, limit=3)
         for course in range(2):
             outcome = episode.reset(worlds.load("generated:%d" % course), course)
@@ -451,7 +451,7 @@ def test_writing_where_nothing_can_be_written(tmp_path):
     record(tmp_path / "a.bag")
     for path in (tmp_path / "a.bag", tmp_path / "nowhere" / "b.bag"):
         with pytest.raises(StorageError):
-            BagWriter(path)
+            StackWriter(path)
     with pytest.raises(BagError):
         read(tmp_path / "nowhere.bag")
     assert find([tmp_path]) == [Path(tmp_path / "a.bag")]
