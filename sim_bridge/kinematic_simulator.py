@@ -1,7 +1,7 @@
 """KinematicSimulator: the robot of the pybullet simulator without a physics engine, for training volume.
 
 Same interface, laser, odometry, wheels and tyres; in the plane, with contacts by geometry
-(kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator by `python -m training.fit_kinematic`.
+(kinematic_kernel.py). Its few free numbers are fitted to PybulletSimulator.
 """
 
 from __future__ import annotations

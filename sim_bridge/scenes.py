@@ -1,6 +1,6 @@
-"""Small worlds and drives with which simulators are checked, measured and fitted.
+"""Small worlds and drives with which simulators are checked and measured.
 
-check.py, training/compare_recording.py and training/fit_kinematic.py use them.
+check.py and training/compare_recording.py use them.
 """
 
 from __future__ import annotations

@@ -159,8 +159,8 @@ class Simulation:
     friction and its correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute
     deviation while it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one
     wheel against obstacles [N m]. full_lift: a wheel this high above the ground pulls no more [m]. wheel_rub, body_rub,
-    undo: fitted by `python -m training.fit_kinematic`: friction of a wheel and of the body along an obstacle, and the
-    share of an overlap that is undone in a step.
+    undo: of the kinematic simulator, fitted to pybullet's contacts: friction of a wheel and of the body along an
+    obstacle, and the share of an overlap that is undone in a step.
     """
 
     grip_limit: float = real(0.05, 50.0)

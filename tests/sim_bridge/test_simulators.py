@@ -12,8 +12,7 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.robots import geometry
 from sim_bridge import SimulatorError
-from tests.support import tracking
-from training import fit_kinematic
+from tests.support import contact_scenes, tracking
 
 NAMES = ["kinematic", "pybullet"]
 JACKAL = robots.load("jackal")
@@ -282,9 +281,9 @@ def test_kinematic_drives_like_pybullet():
 
 def test_kinematic_contacts_end_like_pybullets():
     pybullet = sim_bridge.make("pybullet")
-    scenes = [fit_kinematic.Scene(seed, JACKAL) for seed in range(1000, 1030)]
+    scenes = [contact_scenes.Scene(seed, JACKAL) for seed in range(1000, 1030)]
     recorded = [scene.drive(pybullet) for scene in scenes]
-    rows = fit_kinematic.compare(JACKAL, scenes, recorded)
+    rows = contact_scenes.compare(JACKAL, scenes, recorded)
     pybullet.close()
     hit = rows[:, 4] > 0
     assert hit.sum() > 8
