@@ -141,10 +141,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     log = json.loads((tmp_path / "mine_log.json").read_text())
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
     assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
-    card = (tmp_path / "mine.md").read_text()
-    assert "scripted" in card
-    assert "| occdist_scale |" in card
-    assert str(tmp_path) not in card
+    assert str(tmp_path) not in (tmp_path / "mine_log.json").read_text()
     method = methods.make("appld:%s" % out)
     d = demonstration.read(bag)
     obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])

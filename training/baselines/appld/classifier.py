@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Dict, Optional, Tuple
 
 import numpy as np
+import torch
 
 from applr_ros1.policy.network import forward
 from applr_ros1.policy.observation import LAYOUT, Layout
@@ -47,8 +48,6 @@ def train(
 
 
 def _fit(scans, labels, contexts, seed, steps, layout):
-    import torch
-
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # nets so small only wait for each other
     torch.manual_seed(seed)
@@ -67,7 +66,7 @@ def _fit(scans, labels, contexts, seed, steps, layout):
     torch.set_num_threads(threads)
     layers = [layer for layer in net if isinstance(layer, torch.nn.Linear)]
     return {
-        "%d.%s" % (i, name): getattr(layer, name).detach().numpy().astype(np.float32).copy()
+        f"{i}.{name}": getattr(layer, name).detach().numpy().astype(np.float32).copy()
         for i, layer in enumerate(layers)
         for name in ("weight", "bias")
     }
@@ -85,5 +84,5 @@ def _varied(scans, rng, layout) -> np.ndarray:
 
 
 def _apply(weights, scans) -> np.ndarray:
-    layers = [(weights["%d.weight" % i], weights["%d.bias" % i]) for i in range(len(weights) // 2)]
+    layers = [(weights[f"{i}.weight"], weights[f"{i}.bias"]) for i in range(len(weights) // 2)]
     return np.argmax(forward(layers, scans), axis=1)

@@ -73,7 +73,7 @@ def read(path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL) -> Demo
             ("odometry", topics.odometry, recording.odometry.at),
         ):
             if len(found) < 2:
-                raise BagError("no %s on %s" % (what, topic))
+                raise BagError(f"no {what} on {topic}")
         return _instants(recording)
 
 
@@ -81,7 +81,7 @@ def _instants(recording: Recording) -> Demonstration:
     chosen, odometry = _beats(recording.scan_stamp), recording.odometry
     when, stamps = recording.scan_stamp[chosen], odometry.stamp
     if len(chosen) > MAX_INSTANTS:
-        raise BagError("longer than %d minutes of scans; cut it (rosbag filter)" % (MAX_INSTANTS / 1200))
+        raise BagError(f"longer than {MAX_INSTANTS // 1200} minutes of scans; cut it (rosbag filter)")
     if np.any(np.diff(when) <= 0) or not np.isfinite(odometry.pose).all() or not np.isfinite(odometry.twist).all():
         raise BagError("its clock jumps back, or its odometry is not finite; record it anew")
     nearest = np.clip(np.searchsorted(stamps, when), 1, len(stamps) - 1)
@@ -91,7 +91,7 @@ def _instants(recording: Recording) -> Demonstration:
     moving = np.flatnonzero((np.abs(command).max(axis=1) > DRIVING_SPEED) & used)
     if len(moving) * CONTROL_PERIOD < SHORTEST:
         raise BagError(
-            "%.1f s of driving; a demonstration needs %g s and more" % (len(moving) * CONTROL_PERIOD, SHORTEST)
+            f"{len(moving) * CONTROL_PERIOD:.1f} s of driving; a demonstration needs {SHORTEST:g} s and more"
         )
     span = np.arange(moving[0], moving[-1] + 1)
     span = span[used[span]]

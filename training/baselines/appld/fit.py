@@ -10,6 +10,7 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any, Dict, List, Sequence
 
+import cma
 import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -109,10 +110,8 @@ def loss(stretches_: Sequence[Stretch], theta):
     return float(squares[0] + TURN_WEIGHT * squares[1]), np.sqrt(squares).round(4).tolist()
 
 
-def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int, say=None) -> Fit:
+def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
     """CMA-ES from theta_0 over the robot's parameters. evaluations: replays of the context, about."""
-    import cma
-
     space = space_of(stretches_[0].demonstration.robot)
     home = space.to_action(space.theta0)
     base, base_error = loss(stretches_, space.theta0)
@@ -137,6 +136,4 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int, say=None) ->
                 "sigma": round(float(strategy.sigma), 4),
             }
         )
-        if say:
-            say(best)
     return best

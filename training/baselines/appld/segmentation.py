@@ -111,5 +111,5 @@ def _names(means) -> List[str]:
             "narrow" if near < middle[3] else "wide",
             "fast" if speed > middle[0] else "slow",
         ] + (["turning"] if turning > middle[1] else [])
-        names.append("%d %s" % (number + 1, ", ".join(words)))
+        names.append(f"{number + 1} {', '.join(words)}")
     return names
