@@ -11,9 +11,9 @@ from __future__ import annotations
 import shlex
 import sys
 import time
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import Any, Dict, List, Literal, Mapping, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Mapping, Optional, Tuple
 
 import numpy as np
 import yaml
@@ -24,12 +24,14 @@ from applr_ros1.common.files import read_json, write_bytes, write_json
 from applr_ros1.common.trees import branch
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import Robot
-from training.baselines.set_search import SearchOptions, choose, explore, finalists
-from training.baselines.set_trials import SetTrials
-from training.common.command_line import AnyRobot, Planner, SimulatorName, Workers, continuable, parsed
+from training.actors.tasks import RunnerSpec
+from training.baselines.set_search import SearchOptions, SetTrials, choose, explore, finalists
+from training.common.command_line import AnyRobot, Planner, RayAddress, SimulatorName, Workers, continuable, parsed
 from training.common.folders import make_folder
 from training.common.options import option
-from training.evaluation.trials import world_list
+from training.evaluation.remembered import RememberedTrials
+from training.evaluation.store import TrialTable
+from training.evaluation.trials import TRIAL_RUNNER, world_list
 from worlds.loading import FORMS
 
 
@@ -42,9 +44,7 @@ class StaticOptions(SearchOptions):
     simulator: SimulatorName = "kinematic"
     planner: Planner
     workers: Workers
-    pool: Literal["processes", "ray"] = option("processes",
-        "How trials are driven at the same time: in child processes, or by Ray actors.")
-    ray_address: str = option("", "Address HOST:PORT of a Ray cluster to drive on.")
+    ray_address: RayAddress
     start: List[str] = option([],
         "JSON file with a parameter set, or the log of an earlier search, that takes part in the first generation and "
         "in the last race; may be given several times. The search begins around the first. Without it the search "
@@ -80,23 +80,18 @@ def run(arguments: List[str]) -> None:
     starts = [start(path, space) for path in options.start] or [space.theta0]
     began = time.monotonic()
 
-    def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> SetTrials:
-        return SetTrials(
-            worlds,
-            simulator,
-            options.workers,
-            options.pool,
-            options.ray_address,
-            options.planner,
-            planner_frequency,
-            stem + "_trials.sqlite",
-            robot=options.robot,
-        )
+    @contextmanager
+    def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> Iterator[SetTrials]:
+        made = {"simulator": simulator, "planner_frequency": planner_frequency, "robot": options.robot.folder}
+        table = TrialTable(stem + "_trials.sqlite", [simulator, planner_frequency, options.robot.name])
+        drives = RememberedTrials(RunnerSpec(TRIAL_RUNNER, made), options.workers, options.ray_address, table)
+        with closing(table), closing(drives):
+            yield SetTrials(drives, worlds, space, options.planner)
 
     with continuable():
-        with closing(driver(worlds, options.simulator, options.planner_frequency)) as trials:
+        with driver(worlds, options.simulator, options.planner_frequency) as trials:
             log = explore(trials, starts, options, show)
-        with closing(driver(final_worlds, options.final_simulator, None)) as last:
+        with driver(final_worlds, options.final_simulator, None) as last:
             table = choose(last, finalists(space, starts, log), options, show)
     found = {
         "theta": table[0]["parameters"],
@@ -109,9 +104,9 @@ def run(arguments: List[str]) -> None:
     }
     write_json(options.out, {"meter_scoring": False, "parameters": found["theta"]})
     write_json(stem + "_log.json", found)
-    print("%s: %s" % (options.out, found["theta"]))
+    print(f"{options.out}: {found['theta']}")
     write_bytes(stem + ".yaml", yaml.safe_dump(move_base_parameters(options.robot, found["theta"])).encode())
-    print("%s.yaml: the same for move_base, to be loaded after %s's own files" % (stem, options.robot.name))
+    print(f"{stem}.yaml: the same for move_base, to be loaded after {options.robot.name}'s own files")
 
 
 def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
@@ -141,7 +136,7 @@ def start(path: str, space: Space = SPACE) -> np.ndarray:
         try:
             return space.from_dict(dict(content["theta"]))
         except (TypeError, ValueError) as error:
-            raise ApplrError("--start %s: no set of parameters (%s)" % (path, reason(error))) from None
+            raise ApplrError(f"--start {path}: no set of parameters ({reason(error)})") from None
     return space.read(path)
 
 

@@ -16,7 +16,7 @@ SETTINGS = settings(EvaluationOptions(), [], [])  # what an evaluation says of i
 
 
 class ToyRunner:
-    def __init__(self, simulator, protocol, robot=None):
+    def __init__(self, simulator, **options):
         self.simulator = simulator
         if os.environ.get("TOY_BROKEN"):
             raise ValueError("the toy is broken; mend it")

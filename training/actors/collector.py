@@ -95,7 +95,7 @@ def layout_of(env: gymnasium.Env) -> Layout:
     env = env.unwrapped
     shapes = env.observation_space.shape, env.action_space.shape
     if any(shape is None or len(shape) != 1 for shape in shapes):
-        raise ValueError("observations and actions must be vectors, these have the shapes %s and %s" % shapes)
+        raise ValueError(f"observations and actions must be vectors, these have the shapes {shapes[0]} and {shapes[1]}")
     (observation,), (action,) = shapes  # type: ignore[misc]
     beams = getattr(env, "scan_beams", 0)
     return Layout(beams, observation - beams, action, getattr(env, "scans", 1), getattr(env, "odd", (0,)))

@@ -50,7 +50,7 @@ class ChildProcess:
                 return self._connection.recv()
         except (EOFError, OSError):
             raise WorkerDied("died") from None
-        raise WorkerDied("gave no answer for %d s" % seconds)
+        raise WorkerDied(f"gave no answer for {seconds:g} s")
 
     def end(self) -> None:
         """End the process; it holds nothing that could be lost."""

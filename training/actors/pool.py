@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Callable, List, Optional, Protocol, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from training.actors.tasks import POLICY, Answer, Collect, Task, Trial, TrialResult, WorkerSettings
+from training.actors.tasks import POLICY, Answer, Collect, Task, Trial, WorkerSettings
 from training.actors.worker import Worker
 
 GIVE_UP = 8  # workers that die one after the other without a single answer: something is wrong with all of them
@@ -178,28 +178,27 @@ class ParallelPool(Pool):
                             return
                     else:
                         self._deaths = 0
-                        self._answers.put(_checked(answer, task))
+                        self._answers.put(answer)
                         break
                 else:
                     if isinstance(task, Trial):
-                        text = "it ended its worker %d times; see the messages above" % (1 + RETRIES)
+                        text = f"its worker died {1 + RETRIES} times; see the messages above"
                         self._answers.put(Answer(task, text))
         except Exception as error:  # a thread must not die unheard
-            self._failed = "the pool of workers failed: %s: %s" % (type(error).__name__, error)
+            self._failed = f"the pool of workers failed: {type(error).__name__}: {error}"
 
     def _replace(self, number: int, how: str) -> bool:
         """A new worker in the place of one that ended; False where the pool is closed or gives up."""
         if self._stop.is_set():
             return False
         self.links[number].end()
-        print("worker %d %s; a new one takes its place" % (number, how), file=sys.stderr)
+        print(f"worker {number} {how}; a new one takes its place", file=sys.stderr)
         with self._asking:
             self.replaced += 1
             self._deaths += 1
             if self._deaths >= GIVE_UP:
-                self._failed = "%d workers %s one after the other without an answer; see their messages above" % (
-                    self._deaths,
-                    how,
+                self._failed = (
+                    f"{GIVE_UP} workers {how} one after the other without an answer; see their messages above"
                 )
                 self._stop.set()
                 return False
@@ -209,20 +208,11 @@ class ParallelPool(Pool):
         return True
 
 
-def _checked(answer: Answer, task: Task) -> Answer:
-    """An answer as the rest of the program may rely on it, whatever the worker sent."""
-    kinds = ("error", str), ("data", bytes), ("result", (TrialResult, type(None)))
-    if isinstance(answer, Answer) and all(isinstance(getattr(answer, name), kind) for name, kind in kinds):
-        return replace(answer, task=task)
-    return Answer(task, "a worker's answer is malformed")
-
-
 def make_pool(
     settings: WorkerSettings,
     next_task: NextTask,
     workers: int,
-    kind: str = "processes",
-    address: str = "",
+    ray_address: str = "",
     task_seconds: float = TASK_SECONDS,
 ) -> Pool:
     """A pool.
@@ -231,21 +221,18 @@ def make_pool(
         settings: who does which task in a worker.
         next_task: as in Pool.
         workers: how many; 0: in this process.
-        kind: "ray" or "processes".
-        address: HOST:PORT of a Ray cluster; "" starts Ray on this machine.
+        ray_address: HOST:PORT of a Ray cluster, "local" for one that is started here; "": child processes.
         task_seconds: without an answer, after which a worker counts as hung.
 
     Raises:
         ApplrError: where Ray does not answer, or where an address is given that no worker would run at.
     """
-    if address and (workers == 0 or kind != "ray"):
-        raise ApplrError(
-            "--ray-address %s: nothing would run there; it needs 1 worker or more, or leave it out" % address
-        )
+    if ray_address and workers == 0:
+        raise ApplrError(f"--ray-address {ray_address}: nothing would run there; it needs 1 worker or more")
     if workers == 0:
         return Pool(settings, next_task)
     from training.actors import local, ray
 
-    if kind == "ray":
-        return ray.RayPool(settings, next_task, workers, address, task_seconds)
+    if ray_address:
+        return ray.RayPool(settings, next_task, workers, ray_address, task_seconds)
     return ParallelPool(settings, next_task, workers, lambda: local.ChildProcess(settings), task_seconds)

@@ -8,7 +8,7 @@ import sys
 from functools import lru_cache
 from typing import Any, Callable, Dict
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, reason
 from training.actors.local import environment
 from training.actors.pool import NextTask, ParallelPool, WorkerDied
 from training.actors.tasks import Answer, Task, WorkerSettings
@@ -16,7 +16,7 @@ from training.actors.worker import Worker
 
 
 class RayPool(ParallelPool):
-    """`workers` actors of Ray at `address`, or, with "", of a Ray that is started on this machine."""
+    """`workers` actors of Ray at `address`, with "local" of a Ray that is started on this machine."""
 
     def __init__(self, settings: WorkerSettings, next_task: NextTask, workers: int, address: str, task_seconds: float):
         self._ray = ray = start_ray(address, workers)
@@ -49,9 +49,9 @@ class RayActor:
         try:
             return self._ray.get(self._actor.run.remote(task, self._put(policy) if policy else b""), timeout=seconds)
         except self._ray.exceptions.GetTimeoutError:
-            raise WorkerDied("gave no answer for %d s" % seconds) from None
+            raise WorkerDied(f"gave no answer for {seconds:g} s") from None
         except self._ray.exceptions.RayError as error:
-            print((str(error).splitlines() or ["Ray error"])[0], file=sys.stderr)
+            print(reason(error), file=sys.stderr)
             raise WorkerDied("died") from None
 
     def end(self) -> None:
@@ -59,7 +59,7 @@ class RayActor:
         try:
             self._ray.kill(self._actor)
         except Exception as error:  # it is dead, or its node is; Ray raises many kinds
-            print("Ray: %s" % (str(error).splitlines() or [type(error).__name__])[0], file=sys.stderr)
+            print(f"Ray: {reason(error)}", file=sys.stderr)
 
 
 def start_ray(address: str, workers: int) -> Any:
@@ -67,7 +67,7 @@ def start_ray(address: str, workers: int) -> Any:
 
     A Ray that is started here listens on the loopback interface only, and has no dashboard.
     """
-    if not address:
+    if address == "local":
         os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported: no cluster, so no other host
     import ray
 
@@ -77,20 +77,19 @@ def start_ray(address: str, workers: int) -> Any:
         "log_to_driver": True,
         "logging_level": "ERROR",
         "runtime_env": {"env_vars": environment()},
-        "address": address or "local",
+        "address": address,
     }
-    if address:
-        _check_address(address)
-    else:
+    if address == "local":
         options.update(num_cpus=workers, _node_ip_address="127.0.0.1")
+    else:
+        _check_address(address)
     if not ray.is_initialized():
         try:
             ray.init(**options)
         except Exception as error:  # Ray raises many kinds
-            where = " at %s" % address if address else ""
-            raise ApplrError("Ray cannot be started%s: %s" % (where, (str(error).splitlines() or [""])[0])) from None
-    if address and os.environ.get("RAY_AUTH_MODE") != "token":
-        print("Ray at %s takes work from anybody who reaches it: set RAY_AUTH_MODE=token" % address, file=sys.stderr)
+            raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
+    if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
+        print(f"Ray at {address} takes work from anybody who reaches it: set RAY_AUTH_MODE=token", file=sys.stderr)
     return ray
 
 
@@ -103,5 +102,5 @@ def _check_address(address: str, seconds: float = 5.0) -> None:
         socket.create_connection((host or "127.0.0.1", int(port)), seconds).close()
     except (OSError, ValueError, OverflowError):
         raise ApplrError(
-            "no Ray answers at %s; start a head node there (ray start --head) or leave --ray-address out" % address
+            f"no Ray answers at {address}; start a head node there (ray start --head) or leave --ray-address out"
         ) from None

@@ -31,7 +31,7 @@ class PolicyWeights:
     def __init__(self, weights: bytes):
         arrays, _ = unpack(weights, "weights")
         count = len(arrays) // 2
-        ends = arrays["0.weight"].shape[-1], arrays["%d.weight" % (count - 1)].shape[-2]
+        ends = arrays["0.weight"].shape[-1], arrays[f"{count - 1}.weight"].shape[-2]
         self.layers = layers_of(arrays, *ends, "weights")
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
@@ -63,7 +63,7 @@ class Worker:
                 self.policy = PolicyWeights(weights)
             runner = self._runners.get(kind) or self._make(kind)
         except Exception as error:
-            return Answer(task, "the runner of %s tasks cannot start: %s" % (kind, self._line(error)))
+            return Answer(task, f"the runner of {kind} tasks cannot start: {self._line(error)}")
         try:
             return runner.run(task, self.policy)
         except Exception as error:
@@ -80,7 +80,7 @@ class Worker:
         line = (str(error).splitlines() or [""])[0]
         if isinstance(error, (ValueError, OSError)):
             return line
-        line = "%s: %s" % (type(error).__name__, line)
+        line = f"{type(error).__name__}: {line}"
         if line not in self._printed:
             self._printed.add(line)
             traceback.print_exc()

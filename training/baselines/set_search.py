@@ -12,18 +12,53 @@ from typing import Any, Callable, Dict, List, Sequence, Tuple
 import cma
 import numpy as np
 
+from applr_ros1.planner.variant import OURS
 from applr_ros1.policy.parameter_space import Space
-from training.actors.tasks import TrialResult
+from training.actors.tasks import Trial, TrialResult
 from training.baselines.race import Result, race
-from training.baselines.set_trials import SetTrials
 from training.common.command_line import ContactSeconds, Seed
 from training.common.options import Options, option
+from training.evaluation.periodic import CHOOSING
+from training.evaluation.remembered import RememberedTrials
 from training.evaluation.score import CONTACT_SECONDS, summary, trial_seconds
+from training.evaluation.trials import seed_of
 
 FINALISTS = 5  # generations whose means and winners take part in the last race
 FINAL_BLOCK = 8  # trials between two tests of the last race
 
 Job = Tuple[int, int]  # index of a world, number of the trial there
+
+
+class SetTrials:
+    """Drives sets of a robot's parameters through worlds.
+
+    Args:
+        trials: drives the trials.
+        worlds: [(name, specification), ...].
+        space: of the sets.
+        planner: kind of planner (applr_ros1/planner/variant.py).
+    """
+
+    def __init__(self, trials: RememberedTrials, worlds: Sequence[Tuple[str, str]], space: Space, planner: str = OURS):
+        self.trials, self.worlds, self.space, self.planner = trials, worlds, space, planner
+        self.driven = 0  # trials, those of the table included
+
+    def run(self, sets: np.ndarray, jobs: Sequence[Job], seed: int) -> List[List[TrialResult]]:
+        """Each set (k, n) in each job, which all drive with the same seed: a list of results for each set.
+
+        Raises:
+            ApplrError: where a trial fails by an error.
+        """
+        trials = [[self._trial(theta, world, number, seed) for world, number in jobs] for theta in sets]
+        results = self.trials.run([trial for of_job in zip(*trials) for trial in of_job])  # equal sets drive once
+        self.driven += len(results)
+        return [[results[trial] for trial in own] for own in trials]
+
+    def _trial(self, values: np.ndarray, world: int, number: int, seed: int) -> Trial:
+        name, spec = self.worlds[world]
+        theta = tuple(float(value) for value in self.space.clip(values))
+        seed = seed_of(CHOOSING + seed, name, number)
+        return Trial(name, "set", number, seed, spec, "", self.planner, theta=theta)
 
 
 class SearchOptions(Options):
@@ -83,7 +118,8 @@ def explore(
         ranks = np.empty(len(candidates))
         ranks[raced.ranking] = np.arange(len(candidates))
         strategy.tell(candidates, ranks.tolist())
-        winner = raced.ranking[0]
+        winner = _line(space, sets[raced.ranking[0]], results[raced.ranking[0]], options.contact_seconds)
+        seconds = round(time.monotonic() - began, 1)
         log.append(
             {
                 "generation": generation,
@@ -91,26 +127,15 @@ def explore(
                 "sigma": float(strategy.sigma),
                 "trials_of_each": [len(scores) for scores in raced.scores],
                 "scores": [round(float(scores.mean()), 3) for scores in raced.scores],
-                "winner": _line(space, sets[winner], results[winner], options.contact_seconds),
+                "winner": winner,
                 "mean": {"theta": space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0)).tolist()},
                 "trials": trials.driven,
-                "seconds": round(time.monotonic() - began, 1),
+                "seconds": seconds,
             }
         )
-        best = log[-1]["winner"]
         tell(
-            "generation %d of %d: winner %.2f s in %d worlds (success %.2f, contact %.2f), sigma %.3f, %d trials, %d s"
-            % (
-                generation + 1,
-                options.generations,
-                best["score"],
-                best["trials"],
-                best["success"],
-                best["collided"],
-                strategy.sigma,
-                trials.driven,
-                time.monotonic() - began,
-            )
+            f"generation {generation + 1} of {options.generations}: winner {_told(winner)}, sigma "
+            f"{strategy.sigma:.3f}, {trials.driven} trials in all, {seconds:.0f} s"
         )
     return log
 
@@ -142,10 +167,7 @@ def choose(
     results, raced = drive_race(trials, np.array(sets), blocks, options.seed, options.contact_seconds)
     table = [_line(trials.space, np.array(sets[i]), results[i], options.contact_seconds) for i in raced.ranking]
     for line in table:
-        tell(
-            "%.2f s in %d trials (success %.3f, contact %.3f): %s"
-            % (line["score"], line["trials"], line["success"], line["collided"], line["parameters"])
-        )
+        tell(f"{_told(line)}: {line['parameters']}")
     return table
 
 
@@ -181,3 +203,10 @@ def _line(space: Space, theta: np.ndarray, results: List[TrialResult], contact_s
     found = summary(results, contact_seconds)
     names = ("score", "time_s", "success", "collided", "trials")
     return {**{name: found[name] for name in names}, "theta": theta.tolist(), "parameters": space.as_dict(theta)}
+
+
+def _told(line: Dict[str, Any]) -> str:
+    return (
+        f"{line['score']:.2f} s in {line['trials']} trials (success {line['success']:.3f}, contact "
+        f"{line['collided']:.3f})"
+    )

@@ -41,6 +41,9 @@ ContactSeconds = Annotated[float, Field(ge=0, le=1e6, description=
     "Time [s] that a trial with a contact is charged in addition.")]
 Workers = Annotated[int, Field(2, ge=0, le=4096, description=
     "Number of trials that are driven at the same time; 0 drives them in this process.")]
+RayAddress = Annotated[str, Field("", description=
+    "Address HOST:PORT of a Ray cluster to drive on, auto for one that runs on this machine, or local for one that is "
+    "started here.")]
 Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1, description=
     "Seed from which all random numbers of the command follow.")]
 # fmt: on
@@ -60,7 +63,7 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raises ApplrError with argparse's message."""
-        raise ApplrError("%s; --help lists all options" % message)
+        raise ApplrError(f"{message}; --help lists all options")
 
 
 def parsed(

@@ -136,4 +136,4 @@ def _read(path: Path) -> List[Dict[str, Any]]:
     try:
         return [json.loads(line) for line in data.decode().splitlines() if line]
     except ValueError as error:
-        raise StorageError("%s: cannot be read (%s)" % (path, error)) from None
+        raise StorageError(f"{path}: cannot be read ({error})") from None

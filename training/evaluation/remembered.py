@@ -21,8 +21,7 @@ class RememberedTrials:
     Args:
         runner: who drives them, and how.
         workers: trials driven at once; 0: in this process.
-        pool: "processes" or "ray".
-        address: of a Ray cluster, or "".
+        ray_address: of a Ray cluster, or "" for child processes.
         table: where trials are kept and looked up; None: nowhere.
     """
 
@@ -30,13 +29,12 @@ class RememberedTrials:
         self,
         runner: RunnerSpec,
         workers: int = 0,
-        pool: str = "processes",
-        address: str = "",
+        ray_address: str = "",
         table: Optional[Union[Store, TrialTable]] = None,
     ):
         self._table = table
         self._queue: Deque[Trial] = deque()
-        self.pool = make_pool(WorkerSettings(trial=runner), self._next_task, workers, pool, address)
+        self.pool = make_pool(WorkerSettings(trial=runner), self._next_task, workers, ray_address)
 
     def _next_task(self, slot: int) -> Optional[Trial]:
         return self._queue.popleft() if self._queue else None
@@ -62,9 +60,7 @@ class RememberedTrials:
                 trial = answer.task
                 assert isinstance(trial, Trial)
                 if answer.result is None:
-                    raise ApplrError(
-                        "trial %d of %s in %s failed: %s" % (trial.trial, trial.method, trial.world, answer.error)
-                    )
+                    raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {answer.error}")
                 if self._table:
                     self._table.add(trial, answer.result, answer.data)
                 results[trial] = answer.result

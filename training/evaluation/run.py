@@ -11,9 +11,18 @@ from typing import Any, Dict, Literal, Sequence, Tuple
 from tqdm import tqdm
 
 from applr_ros1.policy import methods
-from applr_ros1.robots import JACKAL, on_ground
+from applr_ros1.robots import on_ground
 from training.actors.tasks import RunnerSpec, Trial, TrialResult
-from training.common.command_line import AnyRobot, Monitor, Planner, Seed, SimulatorName, Workers, WorldNames
+from training.common.command_line import (
+    AnyRobot,
+    Monitor,
+    Planner,
+    RayAddress,
+    Seed,
+    SimulatorName,
+    Workers,
+    WorldNames,
+)
 from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.evaluation.remembered import RememberedTrials
@@ -39,8 +48,7 @@ class EvaluationOptions(Options):
         "Jackal. Default: the robot's own.")
     workers: Workers = option(2,
         "Number of trials that are driven at the same time, in processes or Ray actors; 0 drives them in this process.")
-    ray_address: str = option("",
-        "Address HOST:PORT of a Ray cluster to drive on, or auto for one that runs on this machine.")
+    ray_address: RayAddress
     out: str = option("results",
         "Folder for trials.csv, tables and figures. An existing evaluation in it is continued.")
     seed: Seed
@@ -73,7 +81,7 @@ def evaluate(options: EvaluationOptions) -> None:
             drive(store, options)
     finally:
         store.close()
-    print("%d trials in %s" % (len(trials), os.path.join(options.out, TRIALS)))
+    print(f"{len(trials)} trials in {os.path.join(options.out, TRIALS)}")
 
 
 def settings(
@@ -111,24 +119,19 @@ def drive(store: Store, options: EvaluationOptions) -> None:
     began = time.monotonic()
     done, wanted = len(store.results), len(store.plan)
     workers = min(options.workers, wanted - done)
-    arguments: Dict[str, Any] = {"simulator": options.simulator, "protocol": options.protocol}
-    if options.monitor:
-        arguments["monitor"] = True
     if options.ground:
         on_ground(options.robot, options.ground)  # refused here, not by every worker
-        arguments["ground"] = options.ground
-    if options.robot is not JACKAL:  # a worker of one's own need not know of robots
-        arguments["robot"] = options.robot.folder
-    kind = "ray" if options.ray_address else "processes"
+    arguments = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "ground")}
+    arguments["robot"] = options.robot.folder
     runner = RunnerSpec(options.runner, arguments)
     bar = tqdm(total=wanted, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
 
     def show(trial: Trial, result: TrialResult) -> None:
         bar.update()
-        how = "%.1f s" % result.time_s if result.success else result.reason
-        bar.set_postfix_str("%s %s %s" % (trial.world, trial.method, how), refresh=False)
+        how = f"{result.time_s:.1f} s" if result.success else result.reason
+        bar.set_postfix_str(f"{trial.world} {trial.method} {how}", refresh=False)
 
-    with bar, closing(RememberedTrials(runner, workers, kind, options.ray_address, store)) as trials:
+    with bar, closing(RememberedTrials(runner, workers, options.ray_address, store)) as trials:
         try:
             trials.run(store.plan, show)
         finally:

@@ -51,7 +51,7 @@ class TrialTable:
         try:
             return TrialResult(**json.loads(rows[0][0])) if rows else None
         except (TypeError, ValueError):
-            raise StorageError("%s: holds a result that is none; give another --out" % self.path) from None
+            raise StorageError(f"{self.path}: holds a result that is none; give another --out") from None
 
     def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
         """Keep a trial, but for its trace. It is on the disk when this returns."""
@@ -71,7 +71,7 @@ class TrialTable:
             return self._connection.execute(statement, values).fetchall()
         except sqlite3.Error as error:
             raise StorageError(
-                "%s: cannot be used (%s); the trials in it are safe, the same command continues" % (self.path, error)
+                f"{self.path}: cannot be used ({error}); the trials in it are safe, the same command continues"
             ) from None
 
 
@@ -98,7 +98,7 @@ class Store:
         if not path.exists() or not (self.folder / TABLE).exists():
             if (self.folder / TRIALS).exists():
                 raise StorageError(
-                    "%s: holds trials, but %s or %s is missing; give another --out" % (self.folder, SETTINGS, TABLE)
+                    f"{self.folder}: holds trials, but {SETTINGS} or {TABLE} is missing; give another --out"
                 )
             write_json(path, settings)
             return dict(settings)
@@ -109,10 +109,8 @@ class Store:
                 remedy = "give another --out, or the same options"
                 if name == "methods":
                     remedy += "; training.report --join shows the methods of two folders together"
-                raise StorageError(
-                    "%s: was begun with another %s (%s, now %s); %s"
-                    % (self.folder, name, _short(there), _short(settings[name]), remedy)
-                )
+                was, now = _short(there), _short(settings[name])
+                raise StorageError(f"{self.folder}: was begun with another {name} ({was}, now {now}); {remedy}")
         return stored
 
     def find(self, trial: Trial) -> Optional[TrialResult]:
@@ -170,8 +168,7 @@ def read_rows(path: os.PathLike | str, columns: Sequence[str]) -> List[Dict[str,
     for number, row in enumerate(rows, start=1):
         if row != list(columns) if number == 1 else len(row) != len(columns):
             raise StorageError(
-                "%s: line %d is %s, expected %s; give another folder"
-                % (path, number, _short(",".join(row)), ",".join(columns))
+                f"{path}: line {number} is {_short(','.join(row))}, expected {','.join(columns)}; give another folder"
             )
     return [dict(zip(columns, row)) for row in rows[1:]]
 
@@ -179,7 +176,7 @@ def read_rows(path: os.PathLike | str, columns: Sequence[str]) -> List[Dict[str,
 def flag(cell: str) -> bool:
     """True or False of a cell. Raises ValueError."""
     if cell not in ("True", "False"):
-        raise ValueError("%r is neither True nor False" % cell)
+        raise ValueError(f"{cell!r} is neither True nor False")
     return cell == "True"
 
 

@@ -99,7 +99,7 @@ def under(protocol: str, world: World) -> World:
         return world
     if not barn_grid.fill_of(world.cylinders)[[0, -1]].all():
         raise WorldError(
-            "%s is no BARN world: --protocol %s needs one; give generated:N or a BARN file" % (world.name, protocol)
+            f"{world.name} is no BARN world: --protocol {protocol} needs one; give generated:N or a BARN file"
         )
     return dataclasses.replace(world, course=barn_grid.challenge_course(world.course.path))
 
@@ -269,6 +269,6 @@ def world_list(text: str, protocol: str, robot: Robot = JACKAL) -> List[Tuple[st
         for spec in worlds_package.specs(part.strip()):
             world = at_scale(protocol, spec, robot)
             if any(world.name == name for name, _, _ in found):
-                raise WorldError("two worlds are called %r: evaluate one at a time, or rename a file" % world.name)
+                raise WorldError(f"two worlds are called {world.name!r}: evaluate one at a time, or rename a file")
             found.append((world.name, spec, world))
     return found
