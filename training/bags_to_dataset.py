@@ -7,10 +7,11 @@ real robots and from simulation, can be mixed.
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError, reason, run_main
 from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.episodes import BagReport, trajectories
@@ -18,7 +19,6 @@ from training.bags.reader import BagError, BagOptions, TopicNames, find, read
 from training.common.command_line import parsed
 from training.common.folders import make_folder
 from training.common.options import argument, checked, option
-from training.common.tally import Tally
 from training.env.reward import Reward
 from training.replay.store import NAME, Store
 from training.replay.trajectory import MAX_NAME, Layout, TrajectoryError
@@ -42,7 +42,8 @@ def convert(
     read_bags: List[Dict[str, Any]] = []
     source: Dict[str, Any] = {"bags": read_bags, "robot": robot.name, **reward.model_dump()}
     periods: Set[float] = set()
-    skipped, layout = Tally(), Layout(*sizes_of(robot))
+    skipped: Counter[str] = Counter()
+    layout = Layout(*sizes_of(robot))
     store = Store(make_folder(folder) / NAME, layout)
     if store.last:
         raise ApplrError(f"{folder}: holds trajectories already; give another folder")
@@ -54,13 +55,12 @@ def convert(
                 store.append(trajectory)
         except (BagError, TrajectoryError) as error:
             report.skip(str(error).partition(": ")[2].partition(" (")[0] if isinstance(error, BagError) else str(error))
-            say("%s" % error)
+            say(str(error))
         except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
             report.skip("damaged inside")
-            say("%s: damaged inside (%s)" % (bag, (str(error).splitlines() or [type(error).__name__])[0]))
+            say(f"{bag}: damaged inside ({reason(error)})")
         periods |= report.periods
-        for reason, count in report.skipped.items():
-            skipped.add(reason, count)
+        skipped += report.skipped
         read_bags.append(
             {
                 "name": Path(bag).name,
@@ -71,15 +71,15 @@ def convert(
             }
         )
         say(
-            "%s: %d transitions in %d episodes, %d observations equal to the node's%s"
-            % (bag, report.transitions, report.episodes, report.verified, _reasons(report.skipped))
+            f"{bag}: {report.transitions} transitions in {report.episodes} episodes, {report.verified} observations "
+            f"equal to the node's{_reasons(report.skipped)}"
         )
     if not any(b["transitions"] for b in read_bags):
-        raise BagError("no transition could be used%s" % _reasons(skipped))
+        raise BagError(f"no transition could be used{_reasons(skipped)}")
     if len(periods) == 1:
         source["decision_period"] = round(periods.pop(), 3)
     else:
-        say("the decisions' periods differ: %s s" % ", ".join("%g" % period for period in sorted(periods)))
+        say(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in sorted(periods))} s")
     store.note("source", source)
     store.note("skipped", skipped)
     transitions = store.transitions
@@ -88,7 +88,7 @@ def convert(
 
 
 def _reasons(skipped) -> str:
-    return "".join("; skipped %d: %s" % (count, reason) for reason, count in sorted(skipped.items()))
+    return "".join(f"; skipped {count}: {why}" for why, count in sorted(skipped.items()))
 
 
 class DatasetOptions(BagOptions):
@@ -106,12 +106,8 @@ class DatasetOptions(BagOptions):
     plan: str = option(TopicNames.plan, "Topic of the global plans in the bags.")
     move_base: str = option(TopicNames.move_base,
         "Name space of move_base in the bags, with its goals and the parameters of its servers.")
-    collision: str = option(TopicNames.collision,
-        "Topic in the bags that says whether something touches the robot, where a simulator recorded it.")
     applr: str = option(TopicNames.applr,
         "Name space of the applr node in the bags, with whose observations the rebuilt ones are compared.")
-    demonstration: str = option(TopicNames.demonstration,
-        "Topic in the bags that says who demonstrated, from teleop.py or demonstrate.py.")
     # fmt: on
 
 

@@ -45,30 +45,18 @@ def summary(described: Robot) -> List[str]:
     space, layout = space_of(described), layout_of(described)
     with_map = described.move_base.with_map
     lines = [
-        "%s: %s, %g m/s, %g rad/s" % (described.name, base.drive, base.max_speed, base.max_yaw_rate),
-        "footprint with padding: %.2f x %.2f m; worlds at %g of the Jackal's size"
-        % (length, width, described.world_scale),
-        "laser: %d beams, %.0f to %.0f degrees, %g to %g m, %g Hz; a policy sees %d beams up to %.1f m"
-        % (
-            laser.beams,
-            degrees(laser.first_angle),
-            degrees(laser.last_angle),
-            laser.range_min,
-            laser.range_max,
-            laser.rate,
-            layout.beams,
-            layout.range_cap,
-        ),
-        "move_base: %s, %g commands per second, %s"
-        % (
-            namespace(tree.get("base_local_planner", LOCAL_PLANNERS[0])),
-            planner.configuration("")["controller_frequency"],
-            "without a map only" if with_map is None else "with and without a map",
-        ),
+        f"{described.name}: {base.drive}, {base.max_speed:g} m/s, {base.max_yaw_rate:g} rad/s",
+        f"footprint with padding: {length:.2f} x {width:.2f} m; worlds at {described.world_scale:g} of the Jackal's",
+        f"laser: {laser.beams} beams, {degrees(laser.first_angle):.0f} to {degrees(laser.last_angle):.0f} degrees, "
+        f"{laser.range_min:g} to {laser.range_max:g} m, {laser.rate:g} Hz; a policy sees {layout.beams} beams up to "
+        f"{layout.range_cap:.1f} m",
+        f"move_base: {namespace(tree.get('base_local_planner', LOCAL_PLANNERS[0]))}, "
+        f"{planner.configuration('')['controller_frequency']:g} commands per second, "
+        f"{'without a map only' if with_map is None else 'with and without a map'}",
         "parameter space, default and range:",
     ]
     lines += [
-        "  %-24s %-6g %g to %g" % (parameter.name, start, parameter.low, parameter.high)
+        f"  {parameter.name:24} {start:<6g} {parameter.low:g} to {parameter.high:g}"
         for parameter, start in zip(described.space, space.theta0)
     ]
     lines += ["remark: " + line for line in warnings(tree) + traps(planner.parameters)]
@@ -82,16 +70,11 @@ def summary(described: Robot) -> List[str]:
         MoveBase(with_map)
         lines += ["remark, with a map: " + line for line in warnings(with_map) if "remark: " + line not in lines]
     if abs(described.world_scale / fitting - 1.0) > SCALE_OFF:
-        lines.append(
-            "remark: world_scale is %g; by the footprint's width it is %.3f" % (described.world_scale, fitting)
-        )
+        lines.append(f"remark: world_scale is {described.world_scale:g}; by the footprint's width it is {fitting:.3f}")
     low_x, high_x, low_y, high_y = bounding_box(described)
     beyond = max(*(outline.min(axis=0) - (low_x, low_y)), *((high_x, high_y) - outline.max(axis=0)))
     if beyond > OUTSIDE:
-        lines.append(
-            "remark: body and wheels reach %.2f m beyond the padded footprint: compare body, track and footprint"
-            % beyond
-        )
+        lines.append(f"remark: body and wheels reach {beyond:.2f} m beyond the padded footprint: compare them")
     return lines
 
 
@@ -104,14 +87,14 @@ def traps(tree: Dict[str, Any]) -> List[str]:
     if p["min_vel_x"] <= -p["min_vel_trans"] and change < 2.0 * p["min_vel_trans"]:
         lines.append(
             "a robot that backs can neither stop nor drive ahead until a cycle fails: acc_lim_x / controller_frequency "
-            "is %.3g m/s, and speeds below min_vel_trans %g are refused" % (change, p["min_vel_trans"])
+            f"is {change:.3g} m/s, and speeds below min_vel_trans {p['min_vel_trans']:g} are refused"
         )
     progress = 2.0 * p["goal_distance_bias"] * p["max_vel_trans"] * p["sim_time"]  # goal and nose to goal
     obstacle = p["occdist_scale"] * INSCRIBED
     if obstacle > progress:
         lines.append(
-            "before a narrow gap the robot turns or stands: an obstacle beside it costs %.2f (occdist_scale), all "
-            "progress of a trajectory counts %.2f (goal_distance_bias)" % (obstacle, progress)
+            f"before a narrow gap the robot turns or stands: an obstacle beside it costs {obstacle:.2f} "
+            f"(occdist_scale), all progress of a trajectory counts {progress:.2f} (goal_distance_bias)"
         )
     return ["DWAPlannerROS: " + line for line in lines]
 

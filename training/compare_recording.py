@@ -50,7 +50,7 @@ def read(path: Path, robot: Robot) -> List[Drive]:
     drives = _of_csv(path) if ".csv" in path.suffixes else _of_bag(path, robot)
     usable = [drive for drive in drives if len(drive.rows) > 2 and np.ptp(drive.rows[:, T]) > SECOND]
     if not usable:
-        raise ApplrError("%s: no drive of more than a second; give one with commands and poses" % path)
+        raise ApplrError(f"{path}: no drive of more than a second; give one with commands and poses")
     return usable
 
 
@@ -63,7 +63,7 @@ def _of_csv(path: Path) -> List[Drive]:
                 values = [float(value) for value in [*(row[name] for name in COLUMNS), *turning]]
                 found.setdefault(row.get("profile") or path.name.split(".")[0], []).append(values)
     except (OSError, EOFError, lzma.LZMAError, KeyError, ValueError, TypeError) as error:
-        raise ApplrError("%s: %s; give a CSV with the columns %s" % (path, error, ", ".join(COLUMNS))) from None
+        raise ApplrError(f"{path}: {error}; give a CSV with the columns {', '.join(COLUMNS)}") from None
     return [Drive(name, np.array(rows)) for name, rows in found.items()]
 
 
@@ -133,7 +133,7 @@ def _compare(given: CompareOptions) -> None:
     grounds = [ground for ground in GROUNDS if ground in ("plain", given.robot.simulation.ground)]
     simulators = {ground: standing_in(given.robot, ground) for ground in grounds}
     off = {ground: [second_on(simulator, drive) for drive in drives] for ground, simulator in simulators.items()}
-    print("off a second on         " + "".join("%14s       " % ground for ground in grounds))
+    print("off a second on         " + "".join(f"{ground:>14}       " for ground in grounds))
     for n, drive in enumerate(drives):
         _print(drive.name[:24], [off[ground][n] for ground in grounds])
     every = {ground: np.concatenate(off[ground]) for ground in grounds}
@@ -141,11 +141,12 @@ def _compare(given: CompareOptions) -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     _draw_drives(drives, simulators, given.out / "drives.png")
     _draw_seconds(every, given.out / "second_on.png")
-    print("figures in %s" % given.out)
+    print(f"figures in {given.out}")
 
 
 def _print(name, errors):
-    print("%-24s" % name + "".join("%7.3f m %7.3f rad" % tuple(e.mean(axis=0)) + "  " for e in errors))
+    means = (error.mean(axis=0) for error in errors)
+    print(f"{name:24}" + "".join(f"{metres:7.3f} m {turn:7.3f} rad  " for metres, turn in means))
 
 
 def _rates(t, poses):

@@ -55,8 +55,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
                 now = 1.0 + state.time
                 if state.time - began > limit or state.flipped:
                     raise DemonstrationError(
-                        "%s: not through after %.0f s; the demonstration is not usable"
-                        % (world.name, state.time - began)
+                        f"{world.name}: not through after {state.time - began:.0f} s; the demonstration is not usable"
                     )
                 scans = state.time + 1e-6 >= scan_due
                 if scans:
@@ -75,7 +74,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
         except (KeyboardInterrupt, DemonstrationError) as stopped:
             writer.told(1.0 + state.time, **source, partial=True)
             why = str(stopped) or "stopped after %.0f s" % (state.time - began)
-            raise type(stopped)("%s; %s holds a part of a demonstration, and says so" % (why, bag)) from None
+            raise type(stopped)(f"{why}; {bag} holds a part of a demonstration, and says so") from None
     seconds = state.time - began
     return {
         "seconds": round(seconds, 2),

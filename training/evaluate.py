@@ -28,13 +28,13 @@ def run(options: EvaluationOptions) -> None:
     with continuable():
         evaluate(options)
         if options.report:
-            print("report: %s" % write(options.out))
+            print(f"report: {write(options.out)}")
 
 
 def parse(arguments: Optional[Sequence[str]] = None) -> EvaluationOptions:
     """The command line. Raises ApplrError."""
-    named = "\n".join("  %-16s %s" % (n, m[1]) for n, m in methods.METHODS.items())
-    protocols = "\n".join("  %-16s %s" % (n, v.sentence) for n, v in PROTOCOLS.items())
+    named = "\n".join(f"  {n:16} {m[1]}" for n, m in methods.METHODS.items())
+    protocols = "\n".join(f"  {n:16} {v.sentence}" for n, v in PROTOCOLS.items())
     own = (methods.__doc__ or "").split("\n\n", 1)[1]
     epilog = f"methods:\n{named}\n\nprotocols:\n{protocols}\n\na method of your own:\n{own}"
     return parsed(EvaluationOptions, "evaluate.py", __doc__, arguments, epilog)

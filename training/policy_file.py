@@ -13,7 +13,7 @@ POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
 def weights_of(actor: Actor) -> Weights:
     """The tensors of an actor by their names in a file."""
     layers = enumerate(actor.layers)
-    return {"%d.%s" % (i, k): tensor for i, layer in layers for k, tensor in zip(("weight", "bias"), layer)}
+    return {f"{i}.{k}": tensor for i, layer in layers for k, tensor in zip(("weight", "bias"), layer)}
 
 
 def stated(actor: Actor) -> Dict[str, Any]:

@@ -43,7 +43,7 @@ def unpack(make: Callable[[], Any], data: bytes) -> bytes:
             data = b""
             size += len(part)
             if size > MAX_UNPACKED:
-                raise ApplrError("unpacks to more than %d MiB" % (MAX_UNPACKED >> 20))
+                raise ApplrError(f"unpacks to more than {MAX_UNPACKED >> 20} MiB")
             parts.append(part)
             if not part and decompressor.needs_input:
                 raise EOFError("compressed data end too early")
@@ -58,7 +58,7 @@ class BoundedFile(zstd.ZstdFile):
         """The next bytes, `size` at most."""
         data = super().read(size)
         if self.tell() > MAX_FILE:
-            raise ApplrError("unpacks to more than %d GiB" % (MAX_FILE >> 30))
+            raise ApplrError(f"unpacks to more than {MAX_FILE >> 30} GiB")
         return data
 
 

@@ -8,6 +8,7 @@ taken to fall every two seconds from a goal's first plan on.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Iterator, List, Optional, Set, Tuple
 
@@ -18,7 +19,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
-from training.common.tally import Tally
 from training.env.episode import TIME_LIMIT
 from training.env.episode import nearest as smallest
 from training.env.outcome import Outcome
@@ -43,11 +43,11 @@ class BagReport:
     transitions: int = 0
     verified: int = 0  # observations equal to the node's own
     periods: Set[float] = field(default_factory=set)  # of its decisions [s]
-    skipped: Tally = field(default_factory=Tally)  # by reason
+    skipped: Counter[str] = field(default_factory=Counter)  # by reason
 
     def skip(self, reason: str) -> None:
         """Count a transition that is not used, by the reason."""
-        self.skipped.add(reason)
+        self.skipped[reason] += 1
 
 
 @dataclass
@@ -158,7 +158,7 @@ def _moment(recording, goal, at, decision=None) -> Moment:
         ("odometry", moment.pose, recording.odometry.stamp),
     ):
         if index < 0 or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
-            moment.trouble = "no %s for a decision" % what
+            moment.trouble = f"no {what} for a decision"
     if moment.plan < 0 or recording.plan_at[moment.plan] < goal.start - SECOND // 2:
         moment.trouble = "no global plan for a decision"
     return moment
@@ -192,7 +192,7 @@ def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
             _happened(recording, goal, moments[i - 1], moment, nearest)
             moment.trouble = _unusable(recording, goal, moments, i)
     except ObservationError as error:
-        moment.outcome, moment.trouble = None, "a scan or plan is unusable (%s)" % str(error).split(":")[0]
+        moment.outcome, moment.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
     except Skipped as reason:
         moment.outcome, moment.trouble = None, str(reason)
 

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1 import robots
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from training.bags.compression import bound_rosbags
@@ -151,14 +151,14 @@ def read(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.J
     """Read a bag of a robot that move_base drove, as hear does; BagError also where messages that are needed lack."""
     recording = hear(path, topics, robot)
     if not len(recording.scan_at):
-        raise BagError("%s: no scans on %s" % (path, topics.scan))
+        raise BagError(f"{path}: no scans on {topics.scan}")
     if not len(recording.odometry.stamp):
-        raise BagError("%s: no odometry on %s" % (path, topics.odometry))
+        raise BagError(f"{path}: no odometry on {topics.odometry}")
     if abs(np.median(recording.scan_at - recording.scan_stamp)) > SECOND:
-        raise BagError("%s: recorded on another clock than its messages'; set use_sim_time where you record" % path)
+        raise BagError(f"{path}: recorded on another clock than its messages'; set use_sim_time where you record")
     for server in dict(recording.space.places()):
         if server not in recording.parameters and not recording.decisions:
-            raise BagError("%s: no parameter_updates of %s below %s" % (path, server or "it", topics.move_base))
+            raise BagError(f"{path}: no parameter_updates of {server or 'it'} below {topics.move_base}")
     return recording
 
 
@@ -176,24 +176,23 @@ def refused(path) -> Iterator[None]:
     try:
         yield
     except ApplrError as error:
-        raise BagError("%s: %s" % (path, str(error).replace("%s: " % path, ""))) from None
+        raise BagError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except Exception as error:  # rosbags raises many kinds for damaged files
         remedy = "; it was not closed: try `rosbag reindex`" if Path(path).suffix in (".active", ".bag") else ""
-        line = (str(error).splitlines() or [""])[0] or type(error).__name__
-        raise BagError("%s: damaged or not a bag (%s)%s" % (path, line, remedy)) from None
+        raise BagError(f"{path}: damaged or not a bag ({reason(error)}){remedy}") from None
 
 
 def _open(path: Path) -> AnyReader:
     """A reader of a .bag file, or of a ROS 2 folder (with metadata.yaml) or .mcap file in it."""
     if not path.exists():
-        raise BagError("%s: not there" % path)
+        raise BagError(f"{path}: not there")
     if path.is_file() and path.stat().st_size == 0:
-        raise BagError("%s: empty file" % path)
+        raise BagError(f"{path}: empty file")
     if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").exists():
         path = path.parent
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
-            raise BagError("%s: %s is a pipe or device; give a regular file" % (path, file.name))
+            raise BagError(f"{path}: {file.name} is a pipe or device; give a regular file")
     bound_rosbags()
     return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
@@ -219,7 +218,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
     rows: List[tuple] = []
     connections = [c for c in reader.connections if c.topic in light or c.topic in heavy or updates.fullmatch(c.topic)]
     if not reader.message_count:
-        raise BagError("%s: holds no messages" % recording.path)
+        raise BagError(f"{recording.path}: holds no messages")
     header = reader.typestore.fielddefs.get("std_msgs/msg/Header", ((), ()))[1]
     stamp_offset = 4 * reader.is2 + 4 * (header[0][0] == "seq" if header else 0)
     for connection, at, raw in reader.messages(connections) if connections else ():
@@ -351,5 +350,5 @@ def find(paths) -> List[Path]:
         else:
             found.append(path)
     if not found:
-        raise BagError("%s: no bags there; give .bag or .mcap files or ROS 2 bag folders" % ", ".join(map(str, paths)))
+        raise BagError(f"{', '.join(map(str, paths))}: no bags there; give .bag or .mcap files or ROS 2 bag folders")
     return found

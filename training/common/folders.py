@@ -16,9 +16,9 @@ def make_folder(path) -> Path:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise StorageError("%s: cannot be made (%s); give another --out" % (path, reason(error))) from None
+        raise StorageError(f"{path}: cannot be made ({reason(error)}); give another --out") from None
     if not os.access(path, os.W_OK | os.X_OK):
-        raise StorageError("%s: is not writable; give another --out" % path)
+        raise StorageError(f"{path}: is not writable; give another --out")
     return path
 
 
@@ -30,11 +30,9 @@ class Lock:
             self._file = os.fdopen(os.open(Path(folder) / "lock", os.O_WRONLY | os.O_CREAT | os.O_NONBLOCK, 0o644), "w")
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise StorageError(
-                "%s: another %s works in this folder; wait, or give another --out" % (folder, who)
-            ) from None
+            raise StorageError(f"{folder}: another {who} works in this folder; wait, or give another --out") from None
         except OSError as error:
-            raise StorageError("%s: cannot be locked (%s)" % (folder, reason(error))) from None
+            raise StorageError(f"{folder}: cannot be locked ({reason(error)})") from None
 
     def close(self) -> None:
         """Let another process use the folder."""

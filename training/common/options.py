@@ -73,7 +73,7 @@ def _add(section: argparse._ActionsContainer, name: str, field: FieldInfo) -> No
     elif several:
         more["nargs"] = "+"
     elif get_origin(field.annotation) is Literal:
-        more["metavar"] = "{%s}" % ",".join(filter(None, get_args(field.annotation)))
+        more["metavar"] = f"{{{','.join(filter(None, get_args(field.annotation)))}}}"
     shown_help = text.replace("%", "%%") if field.description else argparse.SUPPRESS
     section.add_argument(dashed(name), default=argparse.SUPPRESS, help=shown_help, **more)
 

@@ -7,6 +7,7 @@ that was killed goes on from its last checkpoint, through the store, to the very
 from __future__ import annotations
 
 import os
+from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, Optional, Sequence
 
@@ -20,7 +21,6 @@ from applr_ros1.common.tensors import unpack
 from training.common.command_line import Seed
 from training.common.folders import make_folder
 from training.common.options import option
-from training.common.tally import Tally
 from training.learner.batch import draw_batch
 from training.policy_file import POLICY_FILE, begun_policy
 from training.replay.buffer import Replay
@@ -91,7 +91,7 @@ class Learner:
             elif begin_with:
                 self._begin_with(Path(begin_with))
         self.store = Store(self.folder / "replay.sqlite", layout)
-        self.refused = Tally()  # trajectories, by reason
+        self.refused: Counter[str] = Counter()  # trajectories, by reason
         self.lag = PolicyLag()
         self.checkpoints = 0
         self._pace = (options.learning_starts, 0)  # of transitions and updates, from where utd_ratio counts
@@ -105,7 +105,7 @@ class Learner:
             self._check_age(trajectory)
             self.store.append(trajectory, blob)
         except TrajectoryError as error:
-            self.refused.add(str(error))
+            self.refused[str(error)] += 1
             return None
         self._add(trajectory)
         return trajectory

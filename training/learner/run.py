@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, Dict, Optional
+from typing import Any, Dict, Optional, Set
 
 import numpy as np
 import safetensors.numpy
@@ -31,7 +31,6 @@ from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import Answer, Trial
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
-from training.common.tally import Tally
 from training.env.env import PAPER
 from training.env.rollout import NAVIGATION
 from training.evaluation.periodic import PeriodicEvaluation
@@ -93,13 +92,12 @@ class TrainingRun:
         self._published = -1
         self._saved = self._shown = time.monotonic()
         self._weights: Dict[str, np.ndarray] = {}  # of the policy that the present evaluation drives
-        self._known_errors = Tally()
+        self._known_errors: Set[str] = set()
         self.pool = make_pool(
             made.settings,
             self.scheduler.next_task,
             0 if self.offline else config.actors,
-            "ray" if config.ray_address else "processes",
-            "" if config.ray_address == "local" else config.ray_address,
+            config.ray_address,
         )
         often = 1.0 if sys.stderr.isatty() else 30.0  # elsewhere than on a terminal each update is another line
         self.bar = tqdm(total=self.goal, initial=self.steps, unit=" steps", mininterval=often, dynamic_ncols=True)
@@ -222,7 +220,8 @@ class TrainingRun:
 
     def _failed(self, text: str) -> None:
         """An episode ended by an error: counted, printed once, and too many in a row end the run."""
-        if self._known_errors.add(text):
+        if text not in self._known_errors:
+            self._known_errors.add(text)
             self._say(f"an episode failed: {text}")
         self.errors += 1
         if self.errors >= MANY_ERRORS:
@@ -232,7 +231,9 @@ class TrainingRun:
         """The learner did not take an episode. Too many in a row end the run: it would learn nothing any more."""
         self.refusals += 1
         if self.refusals >= MANY_REFUSALS:
-            raise ApplrError(f"{self.refusals} episodes in a row were refused: {self.learner.refused.commonest}")
+            raise ApplrError(
+                f"{self.refusals} episodes in a row were refused: {self.learner.refused.most_common(1)[0][0]}"
+            )
 
     def _publish(self) -> None:
         updates = self.learner.td3.updates

@@ -38,7 +38,7 @@ class Replay:
 
     def __init__(self, layout: Layout, capacity: int):
         if capacity < 2:
-            raise ApplrError("a replay of %d rows holds no transition; give a --buffer-size of at least 2" % capacity)
+            raise ApplrError(f"a replay of {capacity} rows holds no transition; give a --buffer-size of at least 2")
         self.layout, self.capacity, self.mirror = layout, int(capacity), layout.mirror
         _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
@@ -155,6 +155,6 @@ def _check_memory(rows: int, row: int) -> None:
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if rows * row > there:
         raise ApplrError(
-            "a replay of %d rows takes %.1f GB, this machine has %.1f GB; give a smaller --buffer-size"
-            % (rows, rows * row / 1e9, there / 1e9)
+            f"a replay of {rows} rows takes {rows * row / 1e9:.1f} GB, this machine has {there / 1e9:.1f} GB; give a "
+            "smaller --buffer-size"
         )

@@ -15,7 +15,7 @@ import json
 import os
 import sqlite3
 import time
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
@@ -212,21 +212,14 @@ class Store:
         with self._refusals():
             return int(self._db.execute(query, values).fetchone()[0])
 
-    def _refusals(self) -> "_Refusals":
-        return _Refusals(self.path)
-
-
-class _Refusals:
-    """Turns what sqlite refuses into a StorageError of one line."""
-
-    def __init__(self, path: Path):
-        self.path = path
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: Any, error: Any, traceback: Any) -> None:
-        if isinstance(error, (sqlite3.Error, OSError)) and not isinstance(error, sqlite3.IntegrityError):
+    @contextmanager
+    def _refusals(self) -> Iterator[None]:
+        """Turns what sqlite refuses into a StorageError of one line."""
+        try:
+            yield
+        except sqlite3.IntegrityError:
+            raise
+        except (sqlite3.Error, OSError) as error:
             raise StorageError(f"{self.path}: cannot be used ({error}); the last checkpoint is intact") from None
 
 

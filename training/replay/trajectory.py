@@ -128,7 +128,7 @@ class Trajectory:
         """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
         t = len(self.reward) if getattr(self.reward, "ndim", 0) == 1 else -1
         if not 1 <= t <= MAX_TRANSITIONS:
-            raise TrajectoryError("a trajectory of %d transitions; 1 to %d are taken" % (t, MAX_TRANSITIONS))
+            raise TrajectoryError(f"a trajectory of {t} transitions; 1 to {MAX_TRANSITIONS} are taken")
         wanted = {
             "scan": (np.uint8, (t + 1, layout.scan)),
             "rest": (np.float32, (t + 1, layout.rest)),
@@ -138,11 +138,9 @@ class Trajectory:
         for name, (dtype, shape) in wanted.items():
             array = getattr(self, name)
             if array.dtype != dtype or array.shape != shape:
-                raise TrajectoryError(
-                    "%s is %s %s, %s %s is needed" % (name, array.dtype, array.shape, np.dtype(dtype), shape)
-                )
+                raise TrajectoryError(f"{name} is {array.dtype} {array.shape}, {np.dtype(dtype)} {shape} is needed")
             if dtype == np.float32 and not np.isfinite(array).all():
-                raise TrajectoryError("%s holds NaN or inf" % name)
+                raise TrajectoryError(f"{name} holds NaN or inf")
         if t and (np.abs(self.action) > 1.0 + 1e-6).any():
             raise TrajectoryError("an action lies outside [-1, 1]")
 

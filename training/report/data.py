@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
@@ -82,22 +83,22 @@ class Results:
     def __init__(self, folder: os.PathLike | str, joined: Sequence[os.PathLike | str] = ()):
         self.folder, self.joined = Path(folder), [Path(other) for other in joined]
         self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
-        rows, measures, resolved = [], [], set()
+        rows, resolved, key = [], set(), itemgetter(*KEY)
         for place in (self.folder, *self.joined):
             if place.resolve() in resolved:
-                raise ApplrError("%s: given twice, so that its trials would count twice; join it once" % place)
+                raise ApplrError(f"{place}: given twice, so that its trials would count twice; join it once")
             resolved.add(place.resolve())
             found = read_rows(place / TRIALS, COLUMNS)
             for driven in dict.fromkeys((row["world"], row["method"]) for row in found):
                 if self._folder_of.setdefault(driven, place) != place:
                     raise ApplrError(
-                        "%s and %s both have %s of %s; join other worlds or other methods"
-                        % (self._folder_of[driven], place, *driven)
+                        f"{self._folder_of[driven]} and {place} both have {driven[0]} of {driven[1]}; join other "
+                        "worlds or other methods"
                     )
-            rows += found
-            measures += read_rows(place / MEASURES_FILE, MEASURES)
+            measures = {key(row): row for row in read_rows(place / MEASURES_FILE, MEASURES)}
+            rows += [{**row, **measures[key(row)]} for row in found]
         if not rows:
-            raise ApplrError("%s holds no trials; give a folder that evaluate.py wrote" % self.folder)
+            raise ApplrError(f"{self.folder} holds no trials; give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._digests = {tuple(self.settings["worlds"]): self.settings["worlds_sha256"]}
         for place in self.joined:
@@ -114,9 +115,9 @@ class Results:
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
         self.rivals = [m for m in self.methods if m != self.baseline]
         try:
-            self.cells = self._cells(rows, measures)
+            self.cells = self._cells(rows)
         except ValueError as error:
-            raise ApplrError("%s: %s; evaluate anew into another folder" % (self.folder / TRIALS, error)) from None
+            raise ApplrError(f"{self.folder / TRIALS}: {error}; evaluate anew into another folder") from None
 
     def _join(self, place: Path) -> None:
         """Takes over another evaluation's worlds and methods. Raises ApplrError where something else differs, too."""
@@ -128,7 +129,7 @@ class Results:
         methods, more = here["methods"], there["methods"]
         other += [name for name in methods if name in more and methods[name] != more[name]]
         if other:
-            raise ApplrError("%s: driven with another %s than %s; it cannot be joined" % (place, other[0], self.folder))
+            raise ApplrError(f"{place}: driven with another {other[0]} than {self.folder}; it cannot be joined")
         here["methods"] = {**methods, **more}
         known = set(here["worlds"])
         for name, spec in zip(there["worlds"], there["world_specs"]):
@@ -145,16 +146,10 @@ class Results:
         return read_trace(place, world, method, trial) if place else None
 
     @staticmethod
-    def _cells(rows: List[Dict[str, str]], measures: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:
-        def key(row: Dict[str, str]) -> Tuple[str, ...]:
-            return tuple(row[name] for name in KEY)
-
-        extra = {key(row): row for row in measures}
-        nothing = dict.fromkeys(MEASURES, "nan")
+    def _cells(rows: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:
         found: Dict[str, Dict[str, List[Dict[str, str]]]] = {}
         for row in rows:
-            trial = {**nothing, "reason": "", **extra.get(key(row), {}), **row}
-            found.setdefault(row["method"], {}).setdefault(row["world"], []).append(trial)
+            found.setdefault(row["method"], {}).setdefault(row["world"], []).append(row)
         return {method: {world: _cell(trials) for world, trials in worlds.items()} for method, worlds in found.items()}
 
     def of_set(self, name: str) -> List[str]:

@@ -66,8 +66,8 @@ def times(results: Results, folder: Path) -> Optional[str]:
             if len(x) > 2:
                 ax.plot(x, np.polyval(np.polyfit(x, y, 1), x), "--", lw=1.4, color=shade[method])
         ax.set(
-            title="%s worlds" % name,
-            xlabel="world, in the order of %s's mean" % results.baseline,
+            title=f"{name} worlds",
+            xlabel=f"world, in the order of {results.baseline}'s mean",
             ylabel="mean time of successful trials [s]",
             ylim=(0, None),
         )
@@ -89,12 +89,12 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     draw(ax, world, path=False)
     for method, trace in traces.items():
         cell = results.cells[method][name]
-        said = "%.1f s" % cell.time[0] if cell.success[0] else cell.reason[0] or "failed"
-        ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label="%s: %s" % (method, said))
+        said = f"{cell.time[0]:.1f} s" if cell.success[0] else cell.reason[0] or "failed"
+        ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label=f"{method}: {said}")
     _frame(ax, world, traces)
-    ax.set_title("%s: driven paths, first trial of each method" % name)
+    ax.set_title(f"{name}: driven paths, first trial of each method")
     ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-    return _save(figure, folder, "paths_%s.png" % _file(name))
+    return _save(figure, folder, f"paths_{_file(name)}.png")
 
 
 def profile(results: Results, folder: Path, name: str, method: str) -> Optional[str]:
@@ -117,7 +117,7 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
     _frame(map_, world, {method: trace})
     handles = [h for h in zip(*map_.get_legend_handles_labels()) if h[1] in [label for label, _ in REGIONS]]
     map_.legend(*zip(*handles), fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False)
-    map_.set_title("%s, %s" % (name, method))
+    map_.set_title(f"{name}, {method}")
     begins = np.append(trace["decided"], max(trace["time"][-1], trace["decided"][-1]))
     for i, ax in enumerate(axes[:, 1:].ravel()):
         if i >= len(space):
@@ -132,7 +132,7 @@ def profile(results: Results, folder: Path, name: str, method: str) -> Optional[
         ax.title.set_fontsize(9)
         if i >= len(space) - 2:
             ax.set_xlabel("time [s]")
-    return _save(figure, folder, "profile_%s_%s.png" % (_file(name), _file(method)))
+    return _save(figure, folder, f"profile_{_file(name)}_{_file(method)}.png")
 
 
 def _shade(ax, time: np.ndarray, regions: np.ndarray) -> None:

@@ -27,8 +27,8 @@ def table_1(results: Results) -> Table:
                 "time [s]": number(mean),
                 "95 % interval": span(low, high),
                 "two-second decisions": number(mean / PERIOD),
-                "successes": "%d of %d" % (success.sum(), len(success)),
-                "faster than %s [s]" % results.baseline: number(base - own) if rival else NONE,
+                "successes": f"{success.sum():.0f} of {len(success)}",
+                f"faster than {results.baseline} [s]": number(base - own) if rival else NONE,
                 "faster [%]": number(100 * gain, 1) if rival else NONE,
                 "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
                 "paper [decisions]": number(stated),
@@ -42,8 +42,7 @@ def table_1(results: Results) -> Table:
         "Means over the successful trials of all worlds, differences over the worlds that both have driven; intervals "
         "by bootstrap over worlds. In two-second decisions: seconds / 2, as the paper's numbers are to be read.",
         paper.UNIT,
-        "The paper's improvement: training %s, test %s. %s"
-        % (paper.GAIN["Training"], paper.GAIN["Test"], paper.GAIN_SLIP),
+        f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
     )
 
 
@@ -59,11 +58,11 @@ def table_2(results: Results) -> Table:
             {
                 "worlds": name,
                 "method": method,
-                "tested": "%d of %d" % (sum(not np.isnan(v.p) for v in verdicts), len(verdicts)),
+                "tested": f"{sum(not np.isnan(v.p) for v in verdicts)} of {len(verdicts)}",
                 "method better": shares[0],
-                "%s better" % base: shares[1],
+                f"{base} better": shares[1],
                 "method better (Holm)": shares[2],
-                "%s better (Holm)" % base: shares[3],
+                f"{base} better (Holm)": shares[3],
                 "paper: applr better": stated[0],
                 "paper: dwa better": stated[1],
             }
@@ -90,15 +89,16 @@ def table_3(results: Results) -> Table:
             stated = (NONE, NONE)
             if (method, base) == ("applr", "dwa"):
                 mark = " (*)" if (third, part) in paper.SWAPPED else ""
-                stated = ("%d %%" % paper.THIRDS[third, part][0], "%d %%%s" % (paper.THIRDS[third, part][1], mark))
+                theirs = paper.THIRDS[third, part]
+                stated = f"{theirs[0]} %", f"{theirs[1]} %{mark}"
             rows.append(
                 {
-                    "worlds": "%s %s" % (third, part),
+                    "worlds": f"{third} {part}",
                     "method": method,
                     "n": str(len(both)),
                     "method better": share(better, len(both)),
-                    "%s better" % base: share(worse, len(both)),
-                    "%s mean time, all trials [s]" % base: number(results.pooled(base, worlds, "counted").mean()),
+                    f"{base} better": share(worse, len(both)),
+                    f"{base} mean time, all trials [s]": number(results.pooled(base, worlds, "counted").mean()),
                     "paper: applr better": stated[0],
                     "paper: dwa better": stated[1],
                 }
@@ -107,8 +107,8 @@ def table_3(results: Results) -> Table:
         "table_3",
         "Table III: the same by difficulty",
         rows,
-        "Thirds of all training and test worlds of this evaluation, by %s's mean time over all trials "
-        "(a failed one counts as the limit)." % base,
+        f"Thirds of all training and test worlds of this evaluation, by {base}'s mean time over all trials "
+        "(a failed one counts as the limit).",
         "(*) " + paper.SWAP_SLIP,
     )
 
@@ -125,10 +125,10 @@ def table_4(results: Results) -> Table:
         rows.append(
             {
                 "method": method,
-                "time [s] (mean ± sd)": "%.1f ± %.1f" % (times.mean(), deviation) if len(times) else NONE,
-                "successes": "%d of %d" % (cell.success.sum(), len(cell.success)),
-                "failures": "; ".join("%d: %s" % (failures.count(r), r) for r in dict.fromkeys(failures)) or "none",
-                "contacts": "%d of %d" % (cell.collided.sum(), len(cell.collided)),
+                "time [s] (mean ± sd)": f"{times.mean():.1f} ± {deviation:.1f}" if len(times) else NONE,
+                "successes": f"{cell.success.sum()} of {len(cell.success)}",
+                "failures": "; ".join(f"{failures.count(r)}: {r}" for r in dict.fromkeys(failures)) or "none",
+                "contacts": f"{cell.collided.sum()} of {len(cell.collided)}",
                 "paper [s]": paper.PHYSICAL.get(method, NONE),
             }
         )

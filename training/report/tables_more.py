@@ -26,8 +26,8 @@ def rates(results: Results) -> Table:
             scores = [statistics.barn_metric(c, float(lower)) for c in cells]
             sums, counts = np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])
             value, low, high = statistics.over_worlds([sums, counts], statistics.ratio)
-            row["metric, %d OT" % lower] = number(value, 3)
-            row["95 %% interval, %d OT" % lower] = span(low, high, 3)
+            row[f"metric, {lower} OT"] = number(value, 3)
+            row[f"95 % interval, {lower} OT"] = span(low, high, 3)
         rows.append(row)
     return Table.of(
         "rates",
@@ -147,7 +147,7 @@ def methods(results: Results) -> Table:
             if isinstance(value, dict):
                 items = value.items()
                 value = ", ".join(("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items)
-            parts.append("%s: %s" % (key, value))
+            parts.append(f"{key}: {value}")
         rows.append({"method": name, "what it is": "; ".join(parts) or NONE})
     return Table.of("methods", "Methods", rows)
 
@@ -155,14 +155,14 @@ def methods(results: Results) -> Table:
 def _p(value: float) -> str:
     if np.isnan(value):
         return NONE
-    return "< 0.0001" if value < 1e-4 else "%.4f" % value
+    return "< 0.0001" if value < 1e-4 else f"{value:.4f}"
 
 
 def _rate(flags: np.ndarray) -> str:
     if not len(flags):
         return NONE
     low, high = statistics.wilson(int(flags.sum()), len(flags))
-    return "%.1f (%.1f to %.1f)" % (100 * flags.mean(), 100 * low, 100 * high)
+    return f"{100 * flags.mean():.1f} ({100 * low:.1f} to {100 * high:.1f})"
 
 
 MORE = [pairs, rates, smoothness, ablation, methods]
