@@ -19,10 +19,6 @@ from training.common.options import Options, argument, option
 from training.env.episode import CONTROL_PERIOD
 
 
-class DemonstrationError(ApplrError):
-    """The demonstrator did not get through; one line."""
-
-
 def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said=None) -> dict:
     """Drive one course with the simulator's robot and write the bag, its scans at the laser's rate.
 
@@ -38,7 +34,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
         a dict with seconds, metres, speed [m/s] and contacts.
 
     Raises:
-        DemonstrationError: the course was not finished within `limit` seconds.
+        ApplrError: the course was not finished within `limit` seconds.
         StorageError: the bag cannot be written.
     """
     robot = simulator.robot
@@ -54,7 +50,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
             while not world.course.done(*state.pose[:2]):
                 now = 1.0 + state.time
                 if state.time - began > limit or state.flipped:
-                    raise DemonstrationError(
+                    raise ApplrError(
                         f"{world.name}: not through after {state.time - began:.0f} s; the demonstration is not usable"
                     )
                 scans = state.time + 1e-6 >= scan_due
@@ -71,9 +67,9 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
                 contacts += bool(state.contact)
                 if state.contact:
                     writer.contact(1.0 + state.time)
-        except (KeyboardInterrupt, DemonstrationError) as stopped:
+        except (KeyboardInterrupt, ApplrError) as stopped:
             writer.told(1.0 + state.time, **source, partial=True)
-            why = str(stopped) or "stopped after %.0f s" % (state.time - began)
+            why = str(stopped) or f"stopped after {state.time - began:.0f} s"
             raise type(stopped)(f"{why}; {bag} holds a part of a demonstration, and says so") from None
     seconds = state.time - began
     return {
@@ -107,8 +103,8 @@ def run(options: DemonstrateOptions) -> None:
     said = {"simulator": options.simulator, "robot": options.robot.name}
     found = demonstrate(world, simulator, options.bag, options.seed, said=said)
     print(
-        "%s: %s demonstrated by a script in %.1f s, %.1f m at %.2f m/s, %d contacts"
-        % (options.bag, world.name, found["seconds"], found["metres"], found["speed"], found["contacts"])
+        f"{options.bag}: {world.name} demonstrated by a script in {found['seconds']:.1f} s, {found['metres']:.1f} m at "
+        f"{found['speed']:.2f} m/s, {found['contacts']} contacts"
     )
 
 
