@@ -20,6 +20,7 @@ from applr_ros1.policy.decision import Context
 from applr_ros1.policy.network import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
+from applr_ros1.robots import JACKAL
 from tests.support.weights import make_weights
 from training.evaluation import trials
 from worlds import builtin
@@ -378,7 +379,7 @@ def test_mirror_images_are_stored_once(tmp_path):
 def test_shipped_policy_says_what_made_it_and_drives():
     """models/applr.safetensors is what method:=applr takes; three test worlds, every one faster than with theta_0."""
     method = methods.make("applr")
-    assert (method.period, method.path) == (1.0, methods.shipped())
+    assert (method.period, method.path) == (1.0, methods.shipped(robot=JACKAL))
     told = method.policy.metadata
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]

@@ -28,11 +28,12 @@ POLICY = "applr.safetensors"  # of a robot alone, or of every robot
 OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
 
 
-def shipped(name: str = POLICY, robot: Robot = JACKAL) -> str:
+def shipped(name: str = POLICY, robot: Optional[Robot] = None) -> str:
     """Path of a file that a method drives with: in the robot's folder, else of the policy for every robot."""
-    own = os.path.join(robot.folder, name)
-    if name != POLICY or os.path.exists(own):
-        return own
+    if robot is not None:
+        own = os.path.join(robot.folder, name)
+        if name != POLICY or os.path.exists(own):
+            return own
     return os.path.join(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))), "models", name)
 
 

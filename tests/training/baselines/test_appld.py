@@ -14,7 +14,7 @@ import worlds
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from applr_ros1.robots import load
+from applr_ros1.robots import JACKAL, load
 from training import appld
 from training.bags.reader import TopicNames
 from training.baselines.appld import classifier as appld_classifier
@@ -163,7 +163,7 @@ def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_
 
 def test_shipped_file_drives():
     """The included file is one of these, and its card says that a script demonstrated."""
-    path = methods.shipped("appld.safetensors")
+    path = methods.shipped("appld.safetensors", JACKAL)
     found = runtime.Appld.load(path)
     assert 2 <= len(found.names) <= 8
     assert "scripted" in json.loads(found.metadata["training"])["demonstrations"][0]["demonstrator"]
