@@ -13,7 +13,6 @@ from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.nodes.tools import demo, record
 from applr_ros1.policy import methods
-from applr_ros1.robots import load
 from tests.support import ROOT
 
 pytestmark = pytest.mark.ros
@@ -174,18 +173,6 @@ def test_the_demo_ends_when_a_node_has_failed_or_a_person_ends_it():
     stack._interrupt()
     with pytest.raises(KeyboardInterrupt):
         stack.check()
-
-
-@pytest.mark.parametrize(
-    ("given", "frame"),
-    [({}, "odom_combined"), ({"tf_prefix": "robot1"}, "robot1/odom_combined"), ({"frame": "here"}, "here")],
-)
-def test_a_goal_is_sent_in_the_frame_of_the_robots_odometry(given, frame, tmp_path, monkeypatch):
-    from applr_ros1.nodes.tools import send_goal
-
-    given["robot"] = described(tmp_path / "crate", r"odom: odom\}", "odom: odom_combined}")
-    monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: given.get(name.strip("~"), default))
-    assert send_goal.frame(load(given["robot"])) == frame
 
 
 def test_poses_and_switches_are_read_as_launch_files_write_them():
