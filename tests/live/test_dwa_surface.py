@@ -54,7 +54,7 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 
 def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(master, node):
-    """The Husky's parameters and policy. The layers of these parameter files have other names than the Husky's."""
+    """The Husky's parameters and best single set. The layers of these parameter files have other names than the Husky's."""
     import actionlib
     import rospy
     from applr_ros1.msg import Decision
@@ -75,7 +75,7 @@ def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds
         wanted = space.requests(theta)["DWAPlannerROS"].items()
         return any(wanted <= values.items() for values in in_force)
 
-    applr = master.python("-m", "applr_ros1.scripts.applr", "_robot:=husky", "_period:=0.4")
+    applr = master.python("-m", "applr_ros1.scripts.applr", "_robot:=husky", "_method:=static", "_period:=0.4")
     wait_for(lambda: has(space.theta0) or not applr.alive(), 10.0, "the Husky's own parameters")
     kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)
     for topic, kind in kinds.items():
