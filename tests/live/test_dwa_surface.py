@@ -54,7 +54,7 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 
 def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds(master, node):
-    """The Husky's parameters and best single set. The layers of these parameter files have other names than the Husky's."""
+    """The Husky's best single set. The layers of these parameter files have other names than the Husky's."""
     import actionlib
     import rospy
     from applr_ros1.msg import Decision
