@@ -23,8 +23,6 @@ from applr_ros1.common import angles as angles_of
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.animation import STEP
 from applr_ros1.drives.picture import Drive, View
-from applr_ros1.msg import Parameters
-from applr_ros1.nodes.viewer.listening import Listener
 from applr_ros1.policy.parameter_space import space_of
 from sim_bridge.ros_bridge import BASE_TIME
 
@@ -47,14 +45,18 @@ class Observer:
     def __init__(self, robot, world, scan, frame):
         self.world, self._robot, self._frame = world, robot, frame
         self.track, self.contacts, self.views, self._yaw = [], [], [], 0.0  # _yaw: the newest true heading [rad]
-        self._scanned, self._began, self.client = False, None, None
+        self._seen, self._began, self.client = {}, None, None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         self._scan = "/" + scan.lstrip("/")
         planner = "/move_base/" + robot.local_planner
         self._paths, self._cloud = ("/move_base/NavfnROS/plan", planner + "/local_plan"), planner + "/trajectory_cloud"
         space = space_of(robot)
         rospy.Subscriber(self._scan, LaserScan, self._on_scan, queue_size=50, buff_size=2**24)
-        self._listener = Listener(robot.frames.odom)
+        for topic in self._paths:
+            self._keep(topic, Path)
+        self._keep(self._cloud, PointCloud2)
+        self._keep("/move_base/status", GoalStatusArray)
+        self._keep("/applr/parameters", rospy.AnyMsg)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         self.parameters = {name: [] for _, name in space.places()}
@@ -65,9 +67,9 @@ class Observer:
 
     def parts(self):
         """(name, function that says whether it is up) in the order in which they come up."""
-        yield "simulator", lambda: self._scanned and self.track
+        yield "simulator", lambda: self._scan in self._seen and self.track
         yield "move_base", self._move_base_up
-        yield "applr", lambda: self._listener.newest("/applr/parameters", Parameters)
+        yield "applr", lambda: "/applr/parameters" in self._seen
 
     def drive(self, pose, limit, say, check):
         """Send the goal `pose` (frame odom); watch until it is reached, given up, or `limit` simulated seconds pass.
@@ -139,15 +141,20 @@ class Observer:
             self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         action = self.client.action_client
         return (
-            self._listener.newest("/move_base/status", GoalStatusArray)
+            "/move_base/status" in self._seen
             and action.pub_goal.get_num_connections() > 0
             and action.pub_cancel.get_num_connections() > 0
             and action.result_sub.get_num_connections() > 0
         )
 
+    def _keep(self, topic, kind):
+        rospy.Subscriber(
+            topic, kind, lambda message: self._seen.__setitem__(topic, message), queue_size=1, buff_size=2**24
+        )
+
     def _on_scan(self, message):
         """Keeps the scan, and every tenth of a simulated second what was known, in the world's frame."""
-        self._scanned = True
+        self._seen[self._scan] = message
         if not self.track or self.views and 0.0 <= self.track[-1][0] - self.views[-1].time < STEP - 1e-6:
             return
         now, x, y = self.track[-1][:3]
@@ -163,14 +170,14 @@ class Observer:
 
     def _path(self, topic):
         """(n, 2) of the newest path on a topic in the world's frame, which is the map's; odom's origin is the start."""
-        message = self._listener.newest(topic, Path)
+        message = self._seen.get(topic)
         points = [(p.pose.position.x, p.pose.position.y) for p in message.poses] if message is not None else []
         on_map = message is not None and message.header.frame_id == self._robot.frames.map
         return np.array(points, dtype=np.float64).reshape(-1, 2) + (0.0 if on_map else self.world.course.start[:2])
 
     def _samples(self):
         """(n, 2) of the newest sampled trajectories, in the world's frame."""
-        message = self._listener.newest(self._cloud, PointCloud2)
+        message = self._seen.get(self._cloud)
         rows = np.empty((0, 2)) if message is None else np.frombuffer(message.data, "<f4").reshape(message.width, -1)
         return rows[:, :2].astype(np.float64) + self.world.course.start[:2]
 
