@@ -5,6 +5,7 @@ import struct
 
 import pytest
 
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools.teleop_input import Joystick, Keyboard, VelocitySmoother
 from tests.support import ROOT
 
@@ -79,7 +80,7 @@ def test_joystick_device(tmp_path):
 def test_devices_that_are_not_there_are_named():
     with pytest.raises(OSError, match="/nowhere/js0"):
         Joystick("/nowhere/js0")
-    with open(os.devnull) as given, pytest.raises(OSError, match="no terminal"):
+    with open(os.devnull) as given, pytest.raises(ApplrError, match="no terminal"):
         Keyboard(given)
 
 
