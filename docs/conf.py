@@ -1,5 +1,6 @@
 """Configuration of the documentation site. `./applr docs` builds it into docs/_build."""
 
+import logging
 import sys
 import xml.etree.ElementTree as xml
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE / "_ext")]
 
+logging.getLogger("rospy").setLevel(logging.WARNING)  # autodoc imports nodes
 project = "applr_ros1"
 author = "applr_ros1 contributors"
 copyright = "applr_ros1 contributors, MIT licence"  # noqa: A001 (the name that Sphinx reads)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import zlib
 from dataclasses import replace
-from typing import Any, Dict, Optional, Tuple, Union
+from typing import Any, Dict, Optional, Tuple
 
 import numpy as np
 
@@ -62,7 +62,7 @@ class Episode:
     end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
     record          keep .trace
     robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
-    monitor         whether the robot's collision monitor stands between the planner and the base; or a CollisionMonitor
+    monitor         whether the robot's collision monitor stands between the planner and the base
 
     The goal is sent once, as the authors' and the BARN runner do. A planner that aborts it leaves the robot standing
     until the limit: that cannot change any more, so the trial ends at once as a failure that took the whole limit.
@@ -77,14 +77,10 @@ class Episode:
         end_on_collision: bool = False,
         record: bool = False,
         period: float = PERIOD,
-        monitor: Union[CollisionMonitor, bool] = False,
+        monitor: bool = False,
     ):
         self.simulator, self.move_base = simulator, move_base
-        self.monitor: Optional[CollisionMonitor] = None
-        if isinstance(monitor, CollisionMonitor):
-            self.monitor = monitor
-        elif monitor:
-            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
+        self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
         self.robot, self.space = robot, space_of(robot)
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle

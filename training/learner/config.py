@@ -69,8 +69,6 @@ class ActorOptions(Options):
         "other in the learner's own process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
     ray_address: str = option("",
         "Run the actors on Ray: HOST:PORT of a cluster, or local to start Ray on this machine.")
-    broadcast_interval: int = option(25,
-        "Number of gradient steps after which the actors get the newest policy.", ge=1, le=10**9)
     exploration_noise_initial: float = option(0.5,
         "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.", ge=0, le=2)
     exploration_noise_final: float = option(0.02,
@@ -185,11 +183,6 @@ class TrainConfig(
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")
-        if self.actors and 0 < self.max_policy_lag < self.broadcast_interval:  # all episodes would soon be too old
-            raise ApplrError(
-                f"--max-policy-lag is {self.max_policy_lag}, but the actors get a new policy every "
-                f"{self.broadcast_interval} gradient steps only: give {self.broadcast_interval} or more"
-            )
         if self.env != NAVIGATION and self.mirror:
             raise ApplrError("--mirror is for the navigation task: leave it out, or --env")
         return self

@@ -53,9 +53,6 @@ class LearnerOptions(TD3Options):
     buffer_size: int = option(0,
         "Number of rows of the replay buffer; an episode takes one more row than it has transitions. 0 holds all "
         "transitions of --total-timesteps and a tenth more.", fixed=True, ge=0, le=MOST_ROWS)
-    max_policy_lag: int = option(0,
-        "Largest age, in gradient steps, of the policy that drove an episode; older episodes are refused. 0 accepts "
-        "all episodes and only reports the policies' age.", ge=0, le=10**9)
     # fmt: on
 
 
@@ -102,7 +99,9 @@ class Learner:
         try:
             trajectory = Trajectory.unpack(blob)
             self.replay.check(trajectory)
-            self._check_age(trajectory)
+            version = trajectory.info.get("version", 0)
+            if type(version) is not int:
+                raise TrajectoryError(f"policy version {version!r:.40} is not a whole number")
             self.store.append(trajectory, blob)
         except TrajectoryError as error:
             self.refused[str(error)] += 1
@@ -113,13 +112,6 @@ class Learner:
     def _add(self, trajectory: Trajectory) -> None:
         self.replay.add(trajectory)
         self.lag.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
-
-    def _check_age(self, trajectory: Trajectory) -> None:
-        version = trajectory.info.get("version", 0)
-        if type(version) is not int:
-            raise TrajectoryError(f"policy version {version!r:.40} is not a whole number")
-        if 0 < self.options.max_policy_lag < self.td3.updates - version:
-            raise TrajectoryError(f"its policy was more than {self.options.max_policy_lag} updates old")
 
     # -- learning ----------------------------------------------------------------------------------
     @property

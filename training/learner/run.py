@@ -43,6 +43,7 @@ from training.replay.trajectory import Trajectory
 
 MANY_ERRORS = 20  # failed episodes in a row: something is wrong with all of them
 MANY_REFUSALS = 200  # the same of episodes that the learner does not take; some are normal after a resume
+BROADCAST_INTERVAL = 25  # gradient steps after which the actors get the newest policy
 CHECKPOINT_SECONDS = 120.0  # between two checkpoints
 STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of the progress bar's figures
 
@@ -237,7 +238,7 @@ class TrainingRun:
 
     def _publish(self) -> None:
         updates = self.learner.td3.updates
-        interval = self.config.broadcast_interval if self.config.actors else 1
+        interval = BROADCAST_INTERVAL if self.config.actors else 1
         if self._published < 0 or updates >= self._published + interval:
             self.pool.publish(updates, safetensors.numpy.save(self.learner.td3.actor_weights()))
             self._published = updates

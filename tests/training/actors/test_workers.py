@@ -199,25 +199,23 @@ def trajectory(number, version=0, **change):
 
 @pytest.mark.fault("20")
 def test_the_learner_refuses_and_counts_what_is_wrong_and_goes_on(tmp_path):
-    options = LearnerOptions(
-        net_arch=[8], batch_size=8, buffer_size=1000, utd_ratio=1.0, device="cpu", max_policy_lag=15
-    )
+    options = LearnerOptions(net_arch=[8], batch_size=8, buffer_size=1000, utd_ratio=1.0, device="cpu")
     learner = Learner(LAYOUT, options, tmp_path)
     broken = trajectory(3)
     broken.reward[1] = np.nan
     import pickle
 
     nonsense = b"", b"nonsense" * 20, broken.pack(), pickle.dumps([1])
-    late = trajectory(4, version=0), trajectory(5, version=9), trajectory(6, version="new")
+    late = trajectory(5, version=9), trajectory(6, version="new")
     good = trajectory(1), trajectory(1), trajectory(2)
-    one, again, two, old, new, odd = (each.pack() for each in (*good, *late))
-    for blob in (one, again, *nonsense, two, old, new, odd):
+    one, again, two, new, odd = (each.pack() for each in (*good, *late))
+    for blob in (one, again, *nonsense, two, new, odd):
         learner.take(blob)
         learner.train()
     assert learner.transitions == 30
     assert learner.td3.updates == 30
     reasons = " | ".join(learner.refused)
-    words = "came twice", "truncated", "not a safetensors file", "NaN", "more than 15 updates old", "not a whole number"
+    words = "came twice", "truncated", "not a safetensors file", "NaN", "not a whole number"
     assert all(part in reasons for part in words), reasons
     assert learner.lag.most == 11
     assert learner.lag.count == 3
