@@ -23,7 +23,6 @@ from training.learner.config import TrainConfig, parse
         (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
         (["--env", "os:getcwd"], "--env os:getcwd cannot be made: TypeError: it is no gymnasium.Env"),
         (["--mirror"], "--mirror is for the navigation task"),
-        (["--actors", "1", "--max-policy-lag", "10"], "--max-policy-lag is 10, .*: give 25 or more"),
         (["--symmetric"], "no scan and angle to mirror"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
