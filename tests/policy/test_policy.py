@@ -377,7 +377,7 @@ def test_mirror_images_are_stored_once(tmp_path):
 
 
 def test_shipped_policy_says_what_made_it_and_drives():
-    """models/applr.safetensors is what method:=applr takes; three test worlds, every one faster than with theta_0."""
+    """The Jackal's own file is what method:=applr takes; three test worlds, every one faster than with theta_0."""
     method = methods.make("applr")
     assert (method.period, method.path) == (1.0, methods.shipped(robot=JACKAL))
     told = method.policy.metadata

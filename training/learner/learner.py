@@ -95,7 +95,7 @@ class Learner:
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, blob: bytes) -> Optional[Trajectory]:
-        """One packed trajectory from an actor. Malformed, repeated or too old ones are counted and dropped: None."""
+        """One packed trajectory from an actor. Malformed or repeated ones are counted and dropped: None."""
         try:
             trajectory = Trajectory.unpack(blob)
             self.replay.check(trajectory)
