@@ -2,7 +2,8 @@
 
 Every compiled function of the package carries it. numba compares only the file in which a kernel stands: a change in a
 function or constant that the kernel takes from another file would go unnoticed. Therefore the folder is named by a hash
-of all sources with kernels, so that versions of the package side by side have folders of their own.
+of all sources of the kernel's package, so that versions of a package side by side have folders of their own, and a
+change in one package leaves the machine code of the others.
 
 The folder lies in `NUMBA_CACHE_DIR`, in `~/.cache`, or in the folder for temporary files: the first of them in which
 this user alone can write, since machine code is loaded from it. Without any, each process compiles anew.
@@ -22,8 +23,8 @@ from typing import Any, Callable
 import numba
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("applr_ros1/planner", "applr_ros1/monitor", "sim_bridge")  # folders with kernels and what these take
-KEPT = 8  # folders; beyond, those that were unused longest are removed
+PACKAGES = ("applr_ros1/planner", "applr_ros1/monitor", "sim_bridge")  # each has all that its own kernels take
+KEPT = 24  # folders; beyond, those that were unused longest are removed
 
 
 def kernel(function: Callable | None = None, **options: Any) -> Any:
@@ -39,20 +40,22 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
     if function is None:
         return functools.partial(kernel, **options)
     # numba keeps code by the path of its file, and a catkin workspace reaches this repository through links
-    function.__code__ = function.__code__.replace(co_filename=os.path.realpath(function.__code__.co_filename))
+    path = os.path.realpath(function.__code__.co_filename)
+    function.__code__ = function.__code__.replace(co_filename=path)
+    folder = cache_folder(next(name for name in PACKAGES if (ROOT / name) in Path(path).parents))
     config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, cache_folder()
+    before, config.CACHE_DIR = config.CACHE_DIR, folder
     try:
-        return numba.njit(cache=bool(cache_folder()), **options)(function)
+        return numba.njit(cache=bool(folder), **options)(function)
     finally:
         config.CACHE_DIR = before
 
 
 @functools.lru_cache(maxsize=None)
-def cache_folder() -> str:
-    """The folder of this version's machine code, made if it is missing; "" if this user alone can write in none."""
+def cache_folder(package: str) -> str:
+    """The folder for machine code of one of PACKAGES, made if it is missing; "" if this user alone can write in none."""
     sources = hashlib.sha256()
-    for path in sorted(path for folder in SOURCES for path in (ROOT / folder).rglob("*.py")):
+    for path in sorted((ROOT / package).rglob("*.py")):
         sources.update(path.read_bytes())
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     places = [os.path.join(home, "applr_ros1"), os.path.join(tempfile.gettempdir(), f"applr_ros1-{os.getuid()}")]

@@ -77,6 +77,14 @@ def test_a_change_in_another_file_is_noticed_and_versions_lie_side_by_side(start
     assert result(start("old")) == [6, 6.5, 0]
 
 
+def test_a_change_in_another_package_compiles_nothing(start, tmp_path):
+    assert result(start("code")) == [6, 6.5, 2]
+    other = tmp_path / "code" / "applr_ros1" / "monitor" / "other.py"
+    other.parent.mkdir()
+    other.write_text("A = 1")
+    assert result(start("code")) == [6, 6.5, 0]
+
+
 def test_processes_fill_one_folder_together(start):
     together = [start("code") for _ in range(4)]
     assert [result(process)[:2] for process in together] == [[6, 6.5]] * 4
@@ -97,7 +105,7 @@ def test_a_user_without_a_home_gets_no_folder_in_the_current_one(monkeypatch, tm
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(kernels.os.path, "expanduser", lambda path: path)  # as where the user has no entry either
     monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
-    assert os.path.dirname(kernels.cache_folder.__wrapped__()) == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
+    assert os.path.dirname(kernels.cache_folder.__wrapped__(kernels.PACKAGES[0])) == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
     assert os.listdir(tmp_path) == ["tmp"]
 
 
@@ -106,6 +114,6 @@ def test_folders_of_old_versions_are_removed(monkeypatch, tmp_path):
     for number in range(40):
         (tmp_path / "applr_ros1" / f"{number:016}").mkdir(parents=True)
         os.utime(tmp_path / "applr_ros1" / f"{number:016}", (number, number))
-    folder = kernels.cache_folder.__wrapped__()
+    folder = kernels.cache_folder.__wrapped__(kernels.PACKAGES[0])
     left = {path.name for path in (tmp_path / "applr_ros1").iterdir()}
-    assert left == {os.path.basename(folder), *(f"{number:016}" for number in range(33, 40))}
+    assert left == {os.path.basename(folder), *(f"{number:016}" for number in range(17, 40))}
