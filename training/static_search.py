@@ -26,7 +26,17 @@ from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import Robot
 from training.actors.tasks import RunnerSpec
 from training.baselines.set_search import SearchOptions, SetTrials, choose, explore, finalists
-from training.common.command_line import AnyRobot, Planner, RayAddress, SimulatorName, Workers, continuable, parsed
+from training.common.command_line import (
+    AnyRobot,
+    Monitor,
+    Planner,
+    ProtocolName,
+    RayAddress,
+    SimulatorName,
+    Workers,
+    continuable,
+    parsed,
+)
 from training.common.folders import make_folder
 from training.common.options import option
 from training.evaluation.remembered import RememberedTrials
@@ -43,6 +53,8 @@ class StaticOptions(SearchOptions):
     robot: AnyRobot
     simulator: SimulatorName = "kinematic"
     planner: Planner
+    protocol: ProtocolName
+    monitor: Monitor
     workers: Workers
     ray_address: RayAddress
     start: List[str] = option([],
@@ -74,7 +86,8 @@ def run(arguments: List[str]) -> None:
     stem = str(Path(options.out).with_suffix(""))
     make_folder(Path(options.out).parent)
     worlds, final_worlds = (
-        [w[:2] for w in world_list(text, "paper", options.robot)] for text in (options.worlds, options.final_worlds)
+        [w[:2] for w in world_list(text, options.protocol, options.robot)]
+        for text in (options.worlds, options.final_worlds)
     )
     space = space_of(options.robot)
     starts = [start(path, space) for path in options.start] or [space.theta0]
@@ -82,8 +95,9 @@ def run(arguments: List[str]) -> None:
 
     @contextmanager
     def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> Iterator[SetTrials]:
-        made = {"simulator": simulator, "planner_frequency": planner_frequency, "robot": options.robot.folder}
-        table = TrialTable(stem + "_trials.sqlite", [simulator, planner_frequency, options.robot.name])
+        rules = {"simulator": simulator, "protocol": options.protocol, "monitor": options.monitor}
+        made = {**rules, "planner_frequency": planner_frequency, "robot": options.robot.folder}
+        table = TrialTable(stem + "_trials.sqlite", [*rules.values(), planner_frequency, options.robot.name])
         drives = RememberedTrials(RunnerSpec(TRIAL_RUNNER, made), options.workers, options.ray_address, table)
         with closing(table), closing(drives):
             yield SetTrials(drives, worlds, space, options.planner)

@@ -53,7 +53,7 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
 
 @functools.lru_cache(maxsize=None)
 def cache_folder(package: str) -> str:
-    """The folder for machine code of one of PACKAGES, made if it is missing; "" if this user alone can write in none."""
+    """The folder for machine code of one of PACKAGES, made if missing; "" if this user alone can write in none."""
     sources = hashlib.sha256()
     for path in sorted((ROOT / package).rglob("*.py")):
         sources.update(path.read_bytes())

@@ -105,7 +105,8 @@ def test_a_user_without_a_home_gets_no_folder_in_the_current_one(monkeypatch, tm
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(kernels.os.path, "expanduser", lambda path: path)  # as where the user has no entry either
     monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
-    assert os.path.dirname(kernels.cache_folder.__wrapped__(kernels.PACKAGES[0])) == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
+    folder = kernels.cache_folder.__wrapped__(kernels.PACKAGES[0])
+    assert os.path.dirname(folder) == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
     assert os.listdir(tmp_path) == ["tmp"]
 
 

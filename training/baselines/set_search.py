@@ -7,7 +7,7 @@ ranks. At the end the given sets, theta_0, the means of the last generations and
 from __future__ import annotations
 
 import time
-from typing import Any, Callable, Dict, List, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Literal, Sequence, Tuple
 
 import cma
 import numpy as np
@@ -20,7 +20,7 @@ from training.common.command_line import ContactSeconds, Seed
 from training.common.options import Options, option
 from training.evaluation.periodic import CHOOSING
 from training.evaluation.remembered import RememberedTrials
-from training.evaluation.score import CONTACT_SECONDS, summary, trial_seconds
+from training.evaluation.score import CONTACT_SECONDS, barn_metric, summary, trial_seconds
 from training.evaluation.trials import seed_of
 
 FINALISTS = 5  # generations whose means and winners take part in the last race
@@ -73,9 +73,18 @@ class SearchOptions(Options):
     sigma: float = option(0.5,
         "Initial standard deviation of the search, with parameters scaled to [-1, 1].", ge=1e-3, le=2)
     seed: Seed
+    objective: Literal["score", "metric"] = option("score",
+        "What is searched for: the smallest score, the time in seconds of a trial with 100 s for a failure; or the "
+        "largest BARN metric, success x OT / clip(time, 2 OT, 8 OT), where OT is the reference path over 2 m/s.")
     contact_seconds: ContactSeconds = CONTACT_SECONDS
     final_trials: int = option(2, "Number of trials in each world of the last race.", ge=1, le=1000)
     # fmt: on
+
+    def price(self, result: TrialResult) -> float:
+        """What is made small: a trial's score [s], or its negated metric."""
+        if self.objective == "metric":
+            return -float(barn_metric(result.success, result.collided, result.time_s, result.route_m))
+        return trial_seconds(result.success, result.time_s, result.collided, self.contact_seconds)
 
 
 def explore(
@@ -112,7 +121,7 @@ def explore(
             sets,
             halving_blocks([(world, 0) for world in drawn]),
             options.seed + 1000 + generation,
-            options.contact_seconds,
+            options.price,
             halve=True,
         )
         ranks = np.empty(len(candidates))
@@ -164,7 +173,7 @@ def choose(
     order = np.random.default_rng(options.seed).permutation(len(trials.worlds)).tolist()
     jobs = [(world, trial) for trial in range(options.final_trials) for world in order]
     blocks = [jobs[i : i + FINAL_BLOCK] for i in range(0, len(jobs), FINAL_BLOCK)]
-    results, raced = drive_race(trials, np.array(sets), blocks, options.seed, options.contact_seconds)
+    results, raced = drive_race(trials, np.array(sets), blocks, options.seed, options.price)
     table = [_line(trials.space, np.array(sets[i]), results[i], options.contact_seconds) for i in raced.ranking]
     for line in table:
         tell(f"{_told(line)}: {line['parameters']}")
@@ -176,7 +185,7 @@ def drive_race(
     sets: np.ndarray,
     blocks: Sequence[Sequence[Job]],
     seed: int,
-    contact_seconds: float,
+    price: Callable[[TrialResult], float],
     halve: bool = False,
 ) -> Tuple[List[List[TrialResult]], Result]:
     """Races sets (k, n) through blocks of jobs: the results of each, and how the race ended."""
@@ -186,9 +195,7 @@ def drive_race(
         found = trials.run(sets[racing], block, seed)
         for i, own in zip(racing, found):
             results[i] += own
-        return np.array(
-            [[trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in own] for own in found]
-        )
+        return np.array([[price(result) for result in own] for own in found])
 
     return results, race(drive, len(sets), blocks, halve)
 
@@ -201,12 +208,12 @@ def halving_blocks(jobs: Sequence[Job]) -> List[Sequence[Job]]:
 
 def _line(space: Space, theta: np.ndarray, results: List[TrialResult], contact_seconds: float) -> Dict[str, Any]:
     found = summary(results, contact_seconds)
-    names = ("score", "time_s", "success", "collided", "trials")
+    names = ("score", "metric", "time_s", "success", "collided", "trials")
     return {**{name: found[name] for name in names}, "theta": theta.tolist(), "parameters": space.as_dict(theta)}
 
 
 def _told(line: Dict[str, Any]) -> str:
     return (
         f"{line['score']:.2f} s in {line['trials']} trials (success {line['success']:.3f}, contact "
-        f"{line['collided']:.3f})"
+        f"{line['collided']:.3f}, metric {line['metric']:.3f})"
     )

@@ -37,6 +37,9 @@ Planner = Annotated[Literal["ours", "cpp-like", "drawn"], Field("ours", descript
 Monitor = Annotated[bool, Field(False, description=
     "Put the collision monitor between the planner and the base, as the launch file does. Without it the base gets "
     "every command of the planner as it is.")]
+ProtocolName = Annotated[Literal["paper", "barn-challenge"], Field("paper", description=
+    "Rules of a trial: paper, the paper's course, on which a contact does not end the trial; or barn-challenge, the "
+    "BARN Challenge's course of 10 m, on which it does.")]
 ContactSeconds = Annotated[float, Field(ge=0, le=1e6, description=
     "Time [s] that a trial with a contact is charged in addition.")]
 Workers = Annotated[int, Field(2, ge=0, le=4096, description=

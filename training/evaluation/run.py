@@ -17,6 +17,7 @@ from training.common.command_line import (
     AnyRobot,
     Monitor,
     Planner,
+    ProtocolName,
     RayAddress,
     Seed,
     SimulatorName,
@@ -40,7 +41,7 @@ class EvaluationOptions(Options):
     methods: str = option("dwa,applr", f"Methods to compare, separated by commas: {methods.FORMS}.")
     trials: int = option(20, "Number of trials of each method in each world.", ge=1, le=100_000)
     simulator: SimulatorName = "pybullet"
-    protocol: Literal["paper", "barn-challenge"] = option("paper", "Rules of a trial, described below.")
+    protocol: ProtocolName
     planner: Planner
     monitor: Monitor
     ground: Literal["", "plain", "gazebo"] = option("",

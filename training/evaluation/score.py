@@ -25,6 +25,16 @@ def trial_seconds(
     return (time_s if success else failure_seconds) + contact_seconds * collided
 
 
+def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: float = 2.0) -> Any:
+    """The BARN Challenge's metric of trials, numbers or arrays (n,): success x OT / clip(time, least x OT, 8 x OT).
+
+    It is 0 where the trial failed or touched anything. OT is the optimal time: the reference path's length route_m [m]
+    at 2 m/s. The Challenge's `least` is 2 since 2025, so that the most is .5; before, it was 4.
+    """
+    optimal = np.maximum(route_m, 1e-9) / 2.0
+    return success * np.logical_not(collided) * optimal / np.clip(time_s, least * optimal, 8.0 * optimal)
+
+
 def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str, Any]:
     """Means over trials, as JSON values.
 
@@ -33,8 +43,9 @@ def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str,
         contact_seconds: what a contact adds to a trial's time [s].
 
     Returns:
-        {"trials", "return", "length", "score"}, and where the environment knows courses "success", "collided" and
-        "time_s", the mean time of the successes or None. Elsewhere the score is the negated mean return.
+        {"trials", "return", "length", "score"}, and where the environment knows courses "success", "collided",
+        "metric" (barn_metric) and "time_s", the mean time of the successes or None. Elsewhere the score is the negated
+        mean return.
     """
     found: Dict[str, Any] = {
         "trials": len(results),
@@ -48,6 +59,7 @@ def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str,
         **found,
         "success": _mean([r.success for r in results]),
         "collided": _mean([r.collided for r in results]),
+        "metric": _mean([barn_metric(r.success, r.collided, r.time_s, r.route_m) for r in results]),
         "time_s": _mean(times) if times else None,
         "score": _mean([trial_seconds(r.success, r.time_s, r.collided, contact_seconds) for r in results]),
     }

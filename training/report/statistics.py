@@ -1,4 +1,4 @@
-"""The report's statistics: Welch tests per world with and without Holm's correction, intervals, BARN's metric."""
+"""The report's statistics: Welch tests per world with and without Holm's correction, and intervals."""
 
 from __future__ import annotations
 
@@ -145,13 +145,3 @@ def ratio(total: np.ndarray, n: np.ndarray) -> np.ndarray:
     """The quotient total / n, nan where there is nothing to divide by."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return total / n
-
-
-def barn_metric(cell: Cell, lower: float) -> np.ndarray:
-    """The score (n,) of the BARN Challenge for each trial: OT / clip(AT, lower OT, 8 OT).
-
-    It is 0 where the trial failed or touched anything. AT is the time of the trial, OT that of the reference route at
-    2 m/s. `lower` is 2 since 2025 (score at most .5) and was 4 before (at most .25).
-    """
-    optimal = cell.route / 2.0
-    return cell.success * ~cell.collided * optimal / np.clip(cell.time, lower * optimal, 8.0 * optimal)

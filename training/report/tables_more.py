@@ -9,6 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
+from training.evaluation.score import barn_metric
 from training.report import statistics
 from training.report.data import SETS, Results
 from training.report.table import NONE, Table, number, share, span
@@ -23,7 +24,7 @@ def rates(results: Results) -> Table:
         row.update({"success [%]": _rate(success), "collided [%]": _rate(collided), "timed out [%]": _rate(timeout)})
         for lower in (2, 4):
             cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
-            scores = [statistics.barn_metric(c, float(lower)) for c in cells]
+            scores = [barn_metric(c.success, c.collided, c.time, c.route, float(lower)) for c in cells]
             sums, counts = np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])
             value, low, high = statistics.over_worlds([sums, counts], statistics.ratio)
             row[f"metric, {lower} OT"] = number(value, 3)

@@ -2,7 +2,11 @@
 
 import math
 
+import numpy as np
+import pytest
+
 from training.actors.tasks import TrialResult
+from training.baselines.set_search import SearchOptions
 from training.evaluation import score, trials
 from training.evaluation.periodic import CHOOSING, PeriodicEvaluation
 
@@ -16,6 +20,19 @@ def test_the_score_counts_a_failure_as_the_time_limit():
     assert (found["score"], found["time_s"], found["success"], found["collided"]) == (62.0, 20.0, 0.5, 0.5)
     assert score.summary([lost], 0.0)["time_s"] is None
     assert score.summary([TrialResult(total_reward=-3.0, decisions=10)], 5.0)["score"] == 3.0  # knows no courses
+
+
+def test_barn_metric_by_hand():
+    success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
+    seconds = np.array([6.0, 30.0, 20.0, 100.0])
+    assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
+    assert score.barn_metric(success, collided, seconds, 7.0, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
+
+
+def test_a_search_for_the_metric_prefers_what_arrives():
+    slow, fast = TrialResult(True, False, False, 40.0, route_m=7.0), TrialResult(True, True, False, 8.0, route_m=7.0)
+    assert SearchOptions(objective="metric").price(slow) < SearchOptions(objective="metric").price(fast) == 0.0
+    assert SearchOptions().price(fast) == 13.0 < SearchOptions().price(slow)
 
 
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):

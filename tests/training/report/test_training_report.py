@@ -97,14 +97,6 @@ def test_bootstrap_over_worlds_covers():
     assert hits >= 51
 
 
-def test_barn_metric_by_hand():
-    success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
-    seconds, decisions, seven = np.array([6.0, 30.0, 20.0, 100.0]), np.array([3, 15, 10, 50]), np.full(4, 7.0)
-    cell = data.Cell(success, collided, np.zeros(4, bool), seconds, decisions, seven, [""] * 4, *[seven] * 5)
-    assert statistics.barn_metric(cell, 2.0) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
-    assert statistics.barn_metric(cell, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
-
-
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
