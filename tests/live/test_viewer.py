@@ -1,5 +1,8 @@
 """The viewer without a browser: what does not answer, sliders and methods, and that it is quiet without a page."""
 
+import contextlib
+import http.client
+import socket
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,6 +29,39 @@ def viewer(ros):
     made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
     yield made
     made.close()
+
+
+@pytest.mark.parametrize(
+    ("path", "host", "origin", "reason"),
+    [
+        ("/TOKEN/", "127.0.0.1:PORT", None, None),
+        ("/TOKEN", "localhost:PORT", "http://localhost:PORT", None),
+        ("/TOKEN", "[::1]:PORT", "http://[::1]:PORT", None),
+        ("/", "127.0.0.1:PORT", None, "lacks the token"),
+        ("/TOKENx", "127.0.0.1:PORT", None, "lacks the token"),
+        ("/x/TOKEN", "127.0.0.1:PORT", None, "lacks the token"),
+        ("/TOKEN", "127.0.0.1:PORT", "http://evil.example", "another website"),
+        ("/TOKEN", "127.0.0.1:PORT", "http://127.0.0.1:1", "another website"),
+        ("/TOKEN", "127.0.0.1:PORT", "null", "another website"),
+        ("/TOKEN", "evil.example:PORT", "http://evil.example:PORT", "no name of this computer"),
+    ],
+)
+def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(viewer, path, host, origin, reason):
+    from websockets.exceptions import InvalidStatus
+    from websockets.sync.client import connect
+
+    where = viewer.address.split("/")
+    port = int(where[2].rpartition(":")[2])
+    path, host, origin = (t and t.replace("TOKEN", where[3]).replace("PORT", str(port)) for t in (path, host, origin))
+    page = http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)
+    page.request("GET", path, headers={"Host": host, **({"Origin": origin} if origin else {})})
+    answer = page.getresponse()
+    assert answer.status == (403 if reason else 200)
+    assert (reason or "<html") in answer.read().decode()
+    page.close()
+    with pytest.raises(InvalidStatus, match="403") if reason else contextlib.nullcontext():
+        raw = socket.create_connection(("127.0.0.1", port))
+        connect("ws://" + host + path, sock=raw, origin=origin, subprotocols=["viser-v" + viser.__version__]).close()
 
 
 def state(viewer):

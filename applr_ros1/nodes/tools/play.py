@@ -14,6 +14,7 @@ import roslaunch.arg_dump
 import rospy
 
 from applr_ros1.common.progress import announced
+from applr_ros1.nodes.viewer import admission
 from applr_ros1.nodes.viewer.world import PLAYED
 
 from .demo import UP_WITHIN, arguments, launch_file, own_stack, say, with_folders
@@ -28,7 +29,9 @@ def main():
     )
     parser.add_argument("--no-browser", action="store_true", help="Only say where the page is.")
     parser.add_argument(
-        "--host", default="127.0.0.1", help="Address of the page; 0.0.0.0 lets other computers open it. %(default)s."
+        "--host",
+        default="127.0.0.1",
+        help="Address of the page; 0.0.0.0 lets other computers that have its token open it. %(default)s.",
     )
     parser.add_argument(
         "words",
@@ -41,6 +44,7 @@ def main():
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
     given.update(arguments(options.words, roslaunch.arg_dump.get_args([launch_file()])))
     passed = [f"{name}:={value}" for name, value in with_folders(given).items()]
+    os.environ[admission.TOKEN] = admission.token()  # an open page comes back after a start with other arguments
     with own_stack(passed) as stack:
         with announced("waiting for the page", say, first=10.0):
             stack.wait(lambda: rospy.get_param("/viewer/address", ""), UP_WITHIN, "the page does not come up")

@@ -3,7 +3,9 @@
 Started by scripts/viewer.py. While no page is open it subscribes to nothing.
 
 Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix, ~host
-(127.0.0.1: who may open the page) and ~port (8080, or the next free one). Sets ~address, where the page is.
+(127.0.0.1: which computers reach the page) and ~port (8080, or the next free one). Sets ~address, where the page is,
+with the token without which every request is refused: a new one at each start, unless the environment variable
+APPLR_VIEWER_TOKEN sets it.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import JACKAL, Robot, load
 
-from . import panel, pilot, race, scene, world
+from . import admission, panel, pilot, race, scene, world
 from .listening import Listener, by_hand
 
 RATE = 10.0  # Hz of wall time with a page open
@@ -34,7 +36,10 @@ class Viewer:
         import viser
 
         self.listener = Listener(fixed)
-        self.server = viser.ViserServer(host, port, label=f"applr_ros1: {robot.name}", verbose=False)
+        token = admission.token()
+        with admission.guarded(token, host):
+            self.server = viser.ViserServer(host, port, label=f"applr_ros1: {robot.name}", verbose=False)
+        self.address = f"http://{host}:{self.server.get_port()}/{token}/"
         self.server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
@@ -106,9 +111,8 @@ def main() -> int:
     fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
     port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
     viewer = Viewer(robot, prefix, fixed, str(rospy.get_param("~host", "127.0.0.1")), port)
-    address = f"http://{viewer.server.get_host()}:{viewer.server.get_port()}"
-    rospy.set_param("~address", address)
-    rospy.loginfo("viewer: the page is at %s", address)
+    rospy.set_param("~address", viewer.address)
+    rospy.loginfo("viewer: the page is at %s", viewer.address)
     with until_shutdown():
         viewer.spin()
     viewer.close()

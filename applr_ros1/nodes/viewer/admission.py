@@ -1,0 +1,63 @@
+"""Who may open the page: whoever knows its address, which ends in a random token, under a name of this computer.
+
+A browser names the page that a request comes from (Origin) and the name by which it found this computer (Host). Another
+website's page has another origin, and one whose own name was pointed at this computer (DNS rebinding) has that name.
+"""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+import os
+import re
+import secrets
+import socket
+from http import HTTPStatus
+from typing import Any, Mapping, Optional
+from unittest import mock
+
+TOKEN = "APPLR_VIEWER_TOKEN"  # environment variable that sets the token
+
+
+def token() -> str:
+    """The token that the environment sets, otherwise a new one."""
+    return os.environ.get(TOKEN) or secrets.token_urlsafe(16)
+
+
+def refusal(path: str, headers: Mapping[str, str], token: str, host: str) -> Optional[str]:
+    """Why a request is refused, None where it is not. host: the address or name that the server was given."""
+    given = headers.get("Host", "")
+    name = re.sub(r":\d*$", "", given).strip("[]").lower()
+    own = socket.gethostname().lower()
+    try:
+        ipaddress.ip_address(name)  # nobody can point an address elsewhere
+    except ValueError:
+        if name not in ("localhost", own, own + ".local", host.lower()):
+            return f"{name!r} is no name of this computer: open the page by its address, such as 127.0.0.1"
+    if "Origin" in headers and headers["Origin"].partition("://")[2] != given:
+        return "a page of another website may not use this one"
+    if not hmac.compare_digest(re.split("[/?]", path.lstrip("/"))[0].encode(errors="replace"), token.encode()):
+        return "the address lacks the token: take the one that the viewer prints"
+    return None
+
+
+def guarded(token: str, host: str) -> Any:
+    """A context in which a viser server is started that answers no request without asking `refusal`.
+
+    viser has no such hook, the library that it serves with has: websockets.asyncio.server.serve(process_request=...).
+    """
+    from websockets.asyncio import server
+
+    serve = server.serve
+
+    def guarding(*where: Any, process_request: Any, **options: Any) -> Any:
+        def process(connection: Any, request: Any) -> Any:
+            reason = refusal(request.path, request.headers, token, host)
+            if reason:
+                return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
+            request.path = request.path.replace("/" + token, "", 1) or "/"
+            return process_request(connection, request)
+
+        return serve(*where, process_request=process, **options)
+
+    return mock.patch.object(server, "serve", guarding)
