@@ -35,6 +35,7 @@ from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 import worlds
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import load
@@ -48,7 +49,7 @@ from .simulator import SimulatorError, warm_up
 
 TICK = 0.01  # simulated seconds between clocks; data every second one
 BASE_TIME = 1.0  # ROS time [s] at which the first world begins (ROS takes 0 for "no time")
-CONTROL_PERIOD = 0.05  # the planner's, for the lock-step of real_time_factor 0
+CONTROL_FREQUENCY = 20.0  # Hz of a planner that states none, for the lock-step of real_time_factor 0
 PATIENCE = 0.25  # wall seconds that the lock-step waits for a command
 CAUGHT_UP = 2.0  # simulated seconds that a robot without a clock of its own may be behind or ahead of /clock
 IDLE_FACTOR = 1.0  # the factor used in place of 0 while no commands come, so that planning has its usual time
@@ -82,7 +83,7 @@ class Bridge:
         self.arrived = threading.Condition()  # of the next four
         self.newest = None  # newest command (v, w) not yet given to the simulator
         self.driven = False  # whether velocity commands come in
-        self.commanded_at = 0.0  # simulated time of the newest command
+        self.period, self.due = 0.0, 0.0  # of the commands [s]; simulated time at which the next one is due
         self.refused = 0
         self.touched = False
         self.running = threading.Event()  # simulated time goes on
@@ -187,7 +188,8 @@ class Bridge:
             command, self.newest = self.newest, None
         if command is not None:
             self.simulator.command(*command)
-            self.commanded_at = self.simulator.state.time
+            now = self.simulator.state.time
+            self.due = self.period + (self.due if now <= self.due <= now + 0.5 * self.period else now)
 
     def _follow_clock(self):
         """Wait until /clock has passed this simulator's time; a clock that has gone back or far ahead is caught up."""
@@ -202,12 +204,12 @@ class Bridge:
             time.sleep(0.001)
 
     def _lock_step(self):
-        """Wait for the planner's next command once a control period has passed since its last one.
+        """Wait for the planner's next command once it is due.
 
         So the simulation runs as fast as it can without running ahead of the planner. It waits at most PATIENCE; if
         nothing comes, it does not wait again before the next command.
         """
-        if self.driven and self.simulator.state.time - self.commanded_at > CONTROL_PERIOD - 1e-6:
+        if self.driven and self.simulator.state.time > self.due - 1e-6:
             with self.arrived:
                 self.driven = self.arrived.wait_for(lambda: self.newest is not None, PATIENCE)
 
@@ -222,6 +224,8 @@ class Bridge:
                 f"sim_bridge: velocity command ({v:g}, {w:g}) refused: it must be finite ({self.refused} so far)",
             )
             return
+        if not self.driven:  # who commands from now on may do so at another rate
+            self.period = 1.0 / _control_frequency()
         with self.arrived:
             self.newest, self.driven = (v, w), True
             self.arrived.notify()
@@ -279,7 +283,7 @@ class Bridge:
                 self.start = None  # that of the new world's course
             self.base_time += self.simulator.state.time + (TICK if self.makes_clock else 0.0)
             with self.arrived:
-                self.newest, self.driven, self.commanded_at = None, False, 0.0
+                self.newest, self.driven, self.due = None, False, 0.0
             state = self.simulator.reset(world, self.seed, self.start)
             self.touched = False
             self.topics.publish_world(self.simulator, self.stamp())
@@ -308,6 +312,14 @@ def _clear_costmaps(patience=2.0):
     worker.join(patience)
     if worker.is_alive():
         rospy.logwarn("sim_bridge: costmaps not cleared: %s gave no answer for %g s", name, patience)
+
+
+def _control_frequency():
+    """The frequency [Hz] at which move_base commands, by its parameter."""
+    try:
+        return number_within("controller_frequency", rospy.get_param("move_base/controller_frequency"), 0.1, 1e3)
+    except (KeyError, ApplrError):
+        return CONTROL_FREQUENCY
 
 
 def _parameter(name, default, most):

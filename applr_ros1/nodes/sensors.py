@@ -1,13 +1,16 @@
 """What the move_base node knows of its robot: pose and localisation from tf, twist from odometry, what sensors say.
 
 Callbacks only store; the node's thread asks once per cycle. What is wrong is said in one line, at most every second.
+A clock that steps back, however little, makes everything void that came before: by the new time it would be from the
+future, and what comes now would count as old beside it.
 """
 
 from __future__ import annotations
 
 import math
+import threading
 from collections import deque
-from typing import Any, Dict, Mapping, Optional, Tuple
+from typing import Any, Callable, Deque, Dict, Mapping, Optional, Tuple
 
 import rospy
 import tf2_ros
@@ -37,6 +40,7 @@ class Sensors:
         topics: {topic: data type} of the observation sources.
         origins: {topic: frame at whose origin the rays start}; frames that tf does not know are passed over.
         odometry: topic of the odometry.
+        on_news: called from the threads of the subscribers when a scan or a transform for one that waits has come.
     """
 
     def __init__(
@@ -45,27 +49,43 @@ class Sensors:
         topics: Mapping[str, str],
         origins: Mapping[str, str],
         odometry: str = "odom",
+        on_news: Callable[[], None] = lambda: None,
     ):
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
-        self._listener = tf2_ros.TransformListener(self.buffer, queue_size=100, buff_size=2**20)
+        self._on_news = on_news
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # when the newest odometry came
+        self._last = rospy.Time(0)  # the time at the last look
+        self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # of the newest ones
         self.pose_trouble = ""  # the last thing that was wrong, for who says why the robot stands
-        self._odometry = rospy.Subscriber(odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20)
-        self._topics = {topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()}
+        self._topics = {topic: _Topic(topic, kind, origins.get(topic, ""), on_news) for topic, kind in topics.items()}
+        self._odometry = rospy.Subscriber(
+            odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
+        )
+        self._listener = _Listener(self.buffer, self._tf_came)
 
     def _take_odometry(self, message) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
         if all(map(math.isfinite, twist)):
-            self._twist, self._heard = twist, rospy.get_rostime()
+            self._twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
         else:
             rospy.logerr_throttle(1.0, f"odometry has the twist {twist}: not used")
+
+    def _tf_came(self) -> None:
+        if any(topic.waits for topic in self._topics.values()):
+            self._on_news()
+
+    def _follow_clock(self, now) -> None:
+        if now < self._last:
+            self.forget()
+        self._last = now
 
     def forget(self) -> None:
         """The clock went back: everything older than it is void."""
         self.buffer.clear()
-        self._heard = rospy.Time(0)
+        self._heard = self._last = rospy.Time(0)
+        self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
         for topic in self._topics.values():
             topic.forget()
         self._twist = (0.0, 0.0)
@@ -87,6 +107,28 @@ class Sensors:
         """(v [m/s], w [rad/s]) of the newest odometry; zeros before the first."""
         return self._twist
 
+    def ages(self, now) -> Dict[str, float]:
+        """{"scan", "pose", "twist": [s] from its stamp until now} of the newest that were used, where there is one."""
+        scan = max((topic.used for topic in self._topics.values() if topic.is_scan), default=rospy.Time(0))
+        stamps = dict(self._stamps, scan=scan)
+        return {name: (now - stamp).to_sec() for name, stamp in stamps.items() if not stamp.is_zero()}
+
+    def scan_is_ready(self) -> bool:
+        """Whether a laser scan that has not been used can be placed now."""
+        return any(topic.is_scan and topic.has(self._can_place) for topic in self._topics.values())
+
+    def scan_times(self) -> Tuple[float, float]:
+        """ROS times [s] at which the newest laser scan came and at which the next one should, by the last two stamps.
+
+        Of several lasers the one counts whose next scan is due first; zeros where there is none.
+        """
+        times = (topic.times for topic in self._topics.values() if topic.is_scan)
+        return min(times, key=lambda pair: pair[1], default=(0.0, 0.0))
+
+    def _can_place(self, message) -> bool:
+        frame = message.header.frame_id.lstrip("/")
+        return self.buffer.can_transform_core(self.local, frame, message.header.stamp)[0]
+
     def odometry_trouble(self, now, patience: float) -> str:
         """What is wrong if no odometry has come for `patience` [s], or ever; "" if it comes."""
         age = (now - self._heard).to_sec()
@@ -107,9 +149,12 @@ class Sensors:
         return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD))
 
     def _newest_pose(self, target, source, now, oldest, most_ahead):
+        self._follow_clock(now)
         transform, self.pose_trouble = self._look_up(target, source, rospy.Time(0))
         if transform is None:
             return None
+        if source == self.base:
+            self._stamps["pose"] = transform.header.stamp
         age = (now - transform.header.stamp).to_sec()
         if not -most_ahead <= age <= oldest and not transform.header.stamp.is_zero():  # stamp 0: a static transform
             old, ahead = (
@@ -124,6 +169,7 @@ class Sensors:
 
     def observations(self) -> Dict[str, Any]:
         """{topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
+        self._follow_clock(rospy.get_rostime())
         found = {}
         for name, topic in self._topics.items():
             observation = topic.newest(self._use)
@@ -137,12 +183,12 @@ class Sensors:
         ahead = (message.header.stamp - now).to_sec()
         if ahead > AHEAD:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
-        beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
-        values = conversions.check_scan(message, beams) if topic.is_scan else conversions.points_of(message)
         transform, trouble = self._look_up(self.local, message.header.frame_id, message.header.stamp)
         if transform is None:
             topic.trouble = trouble
             return None
+        beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
+        values = conversions.check_scan(message, beams) if topic.is_scan else conversions.points_of(message)
         origin = None
         if topic.origin and topic.origin != message.header.frame_id.lstrip("/"):
             start, _ = self._look_up(self.local, topic.origin, message.header.stamp)
@@ -173,45 +219,86 @@ class Sensors:
             return None, f"transform {target} <- {frame} at {when}: {reason(error)}"
 
 
-class _Topic:
-    """The messages of one source's topic that wait for their transforms."""
+class _Listener(tf2_ros.TransformListener):
+    """Fills a tf buffer and says so."""
 
-    def __init__(self, topic: str, data_type: str, origin: str):
+    def __init__(self, buffer, on_transforms: Callable[[], None]):
+        self._on_transforms = on_transforms
+        super().__init__(buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True)
+
+    def callback(self, data) -> None:
+        """Transforms have come."""
+        super().callback(data)
+        self._on_transforms()
+
+
+class _Topic:
+    """The messages of one source's topic that wait, WAITING at most, until they can be placed."""
+
+    def __init__(self, topic: str, data_type: str, origin: str, on_news: Callable[[], None]):
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
         self.beams: Optional[int] = None  # of the last one that was used
         self.used = rospy.Time(0)  # its stamp
-        self._waiting: deque = deque(maxlen=WAITING)
-        subscriber = rospy.Subscriber(topic, MESSAGES[data_type], self._waiting.append, queue_size=1, buff_size=2**24)
+        self.times = 0.0, 0.0  # when the newest one came and when the next one should [s]; 0: not known
+        self._stamp = rospy.Time(0)  # of the one that came last
+        self._on_news = on_news
+        self._lock = threading.Lock()  # of what waits
+        self._waiting: Deque[Any] = deque(maxlen=WAITING)
+        subscriber = rospy.Subscriber(
+            topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
+        )
         self.name = subscriber.resolved_name
 
+    def _take(self, message) -> None:
+        stamp = message.header.stamp
+        with self._lock:
+            self._waiting.append(message)
+            came = max(rospy.get_rostime(), stamp).to_sec()  # a simulator may send a scan before the time of its stamp
+            self.times = came, came + (stamp - self._stamp).to_sec()
+            self._stamp = stamp
+        self._on_news()
+
     def forget(self) -> None:
-        self._waiting.clear()
-        self.used = rospy.Time(0)
+        with self._lock:
+            self._waiting.clear()
+            self.used, self.times = rospy.Time(0), (0.0, 0.0)
+
+    @property
+    def waits(self) -> bool:
+        return bool(self._waiting)
+
+    def has(self, can_place) -> bool:
+        """Whether a message waits that is newer than the last one and can be placed."""
+        with self._lock:
+            waiting = list(self._waiting)
+        return any(message.header.stamp > self.used and can_place(message) for message in waiting)
 
     def newest(self, use):
-        """use(self, message) of the newest message that can be used and is not older than the last one; else None."""
-        waiting = []
-        found = None
-        while self._waiting and found is None:
-            message = self._waiting.pop()
+        """use(self, message) of the newest message that can be used and is newer than the last one; else None.
+
+        Those that are newer, but cannot be placed yet, go on waiting; older ones count no more.
+        """
+        with self._lock:
+            waiting = sorted(self._waiting, key=lambda message: message.header.stamp, reverse=True)
+        found, refused = None, set()
+        for message in waiting:
             if message.header.stamp <= self.used:
-                continue
+                break
             try:
                 found = use(self, message)
             except MessageError as problem:
                 self.trouble = f"{self.name} {problem}"
                 rospy.logerr_throttle(1.0, f"{self.trouble}: not used")
-                continue
-            if found is None:
-                waiting.append(message)
-            else:
+                refused.add(id(message))
+            if found is not None:
                 self.used = message.header.stamp
-        if found is not None:
+                break
+        with self._lock:
+            kept = [m for m in self._waiting if m.header.stamp > self.used and id(m) not in refused]
             self._waiting.clear()
-        else:
-            self._waiting.extendleft(m for m in waiting if self._is_recent(m))
+            self._waiting.extend(filter(self._is_recent, kept))
         return found
 
     def _is_recent(self, message) -> bool:

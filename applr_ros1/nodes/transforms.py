@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Tuple
 
 import rospy
@@ -21,8 +22,11 @@ class Transforms:
         self._buffer: Any = None
         self._listener: Any = None
 
-    def newest(self, target: str, source: str) -> Any:
-        """The newest geometry_msgs/Transform of `source` in `target`. ObservationError, of one line, where none is."""
+    def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
+        """The newest geometry_msgs/Transform of `source` in `target`.
+
+        ObservationError, of one line, where there is none, or where it is older than `oldest` [s].
+        """
         import tf2_ros
 
         if self._buffer is None:
@@ -32,10 +36,14 @@ class Transforms:
             found = self._buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), rospy.Time(0))
         except tf2_ros.TransformException as e:
             raise ObservationError(f"no transform {target} <- {source} ({str(e).splitlines()[0]})") from None
+        if found.header.stamp.is_zero():  # a static transform
+            return found.transform
         ahead = (found.header.stamp - rospy.Time.now()).to_sec()
         if ahead > MAX_AHEAD:
             self._buffer.clear()  # else tf would refuse every right transform for `ahead` seconds
             raise ObservationError(f"transform {target} <- {source} is stamped {ahead:.2f} s ahead of the clock")
+        if -ahead > oldest:
+            raise ObservationError(f"transform {target} <- {source} is {-ahead:.2f} s old: is localisation running?")
         return found.transform
 
     def rest(self) -> None:

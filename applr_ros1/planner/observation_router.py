@@ -5,6 +5,7 @@ Called by MoveBase.
 
 from __future__ import annotations
 
+import math
 from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
@@ -42,6 +43,7 @@ class ObservationRouter:
         self.data_types: Dict[str, str] = {}
         self.ray_origins: Dict[str, str] = {}
         self._stamps: Dict[str, float] = {}
+        self._last = -math.inf  # the time of the last observations or question
         for costmap, is_global in ((local_costmap, False), (global_costmap, True)):
             for layer in costmap.obstacle_layers:
                 for buffer in layer.buffers:
@@ -61,6 +63,7 @@ class ObservationRouter:
             placed: whether it is known where the local costmap's frame lies in the global one; else only the local
                 costmap's sources get the observations.
         """
+        self._follow_clock(now)
         if not isinstance(sensed, Mapping):
             sensed = {topic: sensed for topic in list(self.data_types)[:1]}
         for topic, observation in sensed.items():
@@ -82,6 +85,7 @@ class ObservationRouter:
 
     def silent(self, now: float) -> Optional[Tuple[str, float]]:
         """(topic, time [s] after which) of a source of the local costmap that has been silent for too long, or None."""
+        self._follow_clock(now)
         for layer in self._local.obstacle_layers:
             for buffer in layer.buffers:
                 source = buffer.source
@@ -92,3 +96,12 @@ class ObservationRouter:
                     if stamp is None or now - stamp > self._timeout:
                         return source.topic, self._timeout
         return None
+
+    def _follow_clock(self, now: float) -> None:
+        """A clock that steps back voids what came before it: by the new time that would be from the future."""
+        if now < self._last:
+            self._stamps.clear()
+            for listeners in self._listeners.values():
+                for listener in listeners:
+                    listener.buffer.forget()
+        self._last = now

@@ -39,7 +39,7 @@ class Running:
         self.thread = threading.Thread(target=self.planner.run)
         self.thread.start()
 
-    def _cycle(self, now):
+    def _cycle(self, now, turn):
         time.sleep(self.takes)
         while self.hold.is_set():
             self.held.set()

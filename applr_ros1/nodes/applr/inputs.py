@@ -4,6 +4,7 @@ Scans (50 Hz) and plans (20 Hz, hundreds of poses) stay packed until a decision 
 cost a sixth of a core.
 """
 
+import math
 import struct
 import threading
 from collections import deque
@@ -79,7 +80,8 @@ class RobotInputs:
         with self._lock:
             self._scan = self._plan = None
             self._odometry = deque(maxlen=100)
-            self._goal, self._goal_heard, self._goal_since, self._current_goal = None, None, None, None
+            self._goal, self._goal_heard, self._goal_since = None, None, None
+            self._current_goal = self._former_goal = None  # as move_base stated them
 
     def goal(self, now):
         """The id of the goal that move_base pursues; None when there is none or move_base is gone."""
@@ -100,6 +102,7 @@ class RobotInputs:
         """
         with self._lock:
             packed_scan, packed_plan, since, goal = self._scan, self._plan, self._goal_since, self._current_goal
+            former = self._former_goal
             odometry = list(self._odometry)
         if packed_scan is None:
             raise ObservationError(f"no scan on {self._names['scan']} yet")
@@ -110,9 +113,10 @@ class RobotInputs:
         nearest = min(odometry, key=lambda o: abs((o.header.stamp - scan.header.stamp).to_sec()))
         _check_age("odometry", self._names["odometry"], now, nearest.header.stamp)
         ranges = layout.resample(*self._mount.beams(scan, _base_of(nearest)))
-        if packed_plan is None or (since is not None and (since - packed_plan[1]).to_sec() > 0.5):
+        plan = None if packed_plan is None else _unpack(packed_plan[0], Path)
+        early = 0.0 if plan is None or since is None else (since - packed_plan[1]).to_sec()
+        if plan is None or early > 0.5 or early > -0.5 and _nearer(plan.poses[-1].pose, former, goal):
             raise ObservationError(f"no global plan for this goal on {self._names['plan']} yet")
-        plan = _unpack(packed_plan[0], Path)
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
         pose = self._pose(nearest, frame, scan.header.stamp)
@@ -133,7 +137,7 @@ class RobotInputs:
         """(x, y, yaw) of the robot in `frame`: from the odometry, through tf where the plan is in another frame."""
         if frame.lstrip("/") == odometry.header.frame_id.lstrip("/"):
             return conversions.pose_of(odometry.pose.pose)
-        return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry)))
+        return conversions.pose_of(self._transforms.newest(frame, _base_of(odometry), MAX_AGE))
 
     def _on_scan(self, msg):
         with self._lock:
@@ -150,7 +154,7 @@ class RobotInputs:
 
     def _on_current_goal(self, msg):
         with self._lock:
-            self._current_goal = msg.pose
+            self._former_goal, self._current_goal = self._current_goal, msg.pose
 
     def _on_status(self, msg):
         running = [s.goal_id.id for s in msg.status_list if s.status in _RUNNING]
@@ -159,6 +163,14 @@ class RobotInputs:
             if not running or running[-1] != self._goal:
                 self._goal = running[-1] if running else None
                 self._goal_since = self._goal_heard
+
+
+def _nearer(pose, former, goal):
+    """Whether a geometry_msgs/Pose lies nearer to the former goal than to the present one, as far as there are two."""
+    if former is None or goal is None:
+        return False
+    away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]
+    return away[0] < away[1]
 
 
 def _base_of(odometry):

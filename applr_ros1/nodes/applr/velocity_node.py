@@ -39,10 +39,13 @@ class VelocityNode:
     def spin(self):
         """A decision every period of ROS time, and its command as often as a planner's, until shutdown with a stop."""
         rospy.on_shutdown(self._stop)
-        turn = min(self.method.period, COMMAND_PERIOD)
+        turn, last = min(self.method.period, COMMAND_PERIOD), rospy.Time(0)
         while not rospy.is_shutdown():
             try:
                 now = rospy.Time.now()
+                last, before = now, last
+                if now < before:  # rospy notices it while it sleeps, and of a simulated clock only
+                    raise rospy.exceptions.ROSTimeMovedBackwardsException(now - before)
                 self._turn(now)
                 left = turn - (rospy.Time.now() - now).to_sec()
                 rospy.sleep(max(left, 0.001))

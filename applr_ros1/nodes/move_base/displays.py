@@ -1,10 +1,16 @@
 """Publishes what RViz and others look at: costmaps with their updates, footprints, plans and the cost cloud.
 
-Called by the move_base node after each cycle. A message without subscribers is not made.
+Called by the move_base node after each cycle, in the planner's thread, where only what the next cycle would change is
+copied; a thread of its own makes the messages and sends them. A message without subscribers is not made.
 """
 
 from __future__ import annotations
 
+import queue
+import threading
+from typing import Any, Callable, NamedTuple, Tuple
+
+import numpy as np
 import rospy
 from geometry_msgs.msg import PolygonStamped
 from map_msgs.msg import OccupancyGridUpdate
@@ -19,8 +25,46 @@ from applr_ros1.planner.parameters.layers import COSTMAPS
 TRAJECTORIES_RATE = 5.0  # Hz of trajectory_cloud where C++ has none
 
 
+BEHIND = 20  # messages that wait to be made, from which on no more are ordered
+
+
+class DisplayThread:
+    """Makes and sends messages, in order, beside the planner."""
+
+    def __init__(self) -> None:
+        self._orders: "queue.Queue[Callable[[], Any]]" = queue.Queue()
+        threading.Thread(target=self._run, name="displays", daemon=True).start()
+
+    def post(self, work: Callable[[], Any]) -> None:
+        """Have a message made and sent; an error is logged."""
+        self._orders.put(work)
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether so much waits that what can be left out is."""
+        return self._orders.qsize() >= BEHIND
+
+    def _run(self) -> None:
+        while True:
+            work = self._orders.get()
+            try:
+                work()
+            except Exception as error:  # at a shutdown publish() raises
+                if not rospy.core.is_shutdown_requested():
+                    rospy.logerr_throttle(1.0, f"a display was not sent: {type(error).__name__}: {error}")
+
+
+class _Map(NamedTuple):
+    """A costmap at one time, as conversions.grid takes it."""
+
+    cells: np.ndarray
+    size: Tuple[int, int]
+    resolution: float
+    origin: np.ndarray
+
+
 class _NewSubscriber(rospy.SubscribeListener):
-    """Sends a whole map to whoever subscribes, from the node's own thread."""
+    """Sends a whole map to whoever subscribes, as it is between two cycles."""
 
     def __init__(self, post, send):
         super().__init__()
@@ -33,11 +77,11 @@ class _NewSubscriber(rospy.SubscribeListener):
 class CostmapDisplay:
     """One costmap: topics `costmap`, `costmap_updates`, `footprint` (docs/explanation/planner.md, section 3.7).
 
-    name: of the costmap of the MoveBase. post(work): has work done in the node's own thread.
+    name: of the costmap of the MoveBase. post(work): has work done in the planner's thread. thread: a DisplayThread.
     """
 
-    def __init__(self, name, move_base, post):
-        self._name, self._move_base = name, move_base
+    def __init__(self, name, move_base, post, thread):
+        self._name, self._move_base, self._thread = name, move_base, thread
         static = move_base.parameters[name]
         self._frame, self._always_whole = static["global_frame"].lstrip("/"), static["always_send_full_costmap"]
         listener = _NewSubscriber(post, self._send_whole)
@@ -55,9 +99,9 @@ class CostmapDisplay:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
-            self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
+            self._thread.post(lambda: self._footprint.publish(conversions.polygon(outline, self._frame, stamp)))
         frequency, now = self._move_base.configuration(self._name)["publish_frequency"], stamp.to_sec()
-        if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
+        if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency or self._thread.is_behind:
             return
         self._sent = now
         if not (self._whole.get_num_connections() or self._updates.get_num_connections()):
@@ -67,18 +111,22 @@ class CostmapDisplay:
             self._send_whole(self._whole.publish, stamp)
         elif self._window is not None:
             x0, y0, xn, yn = self._window
-            window = max(0, x0), max(0, y0), min(costmap.size[0], xn), min(costmap.size[1], yn)
-            self._updates.publish(conversions.grid_update(costmap, window, self._frame, stamp))
+            corner = max(0, x0), max(0, y0)
+            cells = costmap.cells[corner[1] : yn, corner[0] : xn].copy()
+            self._thread.post(lambda: self._updates.publish(conversions.grid_update(cells, corner, self._frame, stamp)))
         self._shape, self._window = shape, None
 
     def _send_whole(self, publish, stamp=None) -> None:
-        publish(conversions.grid(self._move_base.costmaps[self._name], self._frame, stamp or rospy.Time.now()))
+        costmap = self._move_base.costmaps[self._name]
+        seen = _Map(costmap.cells.copy(), costmap.size, costmap.resolution, costmap.origin.copy())
+        self._thread.post(lambda: publish(conversions.grid(seen, self._frame, stamp or rospy.Time.now())))
 
 
 class PlanDisplay:
     """The plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner of a MoveBase."""
 
-    def __init__(self, move_base):
+    def __init__(self, move_base, thread):
+        self._thread = thread
         name, static = move_base.local_planner_name, move_base.parameters
         self._static = static[name]
         self._global_frame, self._frame = (static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS)
@@ -102,7 +150,7 @@ class PlanDisplay:
         if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
             rows = local_planner.cost_cloud(costmap)
             if len(rows):
-                self._costs.publish(conversions.cost_cloud(rows, self._frame, stamp))
+                self._thread.post(lambda: self._costs.publish(conversions.cost_cloud(rows, self._frame, stamp)))
         self._show_trajectories(local_planner, costmap, stamp)
 
     def _show_trajectories(self, local_planner, costmap, stamp) -> None:
@@ -115,8 +163,9 @@ class PlanDisplay:
         if len(rows):
             self._sent = stamp.to_sec()
             frame = self._static.get("global_frame_id", self._frame)
-            self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp))
+            self._thread.post(lambda: self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp)))
 
     def _send(self, publisher, poses, stamp, frame) -> None:
         if publisher.get_num_connections():
-            publisher.publish(conversions.path(poses, frame, stamp))
+            poses = poses.copy()
+            self._thread.post(lambda: publisher.publish(conversions.path(poses, frame, stamp)))

@@ -17,10 +17,10 @@ from functools import partial
 
 import rospy
 from actionlib_msgs.msg import GoalID, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
-from map_msgs.msg import OccupancyGridUpdate
 from move_base_msgs.msg import MoveBaseActionFeedback, MoveBaseActionGoal, MoveBaseActionResult, RecoveryStatus
-from nav_msgs.msg import OccupancyGrid, Path
+from nav_msgs.msg import Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from std_msgs.msg import Bool
 from std_msgs.msg import Time as TimeMessage
@@ -30,7 +30,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.conversions import MessageError
+from applr_ros1.nodes.ages import Ages
+from applr_ros1.nodes.conversions import MapMessage, MapUpdateMessage, MessageError
 from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.check import check, warnings
@@ -38,7 +39,7 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up
 from applr_ros1.policy.parameter_space import SPACE, space_of
 
-from .displays import CostmapDisplay, PlanDisplay
+from .displays import CostmapDisplay, DisplayThread, PlanDisplay
 from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .planner_thread import PlannerThread
@@ -64,6 +65,8 @@ class MoveBaseNode:
             self._clock_went_back,
             self._clock_stalled,
             self._cycle_failed,
+            lambda: self.sensors.scan_is_ready(),
+            lambda: self.sensors.scan_times(),
         )
         local_planner = self.move_base.local_planner_name
         self.sensors = Sensors(
@@ -71,10 +74,14 @@ class MoveBaseNode:
             self.move_base.sources,
             self.move_base.ray_origins,
             tree.get(local_planner, {}).get("odom_topic", odometry),
+            self.thread.wake,
         )
+        self._ages, self._report_ages_from = Ages(), 0.0  # time.monotonic()
+        self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
         self._report_missed_from = 0.0  # time.monotonic()
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
@@ -84,8 +91,9 @@ class MoveBaseNode:
             rospy.Publisher("move_base/feedback", MoveBaseActionFeedback, queue_size=10),
             rospy.Publisher("move_base/result", MoveBaseActionResult, queue_size=1000),
         )
-        self._plans = PlanDisplay(self.move_base)
-        self._maps = {name: CostmapDisplay(name, self.move_base, self.thread.post) for name in COSTMAPS}
+        self._displays = DisplayThread()
+        self._plans = PlanDisplay(self.move_base, self._displays)
+        self._maps = {name: CostmapDisplay(name, self.move_base, self.thread.post, self._displays) for name in COSTMAPS}
         mirror = ParameterMirror()
         self.servers = {
             name: ReconfigureServer(name, self.move_base, mirror, self.thread) for name in self.move_base.servers
@@ -108,9 +116,9 @@ class MoveBaseNode:
         for name in COSTMAPS:
             subscribe.append((f"~{name}/footprint", Polygon, partial(self._take_footprint, name)))
         for topic, with_updates in self.move_base.map_topics.items():
-            subscribe.append((topic, OccupancyGrid, partial(self._take_map, topic)))
+            rospy.Subscriber(topic, MapMessage, partial(self._take_map, topic))
             if with_updates:
-                subscribe.append((topic + "_updates", OccupancyGridUpdate, partial(self._take_map_update, topic)))
+                subscribe.append((topic + "_updates", MapUpdateMessage, partial(self._take_map_update, topic)))
         for topic, kind, work in subscribe:
             rospy.Subscriber(topic, kind, lambda m, work=work: post(lambda: work(m)))
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
@@ -127,25 +135,28 @@ class MoveBaseNode:
             self.thread.run()
 
     # -- one cycle -----------------------------------------------------------------------------------------------
-    def _cycle(self, stamp) -> None:
-        now, move_base = stamp.to_sec(), self.move_base
+    def _cycle(self, stamp, turn) -> None:
+        now, move_base = turn.to_sec(), self.move_base
         self._take_goals(stamp, now)
         pose, frame = self._locate(stamp)
         cycle = move_base.step(now, pose, self.sensors.twist(), self.sensors.observations(), frame)
         self._pose = None if pose is None else move_base.in_global_frame(pose)
         if cycle.command is not None:
             self._send(*cycle.command)
+            self._ages.add(self.sensors.ages(rospy.get_rostime()))
         if cycle.result is not None:
             rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
             self.goals.finish(*cycle.result, stamp)
         if self.goals.active:
             self._say_why_it_stands(pose, cycle)
-            self.goals.feedback(conversions.pose_stamped(self._pose or (0.0, 0.0, 0.0), self.frame, stamp), stamp)
+            if self._pose is not None:
+                self.goals.feedback(conversions.pose_stamped(self._pose, self.frame, stamp), stamp)
         self.goals.publish_status(stamp)
         self._show(cycle, pose, stamp)
         if self.watchdog.is_lost(now):
             self._back_to_start_up()
         self._report_missed()
+        self._report_ages(stamp)
 
     def _locate(self, stamp):
         """(pose in the local frame, pose of the local frame in the global one); (None, None) if one is not known.
@@ -181,6 +192,9 @@ class MoveBaseNode:
             self.move_base.cancel(now)
 
     def _send(self, v: float, w: float) -> None:
+        """Publish a command, slower along the same arc where it is above max_speed, ahead or back."""
+        if abs(v) > self._max_speed:
+            v, w = math.copysign(self._max_speed, v), w * self._max_speed / abs(v)
         self._command.publish(conversions.twist(v, w))
 
     def _say_why_it_stands(self, pose, cycle) -> None:
@@ -231,6 +245,13 @@ class MoveBaseNode:
             )
             self.thread.missed = 0
 
+    def _report_ages(self, stamp) -> None:
+        if time.monotonic() > self._report_ages_from:
+            self._report_ages_from = time.monotonic() + 1.0
+            name, values = rospy.get_name().lstrip("/") + ": age of what commands are made from", self._ages.values()
+            message = conversions.diagnostics(name, DiagnosticStatus.OK, "", values, stamp)
+            self._displays.post(lambda: self._diagnostics.publish(message))
+
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work, cost=0.0):
         """A service callback that has `work` done in the planner's thread."""
@@ -256,12 +277,20 @@ class MoveBaseNode:
             rospy.logerr("%s/footprint: %s: not used", name, problem)
 
     def _take_map(self, topic, message) -> None:
+        """In the subscriber's thread; the planner's gets the finished map."""
         try:
-            self.move_base.set_map(conversions.static_map(message), topic)
+            given = conversions.static_map(message)
         except ApplrError as problem:
             rospy.logerr("%s: %s: not used", topic, problem)
         else:
-            info = message.info
+            self.thread.post(lambda: self._show_map(topic, given, message.info))
+
+    def _show_map(self, topic, given, info) -> None:
+        try:
+            self.move_base.set_map(given, topic)
+        except ApplrError as problem:
+            rospy.logerr("%s: %s: not used", topic, problem)
+        else:
             rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
 
     def _take_map_update(self, topic, message) -> None:
@@ -361,6 +390,7 @@ def main() -> int:
     if robot is not None:
         rospy.set_param("~", dict(tree, **{name: given[name] for name in OWN if name in given}))
     node = MoveBaseNode(tree, robot)
+    sys.setswitchinterval(1e-3)  # s after which a thread that computes gives way to the planner's
     gc.collect()
     gc.freeze()  # what is loaded by now stays: looking through it again would hold a cycle up for 100 ms
     node.serve()

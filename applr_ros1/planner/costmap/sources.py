@@ -61,6 +61,10 @@ class ObservationBuffer:
                 del self.clouds[i:]
                 break
 
+    def forget(self) -> None:
+        """The source has said nothing yet."""
+        self.clouds, self.taken = [], None
+
     def is_current(self, now: float) -> bool:
         """Whether the source still says something as often as expected_update_rate demands."""
         longest = self.source.expected_update_rate

@@ -56,7 +56,7 @@ def along_arc(x, y, c, s, length, turn, n):
 
 @kernel
 def exact_end(p, start, vx, w, steps):
-    """(x, y) of the last scored point, step by step as trajectory_scoring.score_below."""
+    """(x, y) of the last scored point, step by step as scoring.score_below."""
     dt = p.sim_time / steps
     x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
     for _ in range(steps - 1):

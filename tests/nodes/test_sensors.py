@@ -1,0 +1,131 @@
+"""Scans that wait for their transforms, and clocks that step back, without a ROS master; the time is the test's."""
+
+from types import SimpleNamespace
+
+import pytest
+import rospy
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+
+from applr_ros1.nodes import sensors as module
+
+
+@pytest.fixture
+def robot(monkeypatch):
+    """sensors; time(t), scan(t), tf(t), odometry(t): the clock says t [s]; a message with that stamp comes."""
+    callbacks, clock = {}, [rospy.Time(100)]
+
+    def subscribe(topic, kind, callback, **_):
+        callbacks[topic] = callback
+        return SimpleNamespace(resolved_name="/" + topic)
+
+    monkeypatch.setattr(rospy, "Subscriber", subscribe)
+    monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
+    monkeypatch.setattr(module, "_Listener", lambda *_: None)
+    news = []
+    made = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom", lambda: news.append(clock[0]))
+
+    def time(t):
+        clock[0] = rospy.Time.from_sec(t)
+        return clock[0]
+
+    def scan(t):
+        message = LaserScan(angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=[1.0, 2.0, 3.0])
+        message.header.stamp, message.header.frame_id = rospy.Time.from_sec(t), "base"
+        callbacks["scan"](message)
+
+    def tf(t):
+        transform = TransformStamped(child_frame_id="base")
+        transform.header.stamp, transform.header.frame_id = rospy.Time.from_sec(t), "odom"
+        transform.transform.translation.x, transform.transform.rotation.w = t - 100.0, 1.0
+        made.buffer.set_transform(transform, "test")
+
+    def odometry(t):
+        message = Odometry()
+        message.header.stamp, message.twist.twist.linear.x = rospy.Time.from_sec(t), 0.5
+        callbacks["odom"](message)
+
+    return SimpleNamespace(sensors=made, time=time, scan=scan, tf=tf, odometry=odometry, news=news)
+
+
+def test_no_scan_is_lost_while_tf_is_late(robot):
+    """Scans at 25 Hz, tf at 50 Hz and 30 ms late, a look every 10 ms: each scan is used, once, in order."""
+    used, ready = [], []
+    for k in range(200):
+        now = 100.0 + 0.01 * k
+        robot.time(now)
+        if k % 2 == 0:
+            robot.tf(now - 0.03)
+        if k % 4 == 0:
+            robot.scan(now)
+        ready.append(robot.sensors.scan_is_ready())
+        used += [scan.stamp for scan in robot.sensors.observations().values()]
+        assert ready[-1] == (len(used) > sum(ready[:-1]))
+    assert used == pytest.approx([100.0 + 0.04 * k for k in range(len(used))])
+    assert len(used) >= 49
+    assert len(robot.news) == 50
+
+
+def test_of_several_the_newest_that_can_be_placed_counts_and_newer_ones_wait(robot):
+    robot.time(101.0)
+    robot.tf(100.0)
+    robot.tf(100.95)
+    for t in (100.9, 100.94, 100.98):
+        robot.scan(t)
+    assert [scan.stamp for scan in robot.sensors.observations().values()] == pytest.approx([100.94])
+    robot.tf(101.0)
+    assert [scan.stamp for scan in robot.sensors.observations().values()] == pytest.approx([100.98])
+    assert robot.sensors.observations() == {}
+
+
+def test_when_the_next_scan_is_expected(robot):
+    for t in (100.0, 100.02):
+        robot.time(t + 0.005)
+        robot.scan(t)
+    assert robot.sensors.scan_times() == pytest.approx((100.025, 100.045))
+
+
+@pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
+def test_a_clock_that_steps_back_blinds_for_no_longer_than_until_the_next_messages(robot, step):
+    now = robot.time(100.5)
+    robot.tf(100.5)
+    robot.odometry(100.5)
+    robot.scan(100.5)
+    assert robot.sensors.pose(now, 0.3)[0] == pytest.approx(0.5)
+    assert robot.sensors.observations()
+    robot.scan(100.51)  # waits
+    now = robot.time(100.5 - step)
+    assert robot.sensors.pose(now, 0.3) is None
+    assert robot.sensors.observations() == {}
+    assert robot.sensors.odometry_trouble(now, 0.5)
+    now = robot.time(100.52 - step)
+    robot.tf(100.52 - step)
+    robot.odometry(100.52 - step)
+    robot.scan(100.52 - step)
+    assert robot.sensors.pose(now, 0.3)[0] == pytest.approx(0.52 - step)
+    assert robot.sensors.observations()
+    assert not robot.sensors.odometry_trouble(now, 0.5)
+
+
+def test_ages_are_those_of_what_was_used(robot):
+    assert robot.sensors.ages(robot.time(100.5)) == {}
+    robot.tf(100.4)
+    robot.tf(100.48)
+    robot.odometry(100.45)
+    for t in (100.42, 100.49):  # the latter cannot be placed
+        robot.scan(t)
+    now = robot.time(100.5)
+    robot.sensors.pose(now, 0.3)
+    robot.sensors.observations()
+    assert robot.sensors.ages(now) == pytest.approx({"scan": 0.08, "pose": 0.02, "twist": 0.05})
+
+
+def test_ages_as_diagnostics_show_them():
+    from applr_ros1.nodes.ages import Ages
+
+    ages = Ages()
+    for k in range(101):
+        ages.add({"scan": 0.001 * k})
+    assert ages.values() == {"scan_age_s": "median 0.050, 99 % 0.099, largest 0.100"}
