@@ -18,6 +18,7 @@ OWN_TOPICS = (  # beside those of the C++ node
     "/rosout",
     "/applr/heartbeat",
     "/collision_monitor/held_back",
+    "/diagnostics",
     "/move_base/TrajectoryPlannerROS/trajectory_cloud",
 )
 

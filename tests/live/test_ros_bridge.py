@@ -1,7 +1,10 @@
 """The simulated Jackal over ROS: topics, tf, commands and their time-out, reset, change of world, mistakes, factors."""
 
+import itertools
 import time
 from math import hypot, pi
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -376,3 +379,41 @@ def test_factor_zero_keeps_step_with_who_commands():
         assert 0.4 < robot.heard["/clock"][-1].clock.to_sec() - last < 1.5
     finally:
         robot.close()
+
+
+@pytest.mark.parametrize("hertz", [5.0, 10.0, 20.0])
+def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, hertz):
+    """A planner that commands when its cycle is due, or a tick before, is waited for then alone, and never in vain."""
+    from sim_bridge import ros_bridge
+
+    monkeypatch.setattr(rospy, "get_param", lambda name: hertz)
+    bridge = SimpleNamespace(
+        driven=False, newest=None, period=0.0, due=0.0, refused=0, arrived=MagicMock(), commands=[], waits=[]
+    )
+    bridge.simulator = SimpleNamespace(
+        state=SimpleNamespace(time=0.0), command=lambda *_: bridge.commands.append(bridge.simulator.state.time)
+    )
+    period, cycles = 1.0 / hertz, itertools.count(1)
+
+    def wait_for(condition, patience):
+        """The planner answers if its cycle is due by now."""
+        bridge.waits.append((bridge.simulator.state.time, plan()))
+        return bridge.waits[-1][1]
+
+    def plan():
+        early = 0.01 if len(bridge.commands) % 2 else 0.0  # with a scan that came a tick before the cycle was due
+        if bridge.simulator.state.time >= due[0] - early - 1e-6:
+            due[0] = period * next(cycles)
+            ros_bridge.Bridge.on_command(bridge, Twist())
+        return bridge.newest is not None
+
+    due = [0.0]
+    bridge.arrived.wait_for = wait_for
+    for _ in range(400):
+        ros_bridge.Bridge._take_command(bridge)
+        bridge.simulator.state.time += 0.01
+        if not bridge.driven:
+            plan()
+        ros_bridge.Bridge._lock_step(bridge)
+    assert all(answered for _, answered in bridge.waits)
+    assert len(bridge.commands) == pytest.approx(4.0 * hertz, abs=2)

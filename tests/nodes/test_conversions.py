@@ -9,6 +9,7 @@ import genpy
 import numpy as np
 import pytest
 from geometry_msgs.msg import Point32, Quaternion, Transform, Vector3
+from map_msgs.msg import OccupancyGridUpdate
 from nav_msgs.msg import MapMetaData, OccupancyGrid, Path
 from sensor_msgs.msg import LaserScan, PointCloud, PointCloud2, PointField
 
@@ -46,7 +47,7 @@ def test_grid_equals_the_generated_message():
 
 
 def test_update_is_the_window():
-    prepared = conversions.grid_update(costmap(), (2, 1, 5, 4), "odom", STAMP)
+    prepared = conversions.grid_update(costmap().cells[1:4, 2:5], (2, 1), "odom", STAMP)
     message = prepared.message
     assert (message.x, message.y, message.width, message.height) == (2, 1, 3, 3)
     assert prepared.payload == conversions.OCCUPANCY[costmap().cells[1:4, 2:5]].tobytes()
@@ -146,6 +147,23 @@ def test_maps():
         conversions.static_map(message)
     with pytest.raises(MessageError, match="has 6 cells for 4 x 2"):
         conversions.static_map(OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2)))
+
+
+@pytest.mark.parametrize("frame", ["map", ""])
+def test_maps_come_as_arrays_and_else_as_the_generated_messages(frame):
+    """Four million cells as a list would hold the planner up for .4 s."""
+    grid = OccupancyGrid(header=conversions.header(frame, STAMP), data=[0, 100, -1, 50, 7, 9])
+    grid.info.width, grid.info.height, grid.info.resolution, grid.info.origin.position.y = 3, 2, 0.05, 1.5
+    update = OccupancyGridUpdate(header=conversions.header(frame, STAMP), x=-1, y=2, width=2, height=1, data=[-1, 5])
+    for plain, kind in ((grid, conversions.MapMessage), (update, conversions.MapUpdateMessage)):
+        made = kind().deserialize(written(plain))
+        assert isinstance(made.data, np.ndarray)
+        assert (made._type, made._md5sum) == (plain._type, plain._md5sum)
+        cells, made.data = made.data.tolist(), plain.data
+        assert cells == list(plain.data)
+        assert written(made) == written(plain)
+    made = conversions.static_map(conversions.MapMessage().deserialize(written(grid)))
+    assert (made.cells.tolist(), made.origin) == ([[0, 100, -1], [50, 7, 9]], (0.0, 1.5))
 
 
 # -- how the policy's laser is mounted -------------------------------------------------------------------------------

@@ -3,6 +3,8 @@
 import copy
 import itertools
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, SensorCloud, 
 from applr_ros1.planner.costmap.sources import ObservationBuffer, Source
 from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters, interpretation
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.observation_router import ObservationRouter
 from applr_ros1.robots import JACKAL as JACKAL_ROBOT
 from tests.support import map_scenes
 from tests.support.jackal import JACKAL_DWA
@@ -189,6 +192,22 @@ def test_what_a_source_keeps_and_when_it_is_silent():
     assert buffer.is_current(2.5)
     assert not buffer.is_current(2.51)
     assert ObservationBuffer(Source()).is_current(99.0)
+
+
+@pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
+def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(step):
+    source = SimpleNamespace(obstacle_layers=[SimpleNamespace(parameters=SimpleNamespace(enabled=True))])
+    buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))
+    source.obstacle_layers[0].buffers = [buffer]
+    router = ObservationRouter(source, SimpleNamespace(obstacle_layers=[]), 0.5)
+    scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
+    router.take({"scan": scan}, 100.0, None)
+    assert router.silent(100.4) is None
+    now = 100.4 - step
+    assert router.silent(now) == ("scan", 0.5)  # however long the source has been silent by the new time
+    router.take({"scan": replace(scan, stamp=now)}, now, None)
+    assert [cloud.stamp for cloud in buffer.clouds] == [now]
+    assert router.silent(now) is None
 
 
 def test_sensors_that_are_tilted_and_frames_that_move():

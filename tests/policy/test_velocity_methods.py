@@ -4,6 +4,7 @@ import json
 import math
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -192,3 +193,32 @@ def test_the_node_commands_while_there_is_a_goal(tmp_path):
     refused = ros.python("-m", "applr_ros1.scripts.velocity", "_method:=dwa")
     assert refused.process.wait(10.0) == 1
     assert refused.text.splitlines() == ["velocity: method dwa chooses parameters: start it with jackal_applr.launch"]
+
+
+@pytest.mark.parametrize("step", [0.3, 30.0])
+def test_after_a_step_of_the_clock_back_no_old_command_is_sent(monkeypatch, step):
+    """On a wall clock, where rospy does not notice it."""
+    import rospy
+
+    from applr_ros1.nodes.applr import velocity_node
+
+    clock, sent, slept = [100.0], [], []
+    monkeypatch.setattr(rospy.Time, "now", lambda: rospy.Time.from_sec(clock[0]))
+    monkeypatch.setattr(rospy, "is_shutdown", lambda: len(slept) >= 40)
+    monkeypatch.setattr(rospy, "on_shutdown", lambda _: None)
+    monkeypatch.setattr(rospy, "logwarn", lambda *_: None)
+    monkeypatch.setattr(velocity_node.VelocityNode, "_context", lambda self, now: now.to_sec())
+    publisher = SimpleNamespace(publish=lambda m: sent.append((clock[0], m.linear.x)))
+    monkeypatch.setattr(rospy, "Publisher", lambda *_, **__: publisher)
+
+    def sleep(seconds):
+        slept.append(seconds)
+        clock[0] += 0.05 - (step if len(slept) == 20 else 0.0)
+
+    monkeypatch.setattr(rospy, "sleep", sleep)
+    method = SimpleNamespace(period=0.05, reset=lambda seed: None, command=lambda now: (now, 0.0))
+    inputs = SimpleNamespace(goal=lambda now: "goal", clear=lambda: None)
+    velocity_node.VelocityNode(method, inputs).spin()
+    moving = [(now, v) for now, v in sent if v]
+    assert len(moving) >= 39
+    assert all(v == pytest.approx(now) for now, v in moving)

@@ -1,0 +1,113 @@
+"""What the applr node takes for its inputs: plans of this goal, poses of now. No ROS master is needed."""
+
+import io
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import rospy
+import tf2_ros
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from geometry_msgs.msg import PoseStamped, TransformStamped
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import LaserScan
+
+from applr_ros1.nodes.applr.inputs import RobotInputs
+from applr_ros1.nodes.transforms import Transforms
+from applr_ros1.policy.observation import ObservationError
+
+
+def stamped(message, now, frame):
+    message.header.stamp, message.header.frame_id = now, frame
+    return message
+
+
+def packed(message):
+    buff = io.BytesIO()
+    message.serialize(buff)
+    return SimpleNamespace(_buff=buff.getvalue(), _connection_header={"type": message._type, "topic": "topic"})
+
+
+class Beside:
+    """RobotInputs at a time [s], and what it hears: a scan and odometry all the time, plans and goals as told."""
+
+    def __init__(self, monkeypatch):
+        self.now = 100.0
+        monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
+        monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
+        monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
+        self.inputs = RobotInputs()
+        self.inputs._mount = SimpleNamespace(beams=lambda scan, base: (scan.ranges, scan.angle_min, 0.01))
+
+    @property
+    def time(self):
+        return rospy.Time.from_sec(self.now)
+
+    def goal(self, name, x):
+        message = stamped(PoseStamped(), self.time, "odom")
+        message.pose.position.x = x
+        self.inputs._on_current_goal(message)
+        status = GoalStatus(status=GoalStatus.ACTIVE)
+        status.goal_id.id = name
+        self.inputs._on_status(GoalStatusArray(status_list=[status]))
+
+    def plan(self, end, frame="odom"):
+        message = stamped(Path(), self.time, frame)
+        for x in np.linspace(0.0, end, 5):
+            message.poses.append(PoseStamped())
+            message.poses[-1].pose.position.x = x
+        self.inputs._on_plan(packed(message))
+
+    def snapshot(self):
+        scan = LaserScan(angle_min=-2.0, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 400)
+        self.inputs._on_scan(packed(stamped(scan, self.time, "front_laser")))
+        self.inputs._on_odometry(stamped(Odometry(child_frame_id="base_link"), self.time, "odom"))
+        return self.inputs.snapshot(self.time)
+
+
+@pytest.fixture
+def beside(monkeypatch):
+    return Beside(monkeypatch)
+
+
+def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
+    beside.goal("one", 5.0)
+    beside.plan(5.0)
+    assert beside.snapshot().plan[-1, 0] == 5.0
+    beside.now += 0.4
+    beside.plan(5.0)
+    beside.now += 0.02
+    beside.goal("two", -3.0)
+    with pytest.raises(ObservationError, match="no global plan for this goal"):
+        beside.snapshot()
+    beside.now += 0.02
+    beside.plan(5.0)  # was under way
+    with pytest.raises(ObservationError, match="no global plan for this goal"):
+        beside.snapshot()
+    beside.plan(-2.8)  # to the first free place near the goal
+    assert beside.snapshot().plan[-1, 0] == pytest.approx(-2.8)
+
+
+def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside):
+    beside.goal("one", 5.0)
+    beside.plan(5.0, "map")
+    beside.inputs._transforms._buffer = buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
+    transform = TransformStamped(child_frame_id="base_link")
+    transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
+    transform.transform.translation.y = 0.5
+    transform.header.stamp = beside.time
+    buffer.set_transform(transform, "test")
+    beside.now += 0.9
+    assert beside.snapshot().pose == (0.0, 0.5, 0.0)
+    beside.now += 0.2
+    with pytest.raises(ObservationError, match=r"map <- base_link is 1.10 s old"):
+        beside.snapshot()
+
+
+def test_a_static_transform_has_no_age(beside):
+    transforms = Transforms()
+    transforms._buffer = buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
+    transform = TransformStamped(child_frame_id="base_link")
+    transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
+    buffer.set_transform_static(transform, "test")
+    assert transforms.newest("map", "base_link", 1.0).rotation.w == 1.0

@@ -1,0 +1,44 @@
+"""One cycle of the move_base node, without a ROS master: what leaves it."""
+
+import math
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+
+import pytest
+import rospy
+
+from applr_ros1.nodes.move_base.node import MoveBaseNode
+from applr_ros1.planner.state_machine import Cycle
+
+NOW = rospy.Time(100)
+
+
+@pytest.mark.parametrize(
+    ("command", "sent"),
+    [
+        ((2.0, 1.0), (0.4, 0.2)),
+        ((-0.5, 0.0), (-0.4, 0.0)),
+        ((-0.5, -0.5), (-0.4, -0.4)),
+        ((0.3, 1.5), (0.3, 1.5)),
+        ((0.0, 1.5), (0.0, 1.5)),
+    ],
+)
+def test_max_speed_bounds_commands_ahead_and_back_and_keeps_their_arcs(command, sent):
+    out = []
+    publisher = SimpleNamespace(publish=lambda m: out.append((m.linear.x, m.angular.z)))
+    MoveBaseNode._send(SimpleNamespace(_command=publisher, _max_speed=0.4), *command)
+    MoveBaseNode._send(SimpleNamespace(_command=publisher, _max_speed=math.inf), *command)
+    assert out == [pytest.approx(sent), command]
+
+
+@pytest.mark.parametrize("pose", [None, (1.0, 2.0, 0.5)])
+def test_feedback_states_a_pose_that_is_known(pose):
+    node = MagicMock()
+    node._locate.return_value = pose, None
+    node.move_base.step.return_value = Cycle()
+    node.move_base.in_global_frame.side_effect = lambda pose: pose
+    node.watchdog.is_lost.return_value = False
+    node.frame = "odom"
+    MoveBaseNode._cycle(node, NOW, NOW)
+    told = [(call.args[0].pose.position.x, call.args[0].pose.position.y) for call in node.goals.feedback.mock_calls]
+    assert told == ([] if pose is None else [(1.0, 2.0)])
