@@ -59,7 +59,7 @@ class Beside:
         self.inputs._on_plan(packed(message))
 
     def snapshot(self):
-        scan = LaserScan(angle_min=-2.0, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 400)
+        scan = LaserScan(angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 501)
         self.inputs._on_scan(packed(stamped(scan, self.time, "front_laser")))
         self.inputs._on_odometry(stamped(Odometry(child_frame_id="base_link"), self.time, "odom"))
         return self.inputs.snapshot(self.time)
