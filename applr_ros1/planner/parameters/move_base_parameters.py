@@ -117,7 +117,8 @@ APPLR_NODE = (
         "Longest time between two heartbeats of the applr node, which sends one in each decision period and at least "
         "every 2 s. If none arrives for two and a half such times, the start-up parameters are restored."),
     real("max_speed", 0.0, 0.0, INF, "m/s",
-        "Largest max_vel_x that is restored when the applr node has died; 0: the start-up value, whatever it is."),
+        "Largest speed of a command, ahead and back: a faster one is slowed down along its arc. 0: any. When the applr "
+        "node has died, max_vel_x is restored to no more than it."),
     whole("recovery_rounds", 0, 0, INT_MAX, "",
         "How often the recoveries may begin anew for one goal without bringing the robot 0.5 m nearer to it; then the "
         "goal is aborted. 0: for ever, as in C++, where a robot may circle a goal that cannot be reached."),
