@@ -78,7 +78,7 @@ def _of_bag(path: Path, robot: Robot) -> List[Drive]:
 def standing_in(robot: Robot, ground: str) -> KinematicSimulator:
     """The simulator that takes a recording's commands, on a ground."""
     robot = on_ground(robot, ground)
-    return KinematicSimulator(replace(robot, simulation=replace(robot.simulation, command_delay=0.0)))
+    return KinematicSimulator(replace(robot, simulation=robot.simulation.model_copy(update={"command_delay": 0.0})))
 
 
 def replay(simulator: KinematicSimulator, drive: Drive, begin: int = 0, end: Optional[int] = None) -> np.ndarray:

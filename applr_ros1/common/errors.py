@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import os
 import signal
 import sys
 import traceback
-from typing import Callable, Optional
+from typing import Any, Callable, Iterable, Optional
 
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
 
@@ -19,6 +20,12 @@ class ApplrError(ValueError):
     """
 
     exit_status = 1
+
+
+def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:
+    """What to do about an unknown name: "did you mean NAME?" where a known one is like it."""
+    close = difflib.get_close_matches(str(name), list(known), 1)
+    return f"did you mean {close[0]}?" if close else otherwise
 
 
 def reason(error: BaseException) -> str:

@@ -1,7 +1,7 @@
 """What the collision monitor must know of a base, checked."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Tuple
 
 from applr_ros1.common.errors import ApplrError
@@ -39,7 +39,7 @@ class MonitorSettings:
         """What a robot's description gives: its outline, rounded up to millimetres, and its section `monitor`."""
         back, front, right, left = (math.copysign(math.ceil(1e3 * abs(x) - 1e-6) / 1e3, x) for x in bounding_box(robot))
         body = ((front, left), (front, right), (back, right), (back, left))
-        return cls(body=body, **asdict(robot.monitor))
+        return cls(body=body, **robot.monitor.model_dump())
 
     def __post_init__(self):
         for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):

@@ -1,24 +1,25 @@
-"""What a robot description holds: the sections of robot.yaml as frozen dataclasses.
+"""What a robot description holds: the sections of robot.yaml as pydantic models, which check their values.
 
-reader.py fills them. Lengths [m], masses [kg], angles [rad], times [s]; places are in the robot's base frame, x ahead.
-Fields without a default have to be given.
+reader.py fills them. Places are in the robot's base frame, x ahead. Fields without a default have to be given.
 """
 
 from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, NamedTuple, Optional, Tuple
+
+from typing_extensions import Literal, get_args
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
-from applr_ros1.robots.field_types import choice, points, real, ros_name, vector, whole
+from applr_ros1.robots.field_types import Inertia3, Length3, Name, Place2, Place3, Section, real, values, whole
 
-GROUNDS = ("plain", "gazebo")  # of Simulation
+Ground = Literal["plain", "gazebo"]
+GROUNDS = get_args(Ground)
 
 
-@dataclass(frozen=True)
-class Base:
+class Base(Section):
     """Wheels, their places, and what the base's controller allows.
 
     drive: skid_steer (four wheels, the two of a side turn together) or two_wheel (two driven wheels on the base frame's
@@ -29,22 +30,22 @@ class Base:
     never does.
     """
 
-    drive: str = choice("skid_steer", "two_wheel")
-    max_speed: float = real(0.01, 20.0)  # m/s, ahead and back
-    max_yaw_rate: float = real(0.01, 20.0)  # rad/s
-    max_acceleration: float = real(0.01, 100.0)  # m/s^2
-    max_yaw_acceleration: float = real(0.01, 200.0)  # rad/s^2
-    wheel_radius: float = real(0.005, 2.0)
-    wheel_width: float = real(0.001, 2.0)
-    track: float = real(0.01, 10.0)
-    axle_height: float = real(-2.0, 2.0)
-    wheelbase: float = real(0.0, 10.0, 0.0)
-    wheel_mass: float = real(0.001, 500.0, 0.5)
-    wheel_inertia: Optional[Tuple[float, float, float]] = vector(3, 1e-9, 100.0, None)
-    wheel_friction: float = real(0.01, 3.0, 0.5)
-    casters: Tuple[Tuple[float, float], ...] = points(())
-    caster_friction: float = real(0.0, 3.0, 0.1)
-    command_timeout: float = real(0.0, 60.0, 0.0)
+    drive: Literal["skid_steer", "two_wheel"]
+    max_speed: float = real("m/s", 0.01, 20.0)
+    max_yaw_rate: float = real("rad/s", 0.01, 20.0)
+    max_acceleration: float = real("m/s^2", 0.01, 100.0)
+    max_yaw_acceleration: float = real("rad/s^2", 0.01, 200.0)
+    wheel_radius: float = real("m", 0.005, 2.0)
+    wheel_width: float = real("m", 0.001, 2.0)
+    track: float = real("m", 0.01, 10.0)
+    axle_height: float = real("m", -2.0, 2.0)
+    wheelbase: float = real("m", 0.0, 10.0, 0.0)
+    wheel_mass: float = real("kg", 0.001, 500.0, 0.5)
+    wheel_inertia: Optional[Inertia3] = values("kg m^2", None)
+    wheel_friction: float = real("", 0.01, 3.0, 0.5)
+    casters: Tuple[Place2, ...] = values("m", (), max_length=8)
+    caster_friction: float = real("", 0.0, 3.0, 0.1)
+    command_timeout: float = real("s", 0.0, 60.0, 0.0)
 
     @property
     def wheels(self) -> int:
@@ -52,8 +53,7 @@ class Base:
         return 4 if self.drive == "skid_steer" else 2
 
 
-@dataclass(frozen=True)
-class Body:
+class Body(Section):
     """The box that meets obstacles beside the wheels.
 
     size: length, width, height. centre: of the box along x and y; bottom: its underside above the base frame. com:
@@ -61,29 +61,31 @@ class Body:
     box. friction: against obstacles.
     """
 
-    size: Tuple[float, float, float] = vector(3, 0.01, 10.0)
-    mass: float = real(0.01, 5000.0)
-    centre: Tuple[float, float] = vector(2, -10.0, 10.0, (0.0, 0.0))
-    bottom: float = real(-2.0, 2.0, 0.0)
-    com: Optional[Tuple[float, float, float]] = vector(3, -10.0, 10.0, None)
-    inertia: Optional[Tuple[float, float, float]] = vector(3, 1e-9, 1e5, None)
-    friction: float = real(0.01, 3.0, 0.5)
+    size: Length3 = values("m")
+    mass: float = real("kg", 0.01, 5000.0)
+    centre: Place2 = values("m", (0.0, 0.0))
+    bottom: float = real("m", -2.0, 2.0, 0.0)
+    com: Optional[Place3] = values("m", None)
+    inertia: Optional[Inertia3] = values("kg m^2", None)
+    friction: float = real("", 0.01, 3.0, 0.5)
 
 
-@dataclass(frozen=True)
-class Laser:
-    """A planar scanner. pose: x, y, yaw. height: above the base frame. Beams are evenly spread between both angles."""
+class Laser(Section):
+    """A planar scanner, whose beams are evenly spread between both angles.
 
-    frame: str = ros_name()
-    pose: Tuple[float, float, float] = vector(3, -10.0, 10.0)
-    height: float = real(-2.0, 5.0)
+    pose: x, y [m] and yaw [rad]. height: above the base frame.
+    """
+
+    frame: Name
+    pose: Place3
+    height: float = real("m", -2.0, 5.0)
     beams: int = whole(2, 8192)
-    first_angle: float = real(-6.2832, 6.2832)
-    last_angle: float = real(-6.2832, 6.2832)
-    range_min: float = real(0.0, 10.0)
-    range_max: float = real(0.1, 200.0)
-    rate: float = real(0.5, 200.0)  # Hz
-    noise: float = real(0.0, 1.0, 0.0)  # standard deviation
+    first_angle: float = real("rad", -6.2832, 6.2832)
+    last_angle: float = real("rad", -6.2832, 6.2832)
+    range_min: float = real("m", 0.0, 10.0)
+    range_max: float = real("m", 0.1, 200.0)
+    rate: float = real("Hz", 0.5, 200.0)
+    noise: float = real("m", 0.0, 1.0, 0.0)
 
     @property
     def increment(self) -> float:
@@ -95,92 +97,87 @@ class Laser:
         return 1.0 / self.rate if self.rate * cycle < 1.0 else 0.0
 
 
-@dataclass(frozen=True)
-class Topics:
+class Topics(Section):
     """Names that the robot publishes and listens on, relative to its namespace."""
 
-    scan: str = ros_name("scan")
-    odometry: str = ros_name("odom")
-    cmd_vel: str = ros_name("cmd_vel")
-    imu: str = ros_name("imu")
+    scan: Name = "scan"
+    odometry: Name = "odom"
+    cmd_vel: Name = "cmd_vel"
+    imu: Name = "imu"
 
 
-@dataclass(frozen=True)
-class Frames:
+class Frames(Section):
     """Names of frames in tf."""
 
-    base: str = ros_name()
-    odom: str = ros_name("odom")
-    map: str = ros_name("map")
+    base: Name
+    odom: Name = "odom"
+    map: Name = "map"
 
 
-@dataclass(frozen=True)
-class OdometryErrors:
+class OdometryErrors(Section):
     """How the odometry errs: wheels for the distance, IMU for the heading. Standard deviations.
 
     scale_error: of the wheels' scale, drawn at a start. heading_drift: of the heading's slow error, heading_time its
     correlation time, heading_noise what changes from one reading to the next. speed_noise: of the speed given with the
     pose. gyro_noise, accelerometer_noise: of the IMU. lag: time constant of the
-    filter that joins them [s]. rate: of the messages [Hz].
+    filter that joins them. rate: of the messages.
     """
 
-    rate: float = real(1.0, 240.0, 50.0)
-    scale_error: float = real(0.0, 0.5, 0.005)
-    heading_drift: float = real(0.0, 1.0, 0.002)
-    heading_time: float = real(0.1, 1e4, 60.0)
-    heading_noise: float = real(0.0, 1.0, 0.003)
-    speed_noise: float = real(0.0, 1.0, 0.005)
-    gyro_noise: float = real(0.0, 1.0, 0.005)
-    accelerometer_noise: float = real(0.0, 5.0, 0.005)
-    lag: float = real(0.0, 1.0, 0.0)
+    rate: float = real("Hz", 1.0, 240.0, 50.0)
+    scale_error: float = real("", 0.0, 0.5, 0.005)
+    heading_drift: float = real("rad", 0.0, 1.0, 0.002)
+    heading_time: float = real("s", 0.1, 1e4, 60.0)
+    heading_noise: float = real("rad", 0.0, 1.0, 0.003)
+    speed_noise: float = real("m/s", 0.0, 1.0, 0.005)
+    gyro_noise: float = real("rad/s", 0.0, 1.0, 0.005)
+    accelerometer_noise: float = real("m/s^2", 0.0, 5.0, 0.005)
+    lag: float = real("s", 0.0, 1.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Monitoring:
+class Monitoring(Section):
     """What the collision monitor relies on; see MonitorSettings."""
 
-    margin: float = real(0.0, 1.0, 0.03)
-    reaction_time: float = real(0.01, 2.0, 0.15)
-    deceleration: float = real(0.01, 100.0, 4.0)  # m/s^2
-    yaw_deceleration: float = real(0.01, 200.0, 12.0)  # rad/s^2
+    margin: float = real("m", 0.0, 1.0, 0.03)
+    reaction_time: float = real("s", 0.01, 2.0, 0.15)
+    deceleration: float = real("m/s^2", 0.01, 100.0, 4.0)
+    yaw_deceleration: float = real("rad/s^2", 0.01, 200.0, 12.0)
 
 
-@dataclass(frozen=True)
-class Simulation:
+class Simulation(Section):
     """Numbers of both simulators that are chosen or fitted, not measured on the robot.
 
     ground: plain, where tyres pull against their slip, or gazebo, with the friction of Gazebo's Jackal. There a wheel
     turns track_multiplier times as fast for a turn as its track says, stands on both edges of its rim, and has
     edge_shift more of its load on the outer one for each m/s^2 of lateral acceleration. command_delay: from a command
-    to the wheels [s].
+    to the wheels.
 
-    grip_limit: on plain ground the tyres hold curves up to this v w [m/s^2]. tyre_creep: slip speed at which a tyre has
-    .7 of its full friction [m/s]. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's
+    grip_limit: on plain ground the tyres hold curves up to this v w. tyre_creep: slip speed at which a tyre has
+    .7 of its full friction. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's
     friction and its correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute
-    deviation while it moves [m/s]. ground_stiffness, ground_damping: of one tyre [N/m, N s/m]. motor_torque: of one
-    wheel against obstacles [N m]. full_lift: a wheel this high above the ground pulls no more [m]. wheel_rub, body_rub,
+    deviation while it moves. ground_stiffness, ground_damping: of one tyre. motor_torque: of one
+    wheel against obstacles. full_lift: a wheel this high above the ground pulls no more. wheel_rub, body_rub,
     undo: of the kinematic simulator, fitted to pybullet's contacts: friction of a wheel and of the body along an
     obstacle, and the share of an overlap that is undone in a step.
     """
 
-    grip_limit: float = real(0.05, 50.0)
-    ground: str = choice(*GROUNDS, default="plain")
-    track_multiplier: Optional[float] = real(0.5, 5.0, None)
-    edge_shift: float = real(0.0, 2.0, 0.0)
-    command_delay: float = real(0.0, 1.0, 0.0)
-    tyre_creep: float = real(1e-4, 0.5, 0.02)
-    grip_noise: float = real(0.0, 1.0, 0.10)
-    grip_time: float = real(0.01, 60.0, 0.5)
-    wheel_noise: float = real(0.0, 0.5, 0.005)
-    wheel_time: float = real(0.01, 60.0, 0.5)
-    wheel_shake: float = real(0.0, 0.5, 0.01)
-    ground_stiffness: float = real(100.0, 1e7, 3.0e4)
-    ground_damping: float = real(1.0, 1e5, 400.0)
-    motor_torque: float = real(0.01, 1000.0, 10.0)
-    full_lift: float = real(1e-4, 0.5, 0.005)
-    wheel_rub: float = real(0.0, 1.0, 0.66)
-    body_rub: float = real(0.0, 1.0, 0.94)
-    undo: float = real(0.02, 1.0, 0.51)
+    grip_limit: float = real("m/s^2", 0.05, 50.0)
+    ground: Ground = "plain"
+    track_multiplier: Optional[float] = real("", 0.5, 5.0, None)
+    edge_shift: float = real("s^2/m", 0.0, 2.0, 0.0)
+    command_delay: float = real("s", 0.0, 1.0, 0.0)
+    tyre_creep: float = real("m/s", 1e-4, 0.5, 0.02)
+    grip_noise: float = real("", 0.0, 1.0, 0.10)
+    grip_time: float = real("s", 0.01, 60.0, 0.5)
+    wheel_noise: float = real("", 0.0, 0.5, 0.005)
+    wheel_time: float = real("s", 0.01, 60.0, 0.5)
+    wheel_shake: float = real("m/s", 0.0, 0.5, 0.01)
+    ground_stiffness: float = real("N/m", 100.0, 1e7, 3.0e4)
+    ground_damping: float = real("N s/m", 1.0, 1e5, 400.0)
+    motor_torque: float = real("N m", 0.01, 1000.0, 10.0)
+    full_lift: float = real("m", 1e-4, 0.5, 0.005)
+    wheel_rub: float = real("", 0.0, 1.0, 0.66)
+    body_rub: float = real("", 0.0, 1.0, 0.94)
+    undo: float = real("", 0.02, 1.0, 0.51)
 
 
 @dataclass(frozen=True)
@@ -207,12 +204,25 @@ class SpaceParameter:
     settings: Tuple[Setting, ...]
 
 
+class LoadedFile(NamedTuple):
+    """A file of move_base parameters. values: nested dicts, which stand below `namespace`."""
+
+    file: str
+    namespace: str
+    values: Dict[str, Any]
+
+
 @dataclass(frozen=True)
 class MoveBaseSetup:
-    """The robot's move_base parameters, as its launch file loads them: nested dicts, {name: value or dict}."""
+    """The robot's move_base parameters, as its launch file loads them: nested dicts, {name: value or dict}.
+
+    The files are those that the trees were joined from, in their order; later values count.
+    """
 
     with_map: Optional[Dict[str, Any]]  # None where robot.yaml describes no setup with a map
     without_map: Dict[str, Any]
+    files_with_map: Tuple[LoadedFile, ...] = ()
+    files_without_map: Tuple[LoadedFile, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What a description may not say against itself: ranges beyond the base's limits, a laser that sees nothing.
 
-reader.py calls `check` last.
+reader.py calls `problems` last.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import pi
 from typing import Iterator, Tuple
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.robots.description import Robot, Setting, find
 
@@ -21,13 +20,8 @@ _TURNS = (
 _PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
 
 
-def check(robot: Robot) -> None:
-    """Raise ApplrError, one line, for the first contradiction in a description."""
-    for problem in _problems(robot):
-        raise ApplrError(problem)
-
-
-def _problems(robot: Robot) -> Iterator[str]:
+def problems(robot: Robot) -> Iterator[str]:
+    """A line for each contradiction in a description."""
     yield from _base(robot)
     yield from _ground(robot)
     yield from _laser(robot)

@@ -1,60 +1,71 @@
-"""Joins a robot's move_base parameter files as its launch file loads them into one nested tree.
+"""The section move_base of robot.yaml: joins parameter files as the robot's launch file loads them into one tree.
 
-reader.py calls `setup` with the section move_base of robot.yaml.
+reader.py reads it and calls `setup`.
 """
 
 from __future__ import annotations
 
 import os
-from typing import Any, Dict
+from typing import Any, Dict, Optional, Tuple
 
-from applr_ros1.common.errors import ApplrError
+from pydantic import Field, model_validator
+from typing_extensions import Annotated
+
 from applr_ros1.common.trees import merged
 from applr_ros1.robots import yaml_file
-from applr_ros1.robots.description import MoveBaseSetup
-from applr_ros1.robots.field_types import ROS_NAME, mapping, shown
+from applr_ros1.robots.description import LoadedFile, MoveBaseSetup
+from applr_ros1.robots.field_types import PATH, Section
 
-_GROUP = ("files", "parameters")
-_FILE = ("file", "namespace")
-
-
-def setup(section: Any, folder: str, label: str) -> MoveBaseSetup:
-    """The trees that the section move_base of robot.yaml describes.
-
-    section: {files: [{file, namespace}, ...], parameters: {...}, with_map: {files, parameters}, without_map: {...}}.
-    Files are read in their order below their namespaces, later values replace earlier ones; parameters come after the
-    files.
-    """
-    groups = mapping(section, label, _GROUP + ("with_map", "without_map"))
-    with_map = None
-    if "with_map" in groups:
-        with_map = _load([(groups, label), (groups["with_map"], label + ".with_map")], folder)
-    without_map = _load([(groups, label), (groups.get("without_map", {}), label + ".without_map")], folder)
-    return MoveBaseSetup(with_map, without_map)
+FILE = "robot.yaml"
 
 
-def _load(groups, folder: str) -> Dict[str, Any]:
-    tree: Dict[str, Any] = {}
-    for group, label in groups:
-        known = mapping(group, label, _GROUP + ("with_map", "without_map"))
-        files = known.get("files", [])
-        if not isinstance(files, list):
-            raise ApplrError(f"{label}.files is {shown(files)}: give a list of {{file: NAME.yaml}}")
-        for i, entry in enumerate(files):
-            tree = merged(tree, _file(entry, folder, f"{label}.files[{i}]"))
-        tree = merged(tree, mapping(known.get("parameters", {}), label + ".parameters"))
-    return tree
+class ParameterFile(Section):
+    """A file in the robot's folder, and the namespace below which its parameters stand."""
+
+    file: str
+    namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
+
+    @model_validator(mode="after")
+    def _is_in_the_folder(self) -> ParameterFile:
+        if os.path.isabs(self.file) or ".." in self.file.split("/"):
+            raise ValueError(f"file is {self.file}: give the name of a file in the robot's folder")
+        return self
 
 
-def _file(entry: Any, folder: str, label: str) -> Dict[str, Any]:
-    """The content of a file below its namespace."""
-    entry = mapping(entry, label, _FILE)
-    name, namespace = entry.get("file"), entry.get("namespace", "")
-    if not isinstance(name, str) or os.path.isabs(name) or ".." in name.split("/"):
-        raise ApplrError(f"{label}.file is {shown(name)}: give the name of a file in the robot's folder")
-    if namespace and not (isinstance(namespace, str) and ROS_NAME.fullmatch(namespace)):
-        raise ApplrError(f"{label}.namespace is {shown(namespace)}: give a name such as local_costmap")
-    tree = yaml_file.read(os.path.join(folder, name))
-    for part in reversed(list(filter(None, namespace.split("/")))):
-        tree = {part: tree}
-    return tree
+class FileGroup(Section):
+    """Files in the order in which they are loaded, and parameters that come after them; later values count."""
+
+    files: Tuple[ParameterFile, ...] = ()
+    parameters: Dict[str, Any] = {}
+
+
+class MoveBaseSection(FileGroup):
+    """What is always loaded, and what is loaded after it with and without a map."""
+
+    with_map: Optional[FileGroup] = None
+    without_map: FileGroup = FileGroup()
+
+
+def setup(given: MoveBaseSection, folder: str) -> MoveBaseSetup:
+    """The trees that the section describes, with the files in `folder`."""
+    always = _loaded(given, folder)
+    without_map = always + _loaded(given.without_map, folder)
+    if given.with_map is None:
+        return MoveBaseSetup(None, _tree(without_map), (), without_map)
+    with_map = always + _loaded(given.with_map, folder)
+    return MoveBaseSetup(_tree(with_map), _tree(without_map), with_map, without_map)
+
+
+def _loaded(group: FileGroup, folder: str) -> Tuple[LoadedFile, ...]:
+    files = (LoadedFile(one.file, one.namespace, yaml_file.read(os.path.join(folder, one.file))) for one in group.files)
+    return (*files, LoadedFile(FILE, "", group.parameters))
+
+
+def _tree(files: Tuple[LoadedFile, ...]) -> Dict[str, Any]:
+    joined: Dict[str, Any] = {}
+    for file in files:
+        tree = file.values
+        for part in reversed(list(filter(None, file.namespace.split("/")))):
+            tree = {part: tree}
+        joined = merged(joined, tree)
+    return joined

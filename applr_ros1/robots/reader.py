@@ -6,33 +6,42 @@ Shipped robots lie beside this file and are named after their folders.
 from __future__ import annotations
 
 import os
-from dataclasses import MISSING, fields, replace
+from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Dict
+from typing import Dict, Optional
+
+from pydantic import Field, ValidationError
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import description as sections
 from applr_ros1.robots import limits, parameter_files, yaml_file
 from applr_ros1.robots.default_space import default_space
 from applr_ros1.robots.description import Robot
-from applr_ros1.robots.field_types import mapping, number
-from applr_ros1.robots.space_section import space
+from applr_ros1.robots.field_types import Section, real
+from applr_ros1.robots.parameter_files import FILE, MoveBaseSection
+from applr_ros1.robots.problems import RobotError, lines_of, refuse
+from applr_ros1.robots.space_section import MAX_PARAMETERS, ParameterName, SpaceEntry, space
 
-FILE = "robot.yaml"
 _HERE = os.path.dirname(os.path.abspath(__file__))
 NAMES = tuple(sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.path.join(_HERE, name, FILE))))
-_SECTIONS = {
-    "base": sections.Base,
-    "body": sections.Body,
-    "laser": sections.Laser,
-    "topics": sections.Topics,
-    "frames": sections.Frames,
-    "odometry": sections.OdometryErrors,
-    "monitor": sections.Monitoring,
-    "simulation": sections.Simulation,
-}
-_OPTIONAL = ("topics", "odometry", "monitor", "parameter_space")
-_OTHERS = ("world_scale", "move_base", "parameter_space")
+
+
+class RobotFile(Section):
+    """The content of robot.yaml."""
+
+    base: sections.Base
+    body: sections.Body
+    laser: sections.Laser
+    frames: sections.Frames
+    simulation: sections.Simulation
+    move_base: MoveBaseSection
+    topics: sections.Topics = sections.Topics()
+    odometry: sections.OdometryErrors = sections.OdometryErrors()
+    monitor: sections.Monitoring = sections.Monitoring()
+    world_scale: float = real("", 0.05, 20.0)
+    parameter_space: Optional[Dict[ParameterName, SpaceEntry]] = Field(
+        default=None, min_length=1, max_length=MAX_PARAMETERS
+    )
 
 
 def load(name_or_folder: str) -> Robot:
@@ -42,8 +51,9 @@ def load(name_or_folder: str) -> Robot:
     same folder reads nothing.
 
     Raises:
-        ApplrError: There is no such robot, or its description cannot be used: one line with what is missing, unknown,
-            out of bounds or contradicts the base.
+        RobotError: Its description cannot be used: a line for each value that is missing, unknown, out of bounds or
+            contradicts the base.
+        ApplrError: There is no such robot, or a file cannot be read; one line.
     """
     name = str(name_or_folder)
     if name in NAMES:
@@ -55,51 +65,23 @@ def load(name_or_folder: str) -> Robot:
 
 
 def on_ground(robot: Robot, ground: str) -> Robot:
-    """The robot on another simulated ground (Simulation.ground); ApplrError where it cannot stand on that."""
-    changed = replace(robot, simulation=replace(robot.simulation, ground=ground))
-    limits.check(changed)
+    """The robot on another simulated ground (Simulation.ground); RobotError where it cannot stand on that."""
+    changed = replace(robot, simulation=robot.simulation.model_copy(update={"ground": ground}))
+    refuse(limits.problems(changed))
     return changed
 
 
 @lru_cache(maxsize=32)
 def _read(folder: str) -> Robot:
     path = os.path.join(folder, FILE)
-    given = yaml_file.read(path)
+    content = yaml_file.read(path)
     try:
-        return _robot(folder, given)
-    except ApplrError as error:
-        raise ApplrError(str(error) if str(error).startswith(folder) else f"{path}: {error}") from None
-
-
-def _robot(folder: str, given: Dict[str, Any]) -> Robot:
-    mapping(given, "", (*_SECTIONS, *_OTHERS))
-    for key in (*_SECTIONS, *_OTHERS):
-        if key not in given and key not in _OPTIONAL:
-            raise ApplrError(f"{key} is missing: give it")
-    parts = {key: _section(kind, given.get(key, {}), key) for key, kind in _SECTIONS.items()}
-    setup = parameter_files.setup(given["move_base"], folder, "move_base")
-    stated = given.get("parameter_space")
-    robot = Robot(
-        name=os.path.basename(folder),
-        folder=folder,
-        world_scale=number(0.05, 20.0)(given["world_scale"], "world_scale"),
-        space=default_space(parts["base"], parts["body"], setup.without_map)
-        if stated is None
-        else space(stated, "parameter_space"),
-        move_base=setup,
-        **parts,
-    )
-    limits.check(robot)
+        given = RobotFile.model_validate(content)
+    except ValidationError as error:
+        raise RobotError(f"{path}: {line}" for line in lines_of(RobotFile, error)) from None
+    values = dict(given, name=os.path.basename(folder), folder=folder)
+    stated, setup = values.pop("parameter_space"), parameter_files.setup(given.move_base, folder)
+    chosen = default_space(given.base, given.body, setup.without_map) if stated is None else space(stated)
+    robot = Robot(**dict(values, move_base=setup, space=chosen))
+    refuse(f"{path}: {line}" for line in limits.problems(robot))
     return robot
-
-
-def _section(kind: Any, given: Any, label: str) -> Any:
-    """One of the dataclasses of description.py from a mapping."""
-    mapping(given, label, [f.name for f in fields(kind)])
-    values = {}
-    for f in fields(kind):
-        if f.name in given:
-            values[f.name] = f.metadata["take"](given[f.name], f"{label}.{f.name}")
-        elif f.default is MISSING:
-            raise ApplrError(f"{label}.{f.name} is missing: give it")
-    return kind(**values)

@@ -14,8 +14,9 @@ MAX_BYTES = 2**17
 
 def read(path: str) -> Dict[str, Any]:
     """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
+    text = files.read_bytes(path, MAX_BYTES)
     try:
-        found = yaml.safe_load(files.read_bytes(path, MAX_BYTES))
+        found = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, LookupError, RecursionError) as error:  # ValueError: such as a date 2001-99-99
         raise ApplrError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
     if not isinstance(found or {}, dict):

@@ -4,9 +4,7 @@ A line `<!-- from code: NAME ARGUMENTS -->` of a page becomes the Markdown that 
 that it imports returns.
 """
 
-import ast
 import csv
-import dataclasses
 import inspect
 import re
 import subprocess
@@ -111,9 +109,13 @@ def methods():
 
 def robot_sections():
     """The sections of robot.yaml and their fields, from the dataclasses that read them."""
-    from applr_ros1.robots.reader import _SECTIONS
+    from applr_ros1.robots import description
+    from applr_ros1.robots.reader import RobotFile
 
-    return "\n\n".join(_section(name, kind) for name, kind in _SECTIONS.items())
+    kinds = {name: field.annotation for name, field in RobotFile.model_fields.items()}
+    return "\n\n".join(
+        _section(name, kind) for name, kind in kinds.items() if getattr(kind, "__module__", "") == description.__name__
+    )
 
 
 def jackal_space():
@@ -133,37 +135,37 @@ def jackal_space():
 
 def _section(name, kind):
     """One section: the class's docstring, which has sentences `field: text.`, and a row for each field."""
-    lines = inspect.getsource(kind).split("\n")
-    fields = "|".join(field.name for field in dataclasses.fields(kind))
+    fields = "|".join(kind.model_fields)
     first, *texts = re.split(
         r"(?:^|\s)((?:%s)(?:, (?:%s))*): " % (fields, fields), " ".join(inspect.getdoc(kind).split())
     )
     about = {field: text for names, text in zip(texts[::2], texts[1::2]) for field in names.split(", ")}
     rows = []
-    for node in ast.parse("\n".join(lines)).body[0].body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Call):
-            field, unit = node.target.id, lines[node.end_lineno - 1].partition("  # ")[2]
-            meaning = about.get(field, "") + (" [%s]" % unit if unit else "")
-            rows.append(["`%s`" % field, meaning.strip(), *_taken(node.value)])
+    for field, declared in kind.model_json_schema()["properties"].items():
+        meaning = "%s [%s]" % (about.get(field, ""), declared["unit"]) if declared.get("unit") else about.get(field, "")
+        default = declared.get("default", "required")
+        shown = "%g" % default if isinstance(default, float) else str(default or "none")
+        shown = "from the shape" if default is None else shown
+        rows.append(["`%s`" % field, meaning.strip(), _taken(declared), shown])
     return "## %s\n\n%s\n\n%s" % (name, first, table(["field", "meaning", "value", "default"], rows))
 
 
-def _taken(call):
-    """(what the field takes, its default or "required") of a declaration such as real(0.01, 20.0)."""
-    kind, given = call.func.id, [ast.unparse(argument) for argument in call.args]
-    bounds = {"real": 2, "whole": 2, "vector": 3, "choice": len(given), "ros_name": 0, "points": 0}[kind]
-    low_high, default = given[:bounds], given[bounds:] + [ast.unparse(word.value) for word in call.keywords]
-    text = {
-        "real": "number, %s to %s",
-        "whole": "whole number, %s to %s",
-        "vector": "%s numbers, %s to %s",
-        "ros_name": "name",
-        "points": "list of points [x, y]",
-        "choice": " or ".join(["%s"] * bounds),
-    }[kind] % tuple(word.strip("'") for word in low_high)
-    return text, {"None": "from the shape", "()": "none"}.get(
-        default[0], default[0].strip("'")
-    ) if default else "required"
+def _taken(declared):
+    """What a field takes, from its JSON schema."""
+    declared = declared.get("anyOf", [declared])[0]  # the other one is null
+    if "enum" in declared:
+        return " or ".join(declared["enum"])
+    if "prefixItems" in declared:
+        items = declared["prefixItems"]
+        return "%d numbers, %g to %g" % (len(items), items[0]["minimum"], items[0]["maximum"])
+    if declared["type"] == "array":
+        return "list of points [x, y]"
+    if declared["type"] == "string":
+        return "name"
+    if declared["type"] == "boolean":
+        return "true or false"
+    kind = "whole number" if declared["type"] == "integer" else "number"
+    return "%s, %g to %g" % (kind, declared["minimum"], declared["maximum"])
 
 
 FUNCTIONS = {

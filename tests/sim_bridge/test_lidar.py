@@ -1,7 +1,5 @@
 """The analytic laser against brute force, and its edge cases."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,9 @@ JACKAL = robots.load("jackal").laser
 LASERS = [
     JACKAL,
     robots.load("turtlebot3_burger").laser,  # a full turn from 0
-    replace(JACKAL, beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0),  # to the right, in angles above pi
+    JACKAL.model_copy(
+        update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0)
+    ),  # to the right, in angles above pi
 ]
 
 

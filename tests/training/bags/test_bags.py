@@ -365,14 +365,14 @@ def test_the_smallest_range_is_that_of_the_recordings_robot(tmp_path):
 
     with StackWriter(tmp_path / "a.bag") as writer:
         Near(writer, node=False)
-    robot = replace(robots.JACKAL, laser=replace(robots.JACKAL.laser, range_min=0.4))
+    robot = replace(robots.JACKAL, laser=robots.JACKAL.laser.model_copy(update={"range_min": 0.4}))
     recording = read(tmp_path / "a.bag", robot=robot)
     (trajectory,) = trajectories(recording, Reward(c_f=0.0, c_p=0.0), report=BagReport())
     np.testing.assert_allclose(trajectory.reward, -0.05 / 0.4, rtol=1e-5)
 
 
 def test_plan_and_goal_are_in_the_robots_odometry_frame(tmp_path):
-    robot = replace(robots.JACKAL, frames=replace(robots.JACKAL.frames, odom="wheel_odom"))
+    robot = replace(robots.JACKAL, frames=robots.JACKAL.frames.model_copy(update={"odom": "wheel_odom"}))
     with StackWriter(tmp_path / "a.bag", robot=robot) as writer:
         drive = Drive(writer)
         topics = writer.topics
