@@ -65,6 +65,6 @@ def read_json(path, limit: int = MAX_JSON) -> Any:
         raise StorageError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
 
 
-def sha256(data: bytes) -> str:
-    """The checksum of some bytes, in hexadecimal."""
-    return hashlib.sha256(data).hexdigest()
+def sha256(*values: Any) -> str:
+    """The checksum of bytes, or of several values, bytes or others by their text, one after the other; hexadecimal."""
+    return hashlib.sha256(b"\0".join(v if isinstance(v, bytes) else str(v).encode() for v in values)).hexdigest()

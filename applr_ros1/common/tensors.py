@@ -38,11 +38,13 @@ def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str
         ) from None
 
 
-def checksum(weights: Mapping[str, np.ndarray]) -> str:
-    """sha256 (hex) over names, shapes, types and bytes of the tensors, in the order of their names."""
+def checksum(weights: Mapping[str, np.ndarray], metadata: Mapping[str, str]) -> str:
+    """sha256 (hex) over names, shapes, types and bytes of the tensors and over the metadata but for their "sha256"."""
     digest = hashlib.sha256()
     for name in sorted(weights):
         value = np.ascontiguousarray(weights[name])
         digest.update(f"{name} {value.shape} {value.dtype.name}\n".encode())
         digest.update(value.tobytes())
+    for key in sorted(set(metadata) - {"sha256"}):
+        digest.update(f"{key} {metadata[key]}\n".encode())
     return digest.hexdigest()

@@ -1,17 +1,19 @@
 """The actor pi(s) → a: a multilayer perceptron in numpy, read from a safetensors file.
 
 Called by the applr node and by evaluation; the trainer writes such files with `save`. Nothing is unpickled,
-sizes are bounded, and every way in which a file can be wrong is one line.
+sizes are bounded, and every way in which a file can be wrong is one line. `python -m applr_ros1.policy.actor FILE ...`
+gives files of an earlier version, whose checksum is of the weights alone, the checksum of today.
 """
 
 import json
 import os
+import sys
 
 import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common import files
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy import encoding
 from applr_ros1.policy.decision import period_of
@@ -20,7 +22,7 @@ from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_im
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space
 
-FORMAT = "applr-actor-1"
+FORMAT, BEFORE = "applr-actor-2", "applr-actor-1"
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
 
 
@@ -150,8 +152,21 @@ def _write(path, weights, metadata, described, mirror):
     halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
     if weights["0.weight"].ndim == 3 and _alike(with_mirror_images(halves, mirror), weights):
         weights, header["with_mirror_images"] = halves, "true"
-    header.update(described, format=FORMAT, sha256=checksum(weights))
+    _seal(path, weights, dict(header, **described))
+
+
+def _seal(path, weights, header):
+    header["format"] = FORMAT
+    header["sha256"] = checksum(weights, header)
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
+
+
+def renew(path):
+    """Writes a file of an earlier version anew, with the checksum of today. Raises ApplrError where it is none."""
+    weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
+    if header.get("format") != BEFORE or header.get("sha256") != checksum(weights, {}):
+        raise ApplrError(f"{path}: no policy of an earlier version (format {BEFORE}), or a damaged one")
+    _seal(path, weights, header)
 
 
 def _alike(found, weights):
@@ -163,15 +178,19 @@ def _read(path):
     """(weights, metadata) of a safetensors file whose structure, sizes and checksum hold; else ApplrError."""
     data = files.read_bytes(path, MAX_BYTES)
     weights, header = unpack(data, path)
-    metadata = {key: _value(text) for key, text in header.items()}
-    if metadata.get("format") != FORMAT:
+    if header.get("format") == BEFORE:
         raise ApplrError(
-            f"{path}: no actor of ours (format {metadata.get('format')!r}, expected {FORMAT!r}); "
+            f"{path}: an earlier version wrote it, with a checksum that leaves out what the file says of itself; "
+            f"python -m applr_ros1.policy.actor {path} writes it anew"
+        )
+    if header.get("format") != FORMAT:
+        raise ApplrError(
+            f"{path}: no actor of ours (format {header.get('format')!r}, expected {FORMAT!r}); "
             "give a file that train.py wrote"
         )
-    if metadata.get("sha256") != checksum(weights):
-        raise ApplrError(f"{path}: checksum of the weights is wrong; the file was damaged or changed, copy it again")
-    return weights, metadata
+    if header.get("sha256") != checksum(weights, header):
+        raise ApplrError(f"{path}: its checksum is wrong; the file was damaged or changed, copy it again")
+    return weights, {key: _value(text) for key, text in header.items()}
 
 
 def _value(text):
@@ -216,3 +235,7 @@ def _compare(path, what, found, expected):
 def _short(value):
     text = json.dumps(value)
     return text if len(text) <= 120 else text[:117] + "..."
+
+
+if __name__ == "__main__":
+    sys.exit(run_main(lambda: [renew(path) for path in sys.argv[1:]] and 0, "applr_ros1.policy.actor"))

@@ -201,17 +201,13 @@ class Bomb:
 
 
 def _raw(weights, **metadata):
-    import safetensors.numpy
-
-    return safetensors.numpy.save(weights, metadata=metadata)
+    return safetensors.numpy.save(weights, metadata={"sha256": actor_module.checksum(weights, metadata), **metadata})
 
 
 def _damaged_files():
     good = make_weights()
     space, layout = SPACE.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE)))
-    header = dict(
-        robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout, sha256=actor_module.checksum(good)
-    )
+    header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
     changed = bytearray(whole)
     changed[-5] ^= 1
@@ -233,17 +229,37 @@ def _damaged_files():
         "no space": (_raw(good, **{key: header[key] for key in header if key != "space"}), "metadata"),
         "layout": (_raw(good, **dict(header, layout=layout.replace("720", "360"))), "size is 729"),
         "half a layout": (_raw(good, **dict(header, layout="{}")), "beams, angle_min_rad"),
-        "shapes": (_raw(wide, **dict(header, sha256=actor_module.checksum(wide))), "layer 0"),
-        "nan": (_raw(nan, **dict(header, sha256=actor_module.checksum(nan))), "NaN"),
+        "shapes": (_raw(wide, **header), "layer 0"),
+        "nan": (_raw(nan, **header), "NaN"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
-        "names": (
-            _raw(
-                {"x": np.zeros(3, np.float32)},
-                **dict(header, sha256=actor_module.checksum({"x": np.zeros(3, np.float32)})),
-            ),
-            "tensors are",
-        ),
+        "names": (_raw({"x": np.zeros(3, np.float32)}, **header), "tensors are"),
+        "earlier": (_raw(good, **dict(header, format="applr-actor-1")), "python -m applr_ros1.policy.actor .*anew"),
     }
+
+
+def test_no_bit_of_what_an_actor_file_says_of_itself_changes_unnoticed(tmp_path):
+    path, rng = tmp_path / "actor.safetensors", np.random.default_rng(0)
+    save(path, make_weights(), {"period_s": 1.0, "training": {"steps": 300}})
+    data = path.read_bytes()
+    begin, length = data.index(b"__metadata__"), int.from_bytes(data[:8], "little")
+    for at in rng.integers(begin, 8 + len(data[8 : 8 + length].rstrip()), 200):
+        damaged = bytearray(data)
+        damaged[at] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        with pytest.raises(ApplrError):
+            Actor.load(path)
+
+
+def test_a_file_with_the_checksum_of_an_earlier_version_is_written_anew(tmp_path):
+    path, weights = tmp_path / "actor.safetensors", make_weights()
+    save(path, weights, {"period_s": 0.5})
+    _, header = actor_module.unpack(path.read_bytes(), "")
+    header.update(format="applr-actor-1", sha256=actor_module.checksum(weights, {}))
+    path.write_bytes(safetensors.numpy.save(weights, metadata=header))
+    actor_module.renew(path)
+    assert Actor.load(path).period == 0.5
+    with pytest.raises(ApplrError, match="no policy of an earlier version"):
+        actor_module.renew(path)
 
 
 @pytest.mark.parametrize("case", sorted(_damaged_files()))

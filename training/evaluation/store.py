@@ -13,6 +13,7 @@ import json
 import os
 import re
 import sqlite3
+import sys
 import time
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from typing import Any, Dict, Iterable, List, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from training.actors.tasks import Trial, TrialResult
 from training.common.folders import Lock, make_folder
 from training.evaluation.trials import COLUMNS, MEASURES
@@ -31,7 +32,7 @@ SHOWN_EVERY = 10.0  # [s] between two writings of the CSV files while trials com
 
 
 class TrialTable:
-    """Results of trials in an SQLite file: one row, the trial and how it went, for each.
+    """Results of trials in an SQLite file: one row, the trial, how it went and the checksum of both, for each.
 
     Args:
         path: of the file, which is made where it is missing.
@@ -43,19 +44,24 @@ class TrialTable:
 
     def __init__(self, path: os.PathLike | str, setting: Sequence[Any] = ()):
         self.path, self.setting = Path(path), list(setting)
-        self._do("CREATE TABLE IF NOT EXISTS trials (trial TEXT PRIMARY KEY, result TEXT NOT NULL)")
+        self._do("CREATE TABLE IF NOT EXISTS trials (trial TEXT PRIMARY KEY, result TEXT NOT NULL, sum TEXT NOT NULL)")
+        if not self._do("SELECT 1 FROM pragma_table_info('trials') WHERE name = 'sum'"):
+            raise StorageError(f"{path}: an earlier version kept these trials, without checksums; give another --out")
 
     def find(self, trial: Trial) -> Optional[TrialResult]:
-        """The result of a trial, or None."""
-        rows = self._do("SELECT result FROM trials WHERE trial = ?", self._key(trial))
-        try:
-            return TrialResult(**json.loads(rows[0][0])) if rows else None
-        except (TypeError, ValueError):
-            raise StorageError(f"{self.path}: holds a result that is none; give another --out") from None
+        """The result of a trial, or None; also, and said on stderr, where its row is damaged."""
+        key = self._key(trial)
+        for result, found in self._do("SELECT result, sum FROM trials WHERE trial = ?", key):
+            if found == sha256(key, result):
+                return TrialResult(**json.loads(result))
+            what = f"trial {trial.trial} of {trial.method} in {trial.world}"
+            print(f"{self.path}: {what} is damaged and left out: its checksum is wrong", file=sys.stderr)
+        return None
 
     def add(self, trial: Trial, result: TrialResult, trace: bytes = b"") -> None:
         """Keep a trial, but for its trace. It is on the disk when this returns."""
-        self._do("INSERT OR REPLACE INTO trials VALUES (?, ?)", self._key(trial), json.dumps(asdict(result)))
+        row = self._key(trial), json.dumps(asdict(result))
+        self._do("INSERT OR REPLACE INTO trials VALUES (?, ?, ?)", *row, sha256(*row))
 
     def close(self) -> None:
         """Close the file."""

@@ -239,11 +239,12 @@ class Learner:
             self.replay.begin_at(*self.store.dropped())
         for _, trajectory in self.store.trajectories(until=last):
             self.replay.add(trajectory)
-        if self.replay.transitions != checkpoint["transitions"]:
+        if self.store.last < last:
             raise StorageError(
-                f"{self.folder}: the replay holds {self.replay.transitions} transitions, the checkpoint counts "
-                f"{checkpoint['transitions']}; files are missing or damaged"
+                f"{self.folder}: the replay holds {self.store.last} episodes, the checkpoint counts {last}; files are "
+                "missing or damaged"
             )
+        self.replay.transitions = checkpoint["transitions"]  # those of damaged episodes, too
         self.rng.bit_generator.state = checkpoint["rng"]
         self.checkpoints = checkpoint["number"]
         # Another ratio or start of learning counts from here on: a smaller one would otherwise stop learning until the

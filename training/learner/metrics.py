@@ -97,7 +97,9 @@ def draw_curves(path: Path, store: Store, evaluation: PeriodicEvaluation, period
         if len(rows):
             n = min(max(window, len(rows) // 100), 1 + len(rows) // 5)
             smooth = np.convolve(rows[:, column], np.ones(n) / n, "valid")
-            axes.plot(rows[n - 1 :, 0], smooth, lw=1.2, label=f"training, mean of {n} episodes (with noise)")
+            axes.plot(
+                np.cumsum(rows[:, 0])[n - 1 :], smooth, lw=1.2, label=f"training, mean of {n} episodes (with noise)"
+            )
         if dots:
             axes.plot([r["step"] for r in dots], [r[name] for r in dots], "o-", ms=3.5, lw=0.8, label="evaluations")
         if evaluation.default:

@@ -1,7 +1,8 @@
 """Trajectories on disk: one sqlite3 file, written by a training run as it goes, or by bags_to_dataset.
 
 The file is both the run's journal and a dataset: train.py --dataset reads that of a run, or of bags. Every trajectory
-is committed the moment it is taken, so a killed process loses none, and nothing is pickled. In SQL,
+is committed the moment it is taken, so a killed process loses none, and nothing is pickled. Every row has a checksum of
+its other columns; a damaged episode is named on stderr and left out. In SQL,
 
     SELECT id, transitions, json_extract(info, '$.return') FROM episodes
 
@@ -14,17 +15,18 @@ import hashlib
 import json
 import os
 import sqlite3
+import sys
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError
+from applr_ros1.common.files import StorageError, sha256
 from training.replay.trajectory import Layout, Trajectory, TrajectoryError
 
 NAME = "replay.sqlite"  # in the folder of a run or of a dataset
-VERSION = 1  # of the tables
+VERSION = 2  # of the tables; 1 had no checksums
 TABLES = f"""
 BEGIN;
 CREATE TABLE episodes (
@@ -33,13 +35,19 @@ CREATE TABLE episodes (
     episode INTEGER NOT NULL,
     transitions INTEGER NOT NULL,
     info TEXT NOT NULL,  -- JSON
+    sum TEXT NOT NULL,
     UNIQUE (actor, episode)
 );
-CREATE TABLE arrays (id INTEGER PRIMARY KEY, data BLOB NOT NULL);  -- packed trajectories, until the buffer forgets them
-CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL);  -- JSON values: layout, source, skipped
+-- packed trajectories, until the buffer forgets them
+CREATE TABLE arrays (id INTEGER PRIMARY KEY, data BLOB NOT NULL, sum TEXT NOT NULL);
+-- JSON values: layout, source, skipped
+CREATE TABLE about (name TEXT PRIMARY KEY, value TEXT NOT NULL, sum TEXT NOT NULL);
 PRAGMA user_version = {VERSION};
-INSERT INTO about VALUES ('layout', ':layout');
+INSERT INTO about VALUES ('layout', ':layout', sha256('layout', ':layout'));
 COMMIT;
+"""
+WHOLE = """
+CREATE TEMP VIEW whole AS SELECT * FROM episodes WHERE sum = sha256(id, actor, episode, transitions, info)
 """
 
 
@@ -51,7 +59,8 @@ class Store:
         layout: makes the store where it is not there yet; None only reads.
 
     Raises:
-        StorageError: with one line, where there is no store, where it is damaged, or where it has another layout.
+        StorageError: with one line, where there is no store, where it has another layout, or where its tables are
+            damaged, which a reader is told on stderr as long as it can go on.
     """
 
     def __init__(self, path: os.PathLike | str, layout: Optional[Layout] = None):
@@ -59,11 +68,13 @@ class Store:
         if not self.path.is_file() and (layout is None or os.path.lexists(self.path)):
             raise StorageError(f"{path}: holds no trajectories (no {NAME}); train, or make a dataset of bags, first")
         self._writes = layout is not None
+        self._said: Set[str] = set()
         with self._refusals():
             mode = "rwc" if layout is not None else "ro"
             self._db = sqlite3.connect(
                 f"{self.path.absolute().as_uri()}?mode={mode}", uri=True, isolation_level=None, check_same_thread=False
             )
+            self._db.create_function("sha256", -1, sha256, deterministic=True)
             version = self._number("PRAGMA user_version")
             if layout is not None:
                 self._db.execute("PRAGMA journal_mode = WAL")
@@ -71,6 +82,9 @@ class Store:
                 if not version and not self._number("SELECT COUNT(*) FROM sqlite_master"):
                     self._db.executescript(TABLES.replace(":layout", json.dumps(layout.to_dict())))
                     version = VERSION
+            if version == 1:
+                raise sqlite3.DatabaseError("an earlier version wrote it, without checksums: use that, or make it anew")
+            self._db.execute(WHOLE)
         try:
             self.layout = Layout.from_dict(self.about("layout"))
         except (TypeError, KeyError):
@@ -79,6 +93,23 @@ class Store:
             raise StorageError(f"{self.path}: not a store of trajectories of this version")
         if layout is not None and layout != self.layout:
             raise StorageError(f"{self.path}: its layout is {self.layout}, {layout} is needed")
+        self._look_for_damage()
+
+    def _look_for_damage(self) -> None:
+        """Names what is damaged, on stderr; StorageError where it would be written to."""
+        with self._refusals():
+            (found,) = self._db.execute("PRAGMA integrity_check(1)").fetchone()
+            if found != "ok" and self._writes:
+                raise sqlite3.DatabaseError(found.splitlines()[-1])
+            if found != "ok":
+                self._say(f"damaged ({found.splitlines()[-1]}); episodes may be missing")
+            for (number,) in self._db.execute("SELECT id FROM episodes EXCEPT SELECT id FROM whole"):
+                self._say(f"episode {number}: its row is damaged and left out of figures and counts")
+
+    def _say(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            print(f"{self.path}: {text}", file=sys.stderr)
 
     # -- writing -----------------------------------------------------------------------------------
     def append(self, trajectory: Trajectory, blob: Optional[bytes] = None) -> None:
@@ -90,21 +121,21 @@ class Store:
         """
         trajectory.check(self.layout)
         actor, episode = trajectory.info["actor"], trajectory.info["episode"]
-        row = (actor, episode, len(trajectory), json.dumps(trajectory.info))
+        number, data = self.last + 1, blob or trajectory.pack()
+        row = (number, actor, episode, len(trajectory), json.dumps(trajectory.info))
         try:
             with self._refusals(), self._db:
                 self._db.execute("BEGIN")
-                added = self._db.execute(
-                    "INSERT INTO episodes (actor, episode, transitions, info) VALUES (?, ?, ?, ?)", row
-                )
-                self._db.execute("INSERT INTO arrays VALUES (?, ?)", (added.lastrowid, blob or trajectory.pack()))
+                self._db.execute("INSERT INTO episodes VALUES (?, ?, ?, ?, ?, ?)", (*row, sha256(*row)))
+                self._db.execute("INSERT INTO arrays VALUES (?, ?, ?)", (number, data, sha256(number, data)))
         except sqlite3.IntegrityError:
             raise TrajectoryError(f"episode {episode} of actor {actor} came twice") from None
 
     def note(self, name: str, value: Any) -> None:
         """Keeps a JSON value by name: "source", what the experience was driven with, or "skipped", by reason."""
         with self._refusals():
-            self._db.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (name, json.dumps(value)))
+            row = (name, json.dumps(value))
+            self._db.execute("INSERT OR REPLACE INTO about VALUES (?, ?, ?)", (*row, sha256(*row)))
 
     def sync(self) -> None:
         """Wait until everything that was appended is on the disk."""
@@ -136,33 +167,30 @@ class Store:
 
     # -- reading -----------------------------------------------------------------------------------
     def about(self, name: str) -> Dict[str, Any]:
-        """What note() kept by a name; {} where it kept nothing."""
+        """What note() kept by a name; {} where it kept nothing. Raises StorageError where that is damaged."""
         with self._refusals():
-            found = self._db.execute("SELECT value FROM about WHERE name = ?", (name,)).fetchone()
+            found = self._db.execute("SELECT value, sum FROM about WHERE name = ?", (name,)).fetchone()
+            if found and found[1] != sha256(name, found[0]):
+                raise sqlite3.DatabaseError(f"the checksum of its {name} is wrong")
             return json.loads(found[0]) if found else {}
 
     def trajectories(self, since: int = 0, until: Optional[int] = None) -> Iterator[Tuple[int, Trajectory]]:
-        """(id, trajectory), checked, with since < id <= until, but for those whose arrays were dropped.
-
-        Raises:
-            StorageError: for one that is damaged.
-        """
+        """(id, trajectory), checked, with since < id <= until, but for those whose arrays were dropped or damaged."""
         last = self.last if until is None else until
-        while True:
-            with self._refusals():
-                found = self._db.execute(
-                    "SELECT id, data FROM arrays WHERE id > ? AND id <= ? ORDER BY id LIMIT 1",
-                    (since, last),
-                ).fetchone()
-            if found is None:
-                return
-            since, blob = found
+        with self._refusals():
+            found = self._db.execute("SELECT id FROM arrays WHERE id > ? AND id <= ? ORDER BY id", (since, last))
+            numbers = [number for (number,) in found]
+        for number in numbers:
             try:
-                trajectory = Trajectory.unpack(blob)
+                data, found = self._db.execute("SELECT data, sum FROM arrays WHERE id = ?", (number,)).fetchone()
+                if found != sha256(number, data):
+                    raise TrajectoryError("its checksum is wrong")
+                trajectory = Trajectory.unpack(data)
                 trajectory.check(self.layout)
-            except TrajectoryError as error:
-                raise StorageError(f"{self.path}: episode {since}: {error}") from None
-            yield since, trajectory
+            except (TrajectoryError, TypeError, UnicodeDecodeError, sqlite3.Error) as error:  # TypeError: no such row
+                self._say(f"episode {number}: damaged and left out ({error})")
+            else:
+                yield number, trajectory
 
     @property
     def last(self) -> int:
@@ -172,33 +200,31 @@ class Store:
     @property
     def transitions(self) -> int:
         """Number of transitions ever appended."""
-        return self._number("SELECT COALESCE(SUM(transitions), 0) FROM episodes")
+        return self._number("SELECT COALESCE(SUM(transitions), 0) FROM whole")
 
     @property
     def rows(self) -> int:
         """Number of observations: one more than transitions for each episode."""
-        return self._number("SELECT COALESCE(SUM(transitions + 1), 0) FROM episodes")
+        return self._number("SELECT COALESCE(SUM(transitions + 1), 0) FROM whole")
 
     def dropped(self) -> Tuple[int, int]:
         """(episodes, transitions) whose arrays were dropped; they are the first ones."""
         with self._refusals():
             counts = "COUNT(*), COALESCE(SUM(transitions), 0)"
             rest = "id NOT IN (SELECT id FROM arrays)"
-            return self._db.execute(f"SELECT {counts} FROM episodes WHERE {rest}").fetchone()
+            return self._db.execute(f"SELECT {counts} FROM whole WHERE {rest}").fetchone()
 
     def next_episode(self, actor: str) -> int:
         """The next unused episode number of an actor."""
         return self._number("SELECT COALESCE(MAX(episode) + 1, 0) FROM episodes WHERE actor = ?", actor)
 
     def infos(self, newest: Optional[int] = None) -> List[Dict[str, Any]]:
-        """The info of every episode, or of the `newest` ones, oldest first; "transitions" counts up to its end."""
+        """The info of every episode, or of the `newest` ones, oldest first, and its number of "transitions"."""
         with self._refusals():
             rows = self._db.execute(
-                "SELECT * FROM (SELECT id, info, SUM(transitions) OVER (ORDER BY id) FROM episodes ORDER BY id DESC "
-                "LIMIT ?) ORDER BY id",
-                (-1 if newest is None else newest,),
+                "SELECT info, transitions FROM whole ORDER BY id DESC LIMIT ?", (-1 if newest is None else newest,)
             ).fetchall()
-        return [dict(json.loads(info), transitions=transitions) for _, info, transitions in rows]
+        return [dict(json.loads(info), transitions=transitions) for info, transitions in reversed(rows)]
 
     def digest(self) -> str:
         """SHA-256 of the trajectories: another one means other experience."""
@@ -219,7 +245,7 @@ class Store:
             yield
         except sqlite3.IntegrityError:
             raise
-        except (sqlite3.Error, OSError) as error:
+        except (sqlite3.Error, OSError, UnicodeDecodeError) as error:
             raise StorageError(f"{self.path}: cannot be used ({error}); the last checkpoint is intact") from None
 
 

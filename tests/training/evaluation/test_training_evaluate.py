@@ -8,9 +8,11 @@ import math
 import os
 import re
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -130,6 +132,26 @@ def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
     rows = trial_store.read_rows(tmp_path / "trials.csv", trials.COLUMNS)
     assert [(row["world"], row["trial"]) for row in rows] == [(task.world, str(task.trial)) for task in plan]
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == ("3.1416", "1.0", "False")
+
+
+def test_a_damaged_trial_is_named_and_driven_again(tmp_path, capsys):
+    plan = trials.plan([("w", "w")], [("m", "m")], 2, seed=0)
+    with closing(trial_store.TrialTable(tmp_path / "t.sqlite")) as table:
+        for task in plan:
+            table.add(task, TrialResult(time_s=8.5))
+    path = tmp_path / "t.sqlite"
+    path.write_bytes(path.read_bytes().replace(b'"time_s": 8.5', b'"time_s": 9.5', 1))
+    with closing(trial_store.TrialTable(path)) as table:
+        found = [table.find(task) for task in plan]
+        assert sorted(result.time_s for result in found if result) == [8.5]
+        lost = plan[found.index(None)]
+        assert f"trial {lost.trial} of m in w is damaged" in capsys.readouterr().err
+        table.add(lost, TrialResult(time_s=8.5))
+        assert table.find(lost).time_s == 8.5
+    with closing(sqlite3.connect(tmp_path / "old.sqlite")) as old:
+        old.execute("CREATE TABLE trials (trial TEXT PRIMARY KEY, result TEXT NOT NULL)")
+    with pytest.raises(StorageError, match="without checksums"):
+        trial_store.TrialTable(tmp_path / "old.sqlite")
 
 
 def test_more_trials_only_append(tmp_path):

@@ -1,6 +1,7 @@
 """Trajectories on disk: order, episodes that come twice, what is dropped, and files that are damaged or foreign."""
 
 import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def test_what_is_appended_comes_back_in_order_also_to_another_reader(store, tmp_
                 np.testing.assert_array_equal(getattr(trajectory, name), getattr(expected, name))
         assert [number for number, _ in found.trajectories(since=1, until=3)] == [2, 3]
         assert (found.last, found.transitions, found.rows) == (5, 15, 20)
-        assert [i["transitions"] for i in found.infos()] == [3, 6, 9, 12, 15]
+        assert [i["transitions"] for i in found.infos()] == [3] * 5
         assert [i["return"] for i in found.infos(newest=2)] == [3.0, 4.0]
     digest = reader.digest()
     store.append(episode(9))
@@ -103,15 +104,71 @@ def test_what_is_no_store_is_one_line(store, tmp_path):
 
 
 @pytest.mark.fault("18b")
-def test_a_trajectory_that_is_spoilt_on_disk_is_one_line(store, tmp_path):
+def test_a_damaged_episode_is_named_and_left_out_and_nothing_else_comes_back_changed(store, tmp_path, capsys):
+    store.note("source", {"period": 1.0})
+
+    def read(store):
+        episodes = [(number, str(vars(trajectory))) for number, trajectory in store.trajectories()]
+        return dict(episodes), store.infos(), store.about("source")
+
+    expected, infos, about = read(store)
     store.close()
-    spoilt = episode(2)
-    spoilt.reward[1] = np.nan
-    database = sqlite3.connect(tmp_path / NAME)
-    database.execute("UPDATE arrays SET data = ? WHERE id = 3", (spoilt.pack(),))
-    database.commit()
-    with pytest.raises(StorageError, match=f"{NAME}: episode 3: reward holds NaN"):
-        dataset(tmp_path)
+    data, rng, named = (tmp_path / NAME).read_bytes(), np.random.default_rng(0), 0
+    for at in rng.integers(100, len(data), 300):
+        damaged = bytearray(data)
+        damaged[at] ^= 1 << rng.integers(8)
+        (tmp_path / "flipped").write_bytes(damaged)
+        try:
+            with closing(Store(tmp_path / "flipped")) as reader:
+                found, told, source = read(reader)
+        except StorageError:
+            continue
+        said = capsys.readouterr().err
+        assert found.items() <= expected.items()
+        assert all(info in infos for info in told)
+        assert source == about
+        for number in expected.keys() - found.keys():
+            assert f"episode {number}: damaged and left out" in said
+            named += 1
+        assert (len(found), len(told)) == (5, 5) or "damaged" in said
+    assert named > 10
+
+
+@pytest.mark.fault("18b")
+def test_rows_that_are_lost_without_a_trace_are_told(store, tmp_path, capsys):
+    store.close()
+    data = bytearray((tmp_path / NAME).read_bytes())
+    page = next(at for at in range(4096, len(data), 4096) if data[at] == 13 and data[at + 4] == 5)
+    data[page + 4] = 4  # rows of a leaf of a table
+    (tmp_path / NAME).write_bytes(data)
+    Store(tmp_path)
+    assert "episodes may be missing" in capsys.readouterr().err
+    with pytest.raises(StorageError, match="cannot be used"):
+        Store(tmp_path, LAYOUT)
+
+
+@pytest.mark.fault("18b")
+def test_a_run_goes_on_without_a_damaged_episode(tmp_path, capsys):
+    options = LearnerOptions(net_arch=[8], batch_size=8, buffer_size=1000, device="cpu")
+    learner = Learner(LAYOUT, options, tmp_path)
+    for number in range(3):
+        learner.take(episode(number, 10).pack())
+    learner.save()
+    learner.store.close()
+    with closing(sqlite3.connect(tmp_path / NAME, isolation_level=None)) as database:
+        database.execute("UPDATE arrays SET data = substr(data, 1, length(data) - 1) || x'00' WHERE id = 2")
+    learner = Learner(LAYOUT, options, tmp_path)
+    learner.resume()
+    assert (learner.replay.held, learner.transitions) == (20, 30)
+    assert "episode 2: damaged and left out" in capsys.readouterr().err
+
+
+def test_a_store_without_checksums_is_one_line(store, tmp_path):
+    store.close()
+    with closing(sqlite3.connect(tmp_path / NAME, isolation_level=None)) as database:
+        database.execute("PRAGMA user_version = 1")
+    with pytest.raises(StorageError, match="without checksums"):
+        Store(tmp_path)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0])
