@@ -161,12 +161,13 @@ def _seal(path, weights, header):
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
-def renew(path):
-    """Writes a file of an earlier version anew, with the checksum of today. Raises ApplrError where it is none."""
-    weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
-    if header.get("format") != BEFORE or header.get("sha256") != checksum(weights, {}):
-        raise ApplrError(f"{path}: no policy of an earlier version (format {BEFORE}), or a damaged one")
-    _seal(path, weights, header)
+def renew(*paths):
+    """Writes files of an earlier version anew, with the checksum of today. Raises ApplrError where one is none."""
+    for path in paths:
+        weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
+        if header.get("format") != BEFORE or header.get("sha256") != checksum(weights, {}):
+            raise ApplrError(f"{path}: no policy of an earlier version (format {BEFORE}), or a damaged one")
+        _seal(path, weights, header)
 
 
 def _alike(found, weights):
@@ -238,4 +239,4 @@ def _short(value):
 
 
 if __name__ == "__main__":
-    sys.exit(run_main(lambda: [renew(path) for path in sys.argv[1:]] and 0, "applr_ros1.policy.actor"))
+    sys.exit(run_main(lambda: renew(*sys.argv[1:]), "applr_ros1.policy.actor"))
