@@ -11,6 +11,8 @@ from applr_ros1.common.trees import branch
 from applr_ros1.robots.description import Base, Body, Setting, SpaceParameter, find
 
 DWA = "DWAPlannerROS"
+# what move_base starts with where the files leave it out, of those that the ranges would not always include
+_DEFAULTS = {"vx_samples": 3.0, "forward_point_distance": 0.325, "inflation_radius": 0.55}
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
@@ -57,6 +59,7 @@ def _with_start(
     tree: Dict[str, Any], name: str, low: float, high: float, integer: bool, settings: Tuple[Setting, ...]
 ) -> SpaceParameter:
     start = find(tree, settings[0].server, settings[0].names)
+    start = _DEFAULTS.get(name) if start is None else start
     if start is not None:
         low, high = min(low, start), max(high, start)
     return SpaceParameter(name, low, high, integer, settings)

@@ -10,7 +10,7 @@ from unittest import mock
 MODULES = {
     "training": ["train"],
     "experiments": ["evaluate", "static_search", "appld", "demonstrate", "bags_to_dataset"]
-    + ["export", "check_robot", "compare_recording", "report.__main__"],
+    + ["export", "new_robot", "check_robot", "compare_recording", "report.__main__"],
     "worlds": ["draw", "dynabarn_table"],
     "sim_bridge": ["check"],
     "applr_ros1.nodes.tools": ["barn", "measure_braking", "record", "replay", "rviz"],
@@ -34,8 +34,8 @@ def _command(module):
     name = "python -m " + module.replace(".__main__", "")
     if parser.prog.endswith(".py") and not parser.prog.startswith("_"):
         name = "rosrun applr_ros1 " + parser.prog
-    if module.endswith(".barn"):
-        name = "./applr barn"
+    if parser.prog.startswith("./applr "):
+        name = parser.prog
     parts = ["## `%s`" % name, _paragraphs(parser.description or ""), "```text\n%s\n```" % _usage(parser, name)]
     for group in parser._action_groups:
         actions = [action for action in group._group_actions if not isinstance(action, argparse._HelpAction)]

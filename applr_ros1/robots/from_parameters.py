@@ -1,0 +1,205 @@
+"""Finds out below which namespaces a robot's launch file loads its parameter files, and what they say of the robot.
+
+training/new_robot.py calls `read`; parameter_files.py reads what that wrote.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from typing import Any, Dict, Iterator, List, Sequence, Tuple
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import branch, merged
+from applr_ros1.robots import yaml_file
+
+_COSTMAPS = ("local_costmap", "global_costmap")
+_LAYERS = ("StaticLayer", "ObstacleLayer", "InflationLayer")
+_NAVFN = "navfn/NavfnROS"
+_PLANNERS = ("TrajectoryPlannerROS", "DWAPlannerROS")
+# names of which one says what a file is for
+_MOVE_BASE = {"base_local_planner", "base_global_planner", "controller_frequency", "planner_frequency"}
+_MOVE_BASE |= {"recovery_behaviors", "NavfnROS", "GlobalPlanner", *_COSTMAPS, *_PLANNERS}
+_COSTMAP = {"footprint", "robot_radius", "robot_base_frame", "global_frame", "plugins", "observation_sources"}
+_COSTMAP |= {"rolling_window", "obstacle_range", "inflation_radius"}
+_PLANNER = {"max_vel_x", "max_vel_theta", "max_rot_vel", "acc_lim_x", "acc_lim_theta", "sim_time"}
+
+
+@dataclass
+class Parameters:
+    """What parameter files say.
+
+    files: (path, namespace below move_base), in their order. tree: their values, nested, as move_base has them.
+    added: what robot.yaml has to say beside them. limits: of a diff_drive_controller, by field of robot.yaml's section
+    base. notes: sentences for people.
+    """
+
+    files: List[Tuple[str, str]] = field(default_factory=list)
+    tree: Dict[str, Any] = field(default_factory=dict)
+    added: Dict[str, Any] = field(default_factory=dict)
+    limits: Dict[str, float] = field(default_factory=dict)
+    notes: List[str] = field(default_factory=list)
+
+    def frame(self, costmap: str, default: str = "") -> str:
+        """The global frame of a costmap, without a leading slash."""
+        return str(branch(self.tree, costmap).get("global_frame", default)).lstrip("/")
+
+    @property
+    def base_frame(self) -> str:
+        """The base frame that a costmap names; "" where none does."""
+        named = [branch(self.tree, costmap).get("robot_base_frame") for costmap in _COSTMAPS]
+        return str(next(filter(None, named), "")).lstrip("/")
+
+    def scans(self) -> List[Dict[str, Any]]:
+        """The laser scans among the observation sources of the costmaps."""
+        found = [source for costmap in _COSTMAPS for source in _sources(branch(self.tree, costmap))]
+        return [source for source in found if source.get("data_type") == "LaserScan"]
+
+    def planner(self) -> Dict[str, Any]:
+        """The values of the local planner."""
+        return branch(self.tree, str(self.tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2])
+
+
+def read(paths: Sequence[str]) -> Parameters:
+    """What the parameter files of a navigation package say.
+
+    Raises:
+        ApplrError: A file cannot be read or roslaunch would first put values into it, or none is for move_base.
+    """
+    said = Parameters()
+    for path in paths:
+        given = yaml_file.read(path)
+        inserted = re.search(r"\$\([^)]*\)", str(given))
+        if inserted:
+            raise ApplrError(
+                f"{path} holds {inserted[0]}, which roslaunch replaces: write the value in a copy of the file"
+            )
+        if list(given) == ["move_base"]:
+            raise ApplrError(f"{path} holds all below move_base: give a copy without that level")
+        namespaces = _namespaces(os.path.basename(path), given)
+        limits = _limits(given)
+        said.limits.update(limits)
+        if not namespaces and not limits:
+            said.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
+        for namespace in namespaces:
+            said.files.append((path, namespace))
+            said.tree = merged(said.tree, {namespace: given} if namespace else given)
+    if not said.files:
+        raise ApplrError("none of the parameter files is for move_base: give those that its launch file loads")
+    if "base_local_planner" not in said.tree and "DWAPlannerROS" in said.tree:
+        if "TrajectoryPlannerROS" not in said.tree:
+            said.added["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
+        else:
+            said.notes.append(
+                "of TrajectoryPlannerROS and DWAPlannerROS in the files move_base takes the first: where your launch "
+                "file sets base_local_planner, give it in move_base.parameters"
+            )
+    planner = said.tree.get("base_global_planner", _NAVFN)
+    if planner != _NAVFN:
+        said.added["base_global_planner"] = _NAVFN
+        said.notes.append(f"{_NAVFN} plans the paths here, not {planner}")
+    for costmap in _COSTMAPS:
+        tree = branch(said.tree, costmap)
+        # move_base looks for the outline above the costmap too, and tf2 takes no leading slash
+        added: Dict[str, Any] = {
+            k: said.tree[k] for k in ("footprint", "robot_radius") if k in said.tree and k not in tree
+        }
+        added.update((k, v[1:]) for k, v in tree.items() if k.endswith("_frame") and str(v).startswith("/"))
+        layers = tree.get("plugins")
+        if isinstance(layers, list):
+            ours = _known_layers(layers)
+            changed = ", ".join(str(layer["type"]) for layer in layers if layer not in ours)
+            if changed:
+                added["plugins"] = ours
+                said.notes.append(f"{costmap}: {changed} is not here: obstacle layers stand for voxel layers")
+        if added:
+            said.added[costmap] = added
+    said.tree = merged(said.tree, said.added)
+    return said
+
+
+def _known_layers(layers: List[Any]) -> List[Any]:
+    """Layers of a costmap that this package has, with an obstacle layer for a voxel layer."""
+    given = [dict(layer, type=str(layer.get("type"))) for layer in layers if isinstance(layer, dict)]
+    for layer in given:
+        layer["type"] = layer["type"].replace("VoxelLayer", "ObstacleLayer")
+    return [layer for layer in given if layer["type"].rpartition("::")[2] in _LAYERS]
+
+
+def _namespaces(name: str, given: Dict[str, Any]) -> List[str]:
+    """Below which names move_base reads a file: "" is move_base itself; none: it is not for move_base."""
+    keys, word = set(given), name.lower()
+    if keys & _MOVE_BASE:
+        return [""]
+    if keys & _COSTMAP or any(isinstance(v, dict) and "observation_sources" in v for v in given.values()):
+        return [costmap for costmap in _COSTMAPS if costmap[:5] in word] or list(_COSTMAPS)
+    if keys & _PLANNER:
+        return [
+            "DWAPlannerROS" if "dwa" in word or keys & {"max_vel_trans", "max_trans_vel"} else "TrajectoryPlannerROS"
+        ]
+    return []
+
+
+def _limits(given: Dict[str, Any]) -> Dict[str, float]:
+    """Limits of a velocity controller's file: {NAME: {linear: {x: ...}, angular: {z: ...}}}."""
+    found = {}
+    for controller in (value for value in given.values() if isinstance(value, dict)):
+        for axis, speed, change in (
+            ("linear/x", "max_speed", "max_acceleration"),
+            ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
+        ):
+            said = branch(controller, axis)
+            pairs = (("max_velocity", speed), ("max_acceleration", change))
+            found.update({ours: said[theirs] for theirs, ours in pairs if theirs in said})
+        if found and "cmd_vel_timeout" in controller:
+            found["command_timeout"] = controller["cmd_vel_timeout"]
+    return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
+
+
+def _sources(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
+    """The observation sources in a costmap's tree."""
+    for name in str(tree.get("observation_sources", "")).split():
+        yield branch(tree, name)
+    for below in tree.values():
+        if isinstance(below, dict):
+            yield from _sources(below)
+
+
+def without_map(said: Parameters, odom: str, size: int) -> Dict[str, Any]:
+    """What differs on a course without a map: the laser fills an empty costmap in the frame of the odometry.
+
+    Args:
+        said: The files' parameters.
+        odom: Name of that frame.
+        size: Width and height of the global costmap [m].
+
+    Returns:
+        By costmap, and for the planner of paths; {} where the files already are for driving without a map.
+    """
+    changes: Dict[str, Any] = {}
+    for costmap in _COSTMAPS:
+        tree = branch(said.tree, costmap)
+        change: Dict[str, Any] = {}
+        if said.frame(costmap, "map") != odom:
+            change["global_frame"] = odom
+        if tree.get("static_map") and "plugins" not in tree:
+            change["static_map"] = False
+        layers = tree.get("plugins")
+        if isinstance(layers, list) and any("StaticLayer" in str(layer) for layer in layers):
+            change["plugins"] = _with_obstacles([e for e in layers if "StaticLayer" not in str(e)], said.tree)
+        if change and costmap == "global_costmap":
+            change.update(rolling_window=False, width=size, height=size, origin_x=-size / 2, origin_y=-size / 2)
+        if change:
+            changes[costmap] = change
+    if changes and branch(said.tree, "NavfnROS").get("allow_unknown") is False:
+        changes["NavfnROS"] = {"allow_unknown": True}  # all is unknown at first
+    return changes
+
+
+def _with_obstacles(layers: List[Any], tree: Dict[str, Any]) -> List[Any]:
+    """Layers of a global costmap without its map: with the local costmap's obstacles where it had the map alone."""
+    if any("ObstacleLayer" in str(layer) for layer in layers):
+        return layers
+    local = branch(tree, "local_costmap").get("plugins", [])
+    return [layer for layer in local if "ObstacleLayer" in str(layer)] + layers

@@ -1,0 +1,238 @@
+"""A robot's folder, written from its URDF or xacro file and its parameter files."""
+
+import re
+
+import pytest
+import yaml
+
+from applr_ros1 import robots
+from training import check_robot, new_robot
+
+pytest.importorskip("yourdfpy")
+trimesh = pytest.importorskip("trimesh")
+
+HEAD = '<robot name="crate" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+
+
+def link(name, shape="", mass=0.0, at="0 0 0", turn="0 0 0"):
+    """A link with one collision shape and the mass of a point there, each of its moments .01."""
+    origin = f'<origin xyz="{at}" rpy="{turn}"/>'
+    moments = '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>'
+    inertial = f'<inertial>{origin}<mass value="{mass}"/>{moments}</inertial>' if mass else ""
+    collision = f"<collision>{origin}<geometry>{shape}</geometry></collision>" if shape else ""
+    return f'<link name="{name}">{inertial}{collision}</link>'
+
+
+def joint(child, at, parent="base_link", kind="fixed", axis="0 1 0", turn="0 0 0"):
+    return (
+        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{at}" rpy="{turn}"/><axis xyz="{axis}"/></joint>'
+    )
+
+
+def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", **more):
+    """A wheel of radius .05 m and width .02 m, which weighs .4 kg."""
+    shape = '<cylinder radius=".05" length=".02"/>'
+    return link(name, shape, 0.4) + joint(name, at, kind="continuous", axis=axis, turn=turn, **more)
+
+
+RAYS = """<gazebo reference="scanner"><sensor name="rays" type="gpu_ray"><update_rate>20</update_rate><ray>
+<scan><horizontal><samples>361</samples><min_angle>-1.5</min_angle><max_angle>$(arg reach)</max_angle></horizontal>
+</scan><range><min>.1</min><max>8</max></range><noise><stddev>.005</stddev></noise></ray>
+<plugin name="p" filename="p.so"><topicName>base_scan</topicName></plugin></sensor></gazebo>"""
+TWO = (
+    '<link name="base_footprint"/>'
+    + joint("base_link", "0 0 .05", "base_footprint")
+    + link("base_link", '<box size=".3 .2 .1"/>', 5.0, at="-.05 0 .06")
+    + wheel("left", "0 .12 0")
+    + wheel("right", "0 -.12 0")
+    + link("swivel")
+    + joint("swivel", "-.15 0 -.02", kind="continuous", axis="0 0 1")
+    + link("roller", '<sphere radius=".03"/>', 0.2)
+    + joint("roller", "0 0 0", "swivel", "continuous")
+    + link("scanner", '<cylinder radius=".03" length=".04"/>', 0.8)
+    + joint("scanner", ".05 0 .15")
+)
+COMMON = """\
+robot_base_frame: base_footprint
+footprint: [[-0.2, -0.13], [-0.2, 0.13], [0.1, 0.13], [0.1, -0.13]]
+footprint_padding: 0.01
+plugins:
+  - {name: map, type: "costmap_2d::StaticLayer"}
+  - {name: seen, type: "costmap_2d::VoxelLayer"}
+  - {name: margin, type: "costmap_2d::InflationLayer"}
+seen: {observation_sources: scan, scan: {data_type: LaserScan, topic: scan, marking: true, clearing: true}}
+margin: {inflation_radius: 0.3}
+"""
+LOCAL = "{global_frame: odom_comb, rolling_window: true, width: 5, height: 5}\n"
+PLANNER = """\
+DWAPlannerROS:
+  {max_vel_x: 0.4, max_vel_trans: 0.45, min_vel_y: 0.0, max_vel_y: 0.0, max_vel_theta: 1.5, acc_lim_x: 1.0,
+   acc_lim_theta: 3.0}
+"""
+CONTROLLER = """\
+crate_controller:
+  cmd_vel_timeout: 0.25
+  linear: {x: {max_velocity: 0.6, max_acceleration: 1.5}}
+  angular: {z: {max_velocity: 2.5, max_acceleration: 5.0}}
+"""
+
+
+@pytest.fixture
+def make(tmp_path, capsys):
+    """Writes the files and the robot's folder: (exit status, what was printed, robot.yaml)."""
+
+    def run(urdf, *words, head=HEAD, **parameters):
+        files = {"costmap_common.yaml": COMMON, "costmap_local.yaml": LOCAL, "dwa.yaml": PLANNER, **parameters}
+        for name, text in files.items():
+            (tmp_path / name).write_text(text)
+        (tmp_path / "crate.urdf").write_text(head + urdf + "</robot>" * (head == HEAD))
+        out = tmp_path / "my_robot"
+        arguments = [str(tmp_path / "crate.urdf"), *words, "--out", str(out), "--parameters"]
+        status = new_robot.main([*arguments, *[str(tmp_path / name) for name in files]])
+        said = capsys.readouterr()
+        return status, said.out + said.err, out / "robot.yaml"
+
+    return run
+
+
+def fill(file):
+    """Takes the proposals of what is asked for."""
+    file.write_text(re.sub(r"^  # (\w+: \S+)", r"  \1", file.read_text(), flags=re.MULTILINE))
+
+
+def test_two_wheels_and_a_caster(make, capsys):
+    status, said, file = make('<xacro:arg name="reach" default="1.5"/>' + TWO + RAYS, "reach:=1.4")
+    assert status == 0, said
+    found = yaml.safe_load(file.read_text())
+    assert found["base"] == {
+        "drive": "two_wheel",
+        "wheel_radius": 0.05,
+        "wheel_width": 0.02,
+        "track": 0.24,
+        "axle_height": 0.05,
+        "wheel_mass": 0.4,
+        "wheel_inertia": [0.01, 0.01, 0.01],
+        "casters": [[-0.15, 0.0]],
+    }
+    body = found["body"]
+    assert (body["size"], body["centre"], body["bottom"]) == ([0.3, 0.2, 0.16], [-0.05, 0.0], 0.06)
+    assert (body["mass"], body["com"]) == (6.0, [-0.04, 0.0, 0.11933])
+    assert body["inertia"][2] == pytest.approx(3 * 0.01 + 5 * 0.01**2 + 0.2 * 0.11**2 + 0.8 * 0.09**2, rel=1e-4)
+    laser = {"frame": "scanner", "pose": [0.05, 0.0, 0.0], "height": 0.2, "beams": 361, "first_angle": -1.5}
+    laser.update(last_angle=1.4, range_min=0.1, range_max=8.0, rate=20.0, noise=0.005)
+    assert found["laser"] == laser
+    assert (found["topics"], found["frames"]) == ({"scan": "scan"}, {"base": "base_footprint", "odom": "odom_comb"})
+    assert "refuses" not in said, said
+    assert found["world_scale"] == pytest.approx(0.28 / 0.53, abs=1e-3)
+    asked = re.findall(r"^  (\w+\.\w+) \[.*?([\d.]*)$", said, re.MULTILINE)
+    assert dict(asked) == {
+        "base.max_speed": "0.45",
+        "base.max_yaw_rate": "1.5",
+        "base.max_acceleration": "1.0",
+        "base.max_yaw_acceleration": "3.0",
+        "monitor.deceleration": "1.0",
+        "monitor.yaw_deceleration": "3.0",
+    }
+    assert check_robot.main([str(file.parent)]) == 1
+    assert "base.max_speed" in capsys.readouterr().err
+    fill(file)
+    robots.reader._read.cache_clear()
+    assert check_robot.main([str(file.parent)]) == 0
+    assert "DWAPlannerROS, 20 commands per second, with and without a map" in capsys.readouterr().out
+
+
+def test_parameter_files_below_the_names_at_which_move_base_reads_them(make):
+    _, said, file = make(TWO + RAYS.replace("$(arg reach)", "1.5"), **{"amcl.yaml": "min_particles: 100\n"})
+    found = yaml.safe_load(file.read_text())["move_base"]
+    assert [(entry["file"], entry.get("namespace", "")) for entry in found["files"]] == [
+        ("costmap_common.yaml", "local_costmap"),
+        ("costmap_common.yaml", "global_costmap"),
+        ("costmap_local.yaml", "local_costmap"),
+        ("dwa.yaml", ""),
+    ]
+    assert "amcl.yaml is left out" in said
+    assert "VoxelLayer is not here" in said
+    fill(file)
+    robots.reader._read.cache_clear()
+    robot = robots.load(str(file.parent))
+    assert robot.local_planner == "DWAPlannerROS"
+    layers = [[layer["name"] for layer in robot.parameters(at)["global_costmap"]["plugins"]] for at in (True, False)]
+    assert layers == [["map", "seen", "margin"], ["seen", "margin"]]
+    bare = robot.parameters()["global_costmap"]
+    assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
+
+
+def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_path):
+    package = tmp_path / "crate_description"
+    (package / "meshes").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>of_the_crate</name></package>")
+    trimesh.creation.box((400, 300, 100)).export(package / "meshes" / "body.stl")
+    mesh = '<mesh filename="package://of_the_crate/meshes/body.stl" scale=".001 .001 .001"/>'
+    urdf = link("base_link", mesh, 8.0, at="0 0 .1")
+    for side, y in (("left", ".2"), ("right", "-.2")):
+        urdf += link(side, '<box size=".2 .02 .02"/>') + joint(side, f"0 {y} 0", kind="revolute")
+        urdf += wheel(side + "_front", ".15 0 0", parent=side) + wheel(side + "_rear", "-.13 0 0", parent=side)
+    urdf += link("arm", '<box size="1 .1 .1"/>') + joint("arm", "0 0 .2", kind="revolute", axis="0 0 1")
+    urdf += link("scanner") + joint("scanner", ".1 0 .2", turn="3.14159265 0 .5")
+    rays = RAYS.replace("$(arg reach)", "1.2")
+    status, said, file = make(
+        urdf + rays,
+        **{"costmap_common.yaml": COMMON.replace("base_footprint", "base_link"), "control.yaml": CONTROLLER},
+    )
+    assert status == 0, said
+    assert "leave out" not in said
+    assert "outline: arm" in said
+    assert "middle lies 0.010 m ahead" not in said
+    robot = robots.load(str(file.parent))
+    base = robot.base
+    assert (base.drive, base.wheelbase, base.track, base.axle_height) == ("skid_steer", 0.28, 0.4, 0.0)
+    assert (base.max_speed, base.max_yaw_acceleration, base.command_timeout) == (0.6, 5.0, 0.25)
+    assert (robot.body.size, robot.body.bottom) == ((0.4, 0.42, 0.16), -0.01)
+    assert (robot.laser.pose[2], robot.laser.first_angle, robot.laser.last_angle) == (0.5, -1.2, 1.5)
+    assert (robot.monitor.deceleration, robot.monitor.yaw_deceleration) == (1.5, 5.0)
+
+
+def test_a_robot_without_laser_is_asked_for_one(make):
+    urdf = TWO[: TWO.index('<link name="scanner">')]
+    status, said, file = make(urdf)
+    assert status == 0
+    assert "remark: there is no laser" in said
+    assert "laser.range_max [m] range_max of the scans" in said
+    assert "  # beams: " in file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("urdf", "more", "line"),
+    [
+        ("wheels: 2\n", {"head": ""}, "is no XML"),
+        ("<sdf/>", {"head": ""}, "outermost tag is <sdf>"),
+        ("<joint/>", {}, "cannot be read as URDF"),
+        (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
+        (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
+        (TWO + wheel("side", ".1 0 0", axis="1 0 0", turn="0 0 0"), {}, "side_joint.* omni base"),
+        (TWO.replace('"roller"', '"omni_wheel"'), {}, "omni_wheel is of an omni base"),
+        (
+            TWO.replace('name="swivel_joint" type="continuous"', 'name="swivel_joint" type="revolute"'),
+            {},
+            "swivel_joint steers",
+        ),
+        (TWO + RAYS, {}, "needs the argument reach: give reach:=VALUE"),
+        (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
+        (TWO, {"costmap_common.yaml": "robot_base_frame: hull\n"}, "has no link hull"),
+        (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, r"dwa.yaml holds \$\(arg fast\)"),
+        (TWO, {"dwa.yaml": "move_base: {}\n"}, "holds all below move_base"),
+    ],
+)
+def test_what_is_wrong_is_one_line(make, urdf, more, line):
+    status, said, file = make(urdf, **more)
+    assert status == 1
+    assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", said), said
+    assert not file.exists()
+
+
+def test_a_robot_that_is_there_is_not_overwritten(make):
+    assert make(TWO)[0] == 0
+    status, said, _ = make(TWO)
+    assert (status, said.count("\n")) == (1, 1)
+    assert "robot.yaml is there already" in said

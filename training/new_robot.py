@@ -1,0 +1,150 @@
+"""Writes the folder of a robot from its URDF or xacro file and the parameter files of its navigation package.
+
+Started as `./applr robot` or `python -m training.new_robot`. The folder gets copies of the parameter files and a
+robot.yaml with what the files say: wheels, body, mass, laser, frames, topics, and below which names move_base reads
+each parameter file. What they do not say is a line to fill in there, and is listed at the end; nothing is guessed.
+
+Arguments of a xacro file are given as NAME:=VALUE. Give the parameter files in the order of your launch file. The file
+of a diff_drive_controller beside them says the limits of the base. docs/tutorials/your_robot.md goes on from here.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from math import ceil
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.trees import merged
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots import from_parameters, from_urdf, robot_file
+from applr_ros1.robots.description import Monitoring
+from applr_ros1.robots.from_parameters import Parameters
+from applr_ros1.robots.reader import FILE
+from training.check_robot import WIDTH
+from training.common.command_line import parsed
+from training.common.options import Options, argument, option
+
+COURSE = 42.0  # width [m] of a costmap in which the Jackal's courses lie, whose world_scale is 1
+GRIP = 2.0  # lateral acceleration [m/s^2] at which tyres slide where nobody measured it
+
+
+class NewRobotOptions(Options):
+    """What to write a robot from."""
+
+    urdf: Path = argument("URDF or xacro file of the whole robot, with its wheels and its laser.")
+    parameters: List[Path] = option(
+        ..., "Parameter files (YAML) that the launch file of move_base loads, in its order, and the controller's."
+    )
+    out: Path = option(Path("my_robot"), "Folder to write.")
+
+
+def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
+    """Writes the folder; lines about it, for people.
+
+    Args:
+        options: The files.
+        arguments: Of the xacro file, by name.
+
+    Raises:
+        ApplrError: The folder has a robot.yaml, or the files describe no robot that this package has a model of.
+    """
+    file = options.out / FILE
+    if file.exists():
+        raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
+    said = from_parameters.read([str(path) for path in options.parameters])
+    scan = next(iter(said.scans()), {})
+    found = from_urdf.read(str(options.urdf), arguments, said.base_frame, str(scan.get("sensor_frame", "")).lstrip("/"))
+    values = found.values
+    values["base"].update(said.limits)
+    if said.frame("local_costmap") not in ("", said.frame("global_costmap")):
+        values["frames"]["odom"] = said.frame("local_costmap")
+    topics = [str(source["topic"]) for source in said.scans() if "topic" in source]
+    told = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
+    names = {"scan": next(iter(told + topics), ""), "odometry": said.planner().get("odom_topic")}
+    values["topics"].update((name, topic) for name, topic in names.items() if topic)
+    values["monitor"] = _braking(values["base"])
+    values["simulation"] = {"grip_limit": GRIP}
+    odom = values["frames"].get("odom", "odom")
+    scale, problems = _scale(said, odom, values)
+    copies = _copies(said)
+    files = [{"file": copies[path], "namespace": name} if name else {"file": copies[path]} for path, name in said.files]
+    move_base: Dict[str, Any] = {"files": files}
+    if said.added:
+        move_base["parameters"] = said.added
+    changes = from_parameters.without_map(said, odom, ceil(COURSE * scale))
+    if changes:
+        move_base.update(with_map={}, without_map={"parameters": changes})
+    text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(said))
+    for path, name in copies.items():
+        (options.out / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, options.out / name)
+    file.write_text(text, encoding="utf-8")
+    lines = [f"{file} is made from {options.urdf} and {len(copies)} parameter files"]
+    lines += ["remark: " + line for line in found.notes + said.notes + problems]
+    if missing:
+        lines.append(f'the files leave out {len(missing)} values; give each in its line of {file}, without the "# ":')
+    lines += ["  " + line for line in missing]
+    lines += ["then:", f"  ./applr exec python -m training.check_robot {options.out}"]
+    return lines + [f"  ./applr demo robot:={options.out} method:=dwa"]
+
+
+def _braking(base: Dict[str, Any]) -> Dict[str, float]:
+    """The monitor's section: where the base cannot brake as hard as the default says, as hard as it can."""
+    usual, found = Monitoring(), {}
+    for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
+        if limit in base:
+            found[name] = min(getattr(usual, name), base[limit])
+    return found
+
+
+def _scale(said: Parameters, odom: str, values: Dict[str, Dict[str, Any]]) -> Tuple[float, List[str]]:
+    """world_scale, by the padded footprint, and what is wrong with the parameters, for which it is by the outline."""
+    base, body = values["base"], values["body"]
+    try:
+        planner = MoveBase(merged(said.tree, from_parameters.without_map(said, odom, 1)))
+    except ApplrError as error:
+        width = max(base["track"] + base.get("wheel_width", 0.0), *body.get("size", (0.0, 0.0))[1:2])
+        return round(width / WIDTH, 3), [f"the planner refuses the parameter files: {error}"]
+    return round(float(np.ptp(np.asarray(planner.local_costmap.footprint)[:, 1])) / WIDTH, 3), []
+
+
+def _copies(said: Parameters) -> Dict[str, str]:
+    """The name in the robot's folder of each parameter file, with its folder's where two have the same."""
+    paths = list(dict.fromkeys(path for path, _ in said.files))
+    names = [Path(path).name for path in paths]
+    folders = [Path(path).resolve().parent.name for path in paths]
+    return {p: n if names.count(n) == 1 else f"{f}/{n}" for p, n, f in zip(paths, names, folders)}
+
+
+def _hints(said: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
+    """What the planner's own limits say of the base: it can at least do that."""
+    found: Dict[Tuple[str, str], Tuple[float, str]] = {}
+    for section, name, theirs in (
+        ("base", "max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
+        ("base", "max_yaw_rate", ("max_vel_theta", "max_rot_vel")),
+        ("base", "max_acceleration", ("acc_lim_x",)),
+        ("base", "max_yaw_acceleration", ("acc_lim_theta",)),
+        ("monitor", "deceleration", ("acc_lim_x",)),
+        ("monitor", "yaw_deceleration", ("acc_lim_theta",)),
+    ):
+        have = [(float(said.planner()[key]), f"the planner's {key}") for key in theirs if key in said.planner()]
+        if have:
+            found[section, name] = max(have)
+    return found
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Exit status 0 once the folder is written; 1 and one line on stderr otherwise."""
+    given = sys.argv[1:] if arguments is None else arguments
+    words = dict(word.split(":=", 1) for word in given if ":=" in word)
+    name = "./applr robot"
+    return run_main(lambda: print("\n".join(write(parsed(NewRobotOptions, name, __doc__, arguments), words))), name)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
