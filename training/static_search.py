@@ -41,7 +41,7 @@ from training.common.folders import make_folder
 from training.common.options import option
 from training.evaluation.remembered import RememberedTrials
 from training.evaluation.store import TrialTable
-from training.evaluation.trials import TRIAL_RUNNER, world_list
+from training.evaluation.trials import TRIAL_RUNNER, content, world_list
 from worlds.loading import FORMS
 
 
@@ -97,7 +97,7 @@ def run(arguments: List[str]) -> None:
     def driver(worlds: List[Tuple[str, str]], simulator: str, planner_frequency: Optional[int]) -> Iterator[SetTrials]:
         rules = {"simulator": simulator, "protocol": options.protocol, "monitor": options.monitor}
         made = {**rules, "planner_frequency": planner_frequency, "robot": options.robot.folder}
-        table = TrialTable(stem + "_trials.sqlite", [*rules.values(), planner_frequency, options.robot.name])
+        table = TrialTable(stem + "_trials.sqlite", [*rules.values(), planner_frequency, content(options.robot)])
         drives = RememberedTrials(RunnerSpec(TRIAL_RUNNER, made), options.workers, options.ray_address, table)
         with closing(table), closing(drives):
             yield SetTrials(drives, worlds, space, options.planner)

@@ -18,8 +18,9 @@ from .world import World, WorldError
 FORMS = (
     f"generated:N (0-{generator.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world "
-    "file or a folder of them"
+    "file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's training worlds in it"
 )
+HALVES = {"choose": 0, "report": 1}  # of BARN's training worlds: even numbers are for choices, odd ones for figures
 MAX_WORLDS = 10_000  # in a folder, or from N to M
 
 
@@ -112,6 +113,9 @@ def specs(spec: str) -> List[str]:
     name, _, part = text.partition(":")
     recipe = _RECIPES.get(name)
     if recipe is None:
+        folder, _, half = text.rpartition(":")
+        if half in HALVES and os.path.isdir(folder):
+            return barn_half(folder, half)
         return folder_files(text) if os.path.isdir(text) else [text]
     numbers = recipe.splits.get(part)
     if numbers is None:
@@ -132,6 +136,19 @@ def folder_files(folder: str) -> List[str]:
     if not 1 <= len(names) <= MAX_WORLDS:
         raise WorldError(f"{folder} holds {len(names)} .world files; it must hold 1 to {MAX_WORLDS}")
     return [os.path.join(folder, name) for name in sorted(names, key=_natural)]
+
+
+def barn_half(folder: str, half: str) -> List[str]:
+    """The files world_N.world of a folder whose N is one of BARN's training numbers in a half, one of HALVES.
+
+    WorldError where there is none.
+    """
+    numbers = [n for n in builtin.TRAIN if n % 2 == HALVES[half]]
+    files = [os.path.join(folder, "world_%d.world" % n) for n in numbers]
+    found = [file for file in files if os.path.isfile(file)]
+    if not found:
+        raise WorldError(f"{folder}:{half}: the folder holds no world_{numbers[0]}.world or the like")
+    return found
 
 
 def _natural(name: str):

@@ -89,6 +89,8 @@ class GeneralActor:
     def __init__(self, weights, metadata=None):
         self.layers = layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), "actor")
         self.metadata = metadata or {}
+        if "period_s" not in self.metadata:
+            raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
         self.period = period_of(self.metadata)
 
     @classmethod
@@ -129,7 +131,7 @@ def load(path, space=SPACE):
 def save_general(path, weights, metadata=None):
     """Writes the file of a GeneralActor; arguments and errors as save's."""
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
-    layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), "actor to save")
+    GeneralActor(weights, metadata)
     _write(path, weights, metadata, {"observation": json.dumps(encoding.NAME)}, encoding.MIRROR)
 
 

@@ -12,6 +12,7 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import forward, layers_of
 from applr_ros1.policy.observation import LAYOUT
@@ -30,6 +31,8 @@ class Appld:
               observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
     layout    how it sees a scan; another one has another number of inputs
     """
+
+    period = PERIOD  # the paper's
 
     def __init__(self, contexts, weights, space=SPACE, metadata=None, layout=LAYOUT):
         self.names, self.space, self.layout = list(contexts), space, layout

@@ -19,7 +19,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check
-from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.decision import Context
 from applr_ros1.policy.layout import TURN, Layout
 from applr_ros1.policy.network import Mirror
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
@@ -80,7 +80,7 @@ class Encoding:
         width: The robot's padded width [m].
     """
 
-    def __init__(self, robot: Robot, period: float = PERIOD):
+    def __init__(self, robot: Robot, period: float):
         self.robot, self.space, self.period = robot, space_of(robot), period
         tree = check.complete(robot.parameters())
         self.width = _padded_width(tree["local_costmap"])

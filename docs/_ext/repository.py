@@ -18,7 +18,6 @@ PAGES = {
     "project/examples": "examples/README.md",
     "explanation/models/applr": "applr_ros1/models/applr.md",
     "explanation/models/appld": "applr_ros1/robots/jackal/appld.md",
-    "explanation/models/jackal": "applr_ros1/robots/jackal/applr.md",
     "explanation/models/waffle_pi": "applr_ros1/robots/turtlebot3_waffle_pi/applr.md",
     "explanation/models/husky_static": "applr_ros1/robots/husky/static.md",
     "explanation/models/waffle_pi_static": "applr_ros1/robots/turtlebot3_waffle_pi/static.md",

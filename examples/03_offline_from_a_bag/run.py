@@ -24,7 +24,7 @@ def record(bag: Path, courses: int, decisions: int) -> None:
     random = np.random.default_rng(0)
     with StackWriter(bag) as writer:
         episode = RecordingEpisode(
-            sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, limit=decisions
+            sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, period=2.0, limit=decisions
         )
         for number in range(courses):
             outcome = episode.reset(worlds.load("generated:%d" % number), seed=number)

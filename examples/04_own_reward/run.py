@@ -28,7 +28,7 @@ class Considerate(Reward):
 
 def drive(reward: Reward, world: str, decisions: int) -> dict:
     """Drive with the default parameters; the sum of each term."""
-    env = ApplrEnv(worlds=world, simulator="kinematic", reward=reward)
+    env = ApplrEnv(worlds=world, simulator="kinematic", period=2.0, reward=reward)
     env.reset(seed=0, options={"simulator_seed": 0})
     default = env.space.to_action(env.space.theta0)
     sums = {}

@@ -81,7 +81,7 @@ def _random(generator):
 
 def _drive(simulator, move_base, theta, decisions=DECISIONS):
     """Drive the courses; returns simulated seconds."""
-    episode = Episode(sim_bridge.make(simulator), move_base)
+    episode = Episode(sim_bridge.make(simulator), move_base, period=2.0)
     generator, simulated = np.random.default_rng(0), 0.0
     for number in COURSES:
         episode.reset(worlds.load("generated:%d" % number), seed=number)

@@ -238,7 +238,7 @@ def test_a_planner_gone_mad_touches_nothing_in_simulation(world):
 
     touched = {}
     for monitor in (False, True):
-        episode = Episode(sim_bridge.make("kinematic"), Mad(JACKAL.parameters()), limit=5, monitor=monitor)
+        episode = Episode(sim_bridge.make("kinematic"), Mad(JACKAL.parameters()), period=2.0, limit=5, monitor=monitor)
         outcome = episode.reset(worlds.load(world), 0)
         while not outcome.over:
             outcome = episode.decide(episode.space.theta0)

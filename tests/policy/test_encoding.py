@@ -10,6 +10,7 @@ from applr_ros1.policy.decision import Context
 from applr_ros1.policy.encoding import MIRROR, PARAMETERS, SIZE, Encoding
 from applr_ros1.policy.network import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
+from tests.policy import golden_form
 from training.env.drawn_robots import draw_another
 
 DRAWN = [draw_another(np.random.default_rng(seed)) for seed in range(6)]
@@ -18,7 +19,7 @@ ROBOTS = [load(name) for name in NAMES] + DRAWN
 
 def context(robot, rng, side=1.0):
     """A scene; side -1: its mirror image."""
-    form = Encoding(robot)
+    form = Encoding(robot, 1.0)
     ranges = rng.uniform(0.1, 6.0, form.layout.beams).astype(np.float32)[:: int(side)]
     yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
     plan = np.column_stack([np.linspace(x, x + 5.0, 60), np.linspace(y, 2.0, 60)]) * (1.0, side)
@@ -39,7 +40,7 @@ def network(rng):
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
 def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
-    form, rng = Encoding(robot), np.random.default_rng(0)
+    form, rng = Encoding(robot, 1.0), np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(PARAMETERS))):
         theta = form.theta(action)
         assert np.array_equal(theta, form.space.clip(theta))
@@ -56,7 +57,7 @@ def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
-    form, image = Encoding(robot), Encoding(robot)
+    form, image = Encoding(robot, 1.0), Encoding(robot, 1.0)
     for seed in range(3):  # the later ones also hold what changed
         seen = form.observe(context(robot, np.random.default_rng(seed)))
         mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
@@ -68,8 +69,17 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
     np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -240)[: SIZE // 4])  # no decision before: twice
 
 
+@pytest.mark.parametrize("name", golden_form.robots())
+def test_what_a_robot_is_shown_sets_and_earns_is_that_of_the_golden_file(name):
+    robot = golden_form.robots()[name]
+    with np.load(golden_form.FILE) as arrays:
+        golden = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(name + "/")}
+    for key, found in golden_form.outputs(robot, golden).items():
+        np.testing.assert_array_equal(found, golden[key], key)
+
+
 def test_a_scene_of_twice_the_size_looks_alike():
-    form = Encoding(JACKAL)
+    form = Encoding(JACKAL, 1.0)
     near = context(JACKAL, np.random.default_rng(0))
     small = form.observe(near)[:240]
     form.layout = form.layout.__class__(
@@ -94,5 +104,7 @@ def test_one_file_drives_every_robot(tmp_path):
         assert theta.shape == (len(method.space),)
         assert np.array_equal(theta, method.space.clip(theta))
     save(tmp_path / "own.safetensors", {"0.weight": np.zeros((8, 729)), "0.bias": np.zeros(8)})
+    with pytest.raises(ApplrError, match="states no period_s"):
+        save_general(path, weights, {})
     with pytest.raises(ApplrError, match="dimensionless-1 is needed"):
         GeneralActor.load(tmp_path / "own.safetensors")

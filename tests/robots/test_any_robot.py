@@ -201,7 +201,7 @@ def test_recorded_and_read_back(crate, tmp_path):
     space, topics = space_of(robot), TopicNames.of(robot)
     with StackWriter(tmp_path / "a.bag", topics, robot) as writer:
         simulator, planner = sim_bridge.make("kinematic", robot=robot), MoveBase(robot.parameters())
-        episode = RecordingEpisode(simulator, planner, writer, limit=2)
+        episode = RecordingEpisode(simulator, planner, writer, period=2.0, limit=2)
         outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
         while not outcome.over:
             outcome = episode.decide(space.high)

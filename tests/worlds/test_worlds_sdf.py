@@ -229,3 +229,14 @@ def test_a_scale_that_cannot_be_is_one_line(tmp_path, scale):
     with pytest.raises(worlds.WorldError, match="scale, state of model 'm' in .*w.world is ") as no:
         worlds.load(put(tmp_path, collided("", state), "w.world"))
     assert "\n" not in str(no.value)
+
+
+def test_barns_training_worlds_come_in_two_halves(tmp_path):
+    for number in (0, 1, 2, 3, 8, 17, 21, 300):  # 0, 8 and 17 are test worlds
+        (tmp_path / ("world_%d.world" % number)).write_text("")
+    (tmp_path / "other_5.world").write_text("")
+    halves = {half: worlds.specs("%s:%s" % (tmp_path, half)) for half in ("choose", "report")}
+    names = {half: [path.rpartition("_")[2] for path in found] for half, found in halves.items()}
+    assert names == {"choose": ["2.world"], "report": ["1.world", "3.world", "21.world"]}
+    with pytest.raises(worlds.WorldError, match="choose: the folder holds no world_2.world"):
+        worlds.specs("%s:choose" % tmp_path.parent)

@@ -32,7 +32,7 @@ class Trial:
 
     world and method are names, as they stand in trials.csv; world_spec and method_spec say how to get them. method_spec
     may be POLICY, and theta, where it is given, is a set of parameters that is driven instead. planner is
-    MoveBase's (applr_ros1/planner/variant.py).
+    MoveBase's (applr_ros1/planner/variant.py). robot names who drives where the runner does not know it.
     """
 
     world: str
@@ -44,6 +44,7 @@ class Trial:
     planner: str
     trace: bool = False
     theta: Optional[Tuple[float, ...]] = None
+    robot: str = ""
 
 
 Task = Union[Collect, Trial]

@@ -235,7 +235,7 @@ def _trajectory(recording, goal, number, run, reward, layout, report) -> Traject
         action = recording.space.to_action(_chosen(recording, goal, before, after))
         change = float(np.abs(action - recording.space.to_action(before.outcome.theta)).mean())
         limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
-        rewards.append(reward(after.outcome, change, limit, goal.period)[0])
+        rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
         actions.append(action)
     last = run[-1].outcome
     report.episodes += 1

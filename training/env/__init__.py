@@ -5,5 +5,7 @@ Importing this package makes the environment known to Gymnasium under the name I
 
 from gymnasium.envs.registration import register
 
+from applr_ros1.policy.decision import PERIOD
+
 ID = "applr_ros1/Navigation-v0"
-register(ID, entry_point="training.env.env:ApplrEnv")
+register(ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD})  # the paper's

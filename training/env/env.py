@@ -18,16 +18,13 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import encoding
-from applr_ros1.policy.decision import PERIOD
 from applr_ros1.robots import JACKAL, Robot, load
 from training.common.options import checked
 from training.env import drawn_robots
-from training.env.drawn_robots import JACKAL_WIDTH
 from training.env.episode import Episode, counting_cells, laser_pose
 from training.env.reward import Reward, failed
+from training.env.ruler import DIMENSIONLESS, OBSERVATIONS, PAPER, Ruler
 from worlds.top_view import top_view
-
-OBSERVATIONS = PAPER, DIMENSIONLESS = "paper", "dimensionless"
 
 
 class ApplrEnv(gymnasium.Env):
@@ -41,7 +38,7 @@ class ApplrEnv(gymnasium.Env):
         randomisation: what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise,
             latency, friction, slip (sim_bridge.Randomisation).
         limit: decisions until the episode is truncated; None: as many as fit into 100 s.
-        period: decision period [s]; the paper's is 2 s.
+        period: decision period [s]; the paper's is 2 s, which gymnasium.make takes where none is given.
         params: the planner's parameter tree; None: that of the robot's files. Its distance biases count per cell.
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         robot: the robot that drives, or its name or folder; worlds are at its scale. "drawn" draws one at each reset
@@ -63,10 +60,11 @@ class ApplrEnv(gymnasium.Env):
         self,
         worlds="generated:train",
         simulator="kinematic",
+        *,
+        period: float,
         reward=None,
         randomisation=None,
         limit: Optional[int] = None,
-        period: float = PERIOD,
         end_on_collision: bool = False,
         params: Optional[Dict[str, Any]] = None,
         planner: str = OURS,
@@ -119,9 +117,9 @@ class ApplrEnv(gymnasium.Env):
             params = dict(params, planner_frequency=float(self._planner_frequency))
         self.episode = Episode(simulator, MoveBase(params, planner=self._planner), robot, **self._loop)
         self.space = self.episode.space
-        self.encoding = encoding.Encoding(robot, self.episode.period) if self._dimensionless else None
-        if self.encoding is not None:
-            self.episode.layout = self.encoding.layout
+        observation = DIMENSIONLESS if self._dimensionless else PAPER
+        self.ruler = Ruler(robot, observation, self.episode.period, self.reward)
+        self.episode.layout = self.ruler.form.layout
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
@@ -136,27 +134,16 @@ class ApplrEnv(gymnasium.Env):
         draw = int(self.np_random.integers(2**31))
         world = worlds_package.scaled(world, self.episode.robot.world_scale)
         outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
-        if self.encoding is not None:
-            self.encoding.reset()
+        self.ruler.form.reset()
         return self._observation(), self._info(outcome)
 
     def step(self, action):
         """One decision. terminated: at the goal, or failed for good; truncated: the time limit (bootstrap there)."""
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
-        form, scale = self.encoding, 1.0
-        if form is None:
-            before, theta = self.space.to_action(self.episode.outcome.theta), self.space.to_theta(action)
-        else:
-            before, theta, scale = (
-                form.action(self.episode.outcome.theta),
-                form.theta(action),
-                form.width / JACKAL_WIDTH,
-            )
-        outcome = self.episode.decide(theta)
-        after = self.space.to_action(outcome.theta) if form is None else form.action(outcome.theta)
-        change = float(np.abs(after - before).mean())
-        reward, terms = self.reward(outcome, change, self.episode.limit, self.episode.period, scale)
+        before = self.episode.outcome.theta
+        outcome = self.episode.decide(self.ruler.form.theta(action))
+        reward, terms = self.ruler.judge(before, self.episode)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)
@@ -164,7 +151,7 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(), float(reward), terminated, truncated, info
 
     def _observation(self) -> np.ndarray:
-        return self.episode.observation() if self.encoding is None else self.encoding.observe(self.episode.context())
+        return self.ruler.form.observe(self.episode.context())
 
     def render(self):
         """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""

@@ -18,7 +18,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
-from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot
@@ -27,7 +27,6 @@ from training.env.outcome import Outcome, Trace
 
 CONTROL_PERIOD = 0.05  # of one cycle [s]: the Jackal's 20 Hz; parts of MoveBase that are slower skip cycles
 TIME_LIMIT = 100.0  # [s] after which a trial counts as failed
-DECISION_LIMIT = round(TIME_LIMIT / PERIOD)  # decisions of the paper's period in TIME_LIMIT
 NEAREST = JACKAL.laser.range_min  # smallest distance that a laser can tell [m]: what lies nearer counts as this
 
 
@@ -73,10 +72,11 @@ class Episode:
         simulator,
         move_base,
         robot: Robot = JACKAL,
+        *,
+        period: float,
         limit: Optional[int] = None,
         end_on_collision: bool = False,
         record: bool = False,
-        period: float = PERIOD,
         monitor: bool = False,
     ):
         self.simulator, self.move_base = simulator, move_base

@@ -8,7 +8,6 @@ from pydantic import ConfigDict
 
 from applr_ros1.policy.decision import PERIOD
 from training.common.options import Options, option
-from training.env.episode import DECISION_LIMIT
 from training.env.outcome import Outcome
 
 MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
@@ -35,7 +34,7 @@ class RewardOptions(Options):
         "Take d of the clearance term from all scans of a decision period instead of from its last scan.")
     c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
     c_switch: float = option(0.0,
-        "Cost of changing the parameters: factor on their mean absolute change, each scaled to [-1, 1].")
+        "Cost of changing the parameters: factor on their mean absolute change in 2 s, each scaled to [-1, 1].")
     # fmt: on
 
 
@@ -50,14 +49,14 @@ class Reward(RewardOptions):
     - R_c = -1 / d with d the smallest range. d is at least .1 m (what the Jackal's laser can tell), so R_c >= -10, and
       at most the observation's 2 m, so R_c <= -.5.
     - c_collision is charged for a decision in which the robot touched something, c_switch for the mean change of the
-      parameters, in action units (paper's future work).
+      parameters, in action units (paper's future work), times the decision period / 2 s.
     """
 
     NEAREST: ClassVar[float] = 0.1
     FARTHEST: ClassVar[float] = 2.0
 
     def __call__(
-        self, outcome: Outcome, change: float, limit: int = DECISION_LIMIT, period: float = PERIOD, scale: float = 1.0
+        self, outcome: Outcome, change: float, limit: int, period: float, scale: float
     ) -> Tuple[float, Dict[str, float]]:
         """The reward of one decision.
 
@@ -82,7 +81,7 @@ class Reward(RewardOptions):
             "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress) / scale,
             "clearance": -self.c_c * share / near,
             "collision": -self.c_collision * float(outcome.contact),
-            "switching": -self.c_switch * change,
+            "switching": -self.c_switch * share * change,
         }
         return sum(terms.values()), terms
 

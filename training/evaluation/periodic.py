@@ -32,6 +32,7 @@ class PeriodicEvaluation:
         setting: which worlds, simulator and planner, in words: rounds of another setting are no rivals, nor are those
             of another number of worlds or trials or another price of a contact.
         planner: kind of planner (applr_ros1/planner/variant.py).
+        robots: who drives, world after world the next of them; "": the robot of the trials' runner.
     """
 
     def __init__(
@@ -44,26 +45,27 @@ class PeriodicEvaluation:
         contact_seconds: float,
         setting: str = "",
         planner: str = OURS,
+        robots: Sequence[str] = ("",),
     ):
         self.path = Path(folder) / "evaluations.jsonl"
         self.worlds, self.trials, self.every, self.seed = worlds, trials, every, seed
         self.contact_seconds, self.setting = contact_seconds, setting
-        self.planner = planner
+        self.planner, self.robots = planner, robots
         self.history: List[Dict[str, Any]] = _read(self.path)
         self.number: Optional[int] = None  # of the round under way
         self._results: List[TrialResult] = []
         self._open = 0
 
     # -- when --------------------------------------------------------------------------------------
-    def due(self, step: int) -> Optional[int]:
-        """The number of the round to begin now, or None."""
+    def due(self, step: int, last: bool = False) -> Optional[int]:
+        """The number of the round to begin now, or None; last: no more steps follow, so their policy is driven, too."""
         if self.number is not None or not self.worlds:
             return None
         if self.default is None:
             return THETA0
+        driven = max((r["step"] for r in self.here if r["round"] != THETA0), default=0)
         number = step // self.every
-        driven = [r["step"] // self.every for r in self.here if r["round"] != THETA0]  # `every` may have changed
-        return number if number > max([0] + driven) else None
+        return number if number > driven // self.every or (last and step > driven) else None
 
     def begin(self, number: int, step: int, version: int) -> List[Trial]:
         """The trials of round `number`, begun at `step` with the policy of `version` gradient steps."""
@@ -71,7 +73,7 @@ class PeriodicEvaluation:
         self.step, self.version = step, version
         method = ("dwa", "dwa") if number == THETA0 else ("policy", POLICY)
         seed = CHOOSING + self.seed
-        trials = plan(self.worlds, [method], self.trials, seed, 0, self.planner)
+        trials = plan(self.worlds, [method], self.trials, seed, 0, self.planner, self.robots)
         self._open = len(trials)
         return trials
 

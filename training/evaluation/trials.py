@@ -16,6 +16,7 @@ import numpy as np
 
 import sim_bridge
 import worlds as worlds_package
+from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
@@ -28,6 +29,7 @@ from training.actors.worker import PolicyWeights
 from training.env.episode import TIME_LIMIT, Episode, counting_cells
 from training.env.outcome import Trace
 from training.env.reward import Reward
+from training.env.ruler import PAPER, Ruler
 from worlds import World, WorldError, barn_grid
 
 KEY = ("world", "method", "trial", "seed")
@@ -68,6 +70,7 @@ def plan(
     seed: int,
     traces: int = 1,
     planner: str = OURS,
+    robots: Sequence[str] = ("",),
 ) -> List[Trial]:
     """All trials in the order of trials.csv.
 
@@ -81,11 +84,15 @@ def plan(
         seed: of all of them.
         traces: of so many trials of each method in each world the driven path is kept.
         planner: kind of planner (applr_ros1/planner/variant.py).
+        robots: who drives, as Trial.robot; world after world the next of them.
     """
     return [
-        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces)
+        Trial(
+            *(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, planner, trial < traces),
+            robot=robots[i % len(robots)],
+        )
         for trial in range(trials)
-        for world, world_spec in worlds
+        for i, (world, world_spec) in enumerate(worlds)
         for method, method_spec in chosen
     ]
 
@@ -110,12 +117,25 @@ def at_scale(protocol: str, spec: str, robot: Robot = JACKAL) -> World:
 
 
 def described(robot: Robot) -> Dict[str, Any]:
-    """What evaluation.json says of the robot: name, length and width [m], scale of the worlds, parameter space."""
+    """What evaluation.json says of the robot: name, length and width [m], scale of the worlds, space, content."""
     space = json.loads(space_of(robot).to_json())
-    return {"name": robot.name, "body": list(robot.body.size[:2]), "world_scale": robot.world_scale, "space": space}
+    return {
+        "name": robot.name,
+        "body": list(robot.body.size[:2]),
+        "world_scale": robot.world_scale,
+        "space": space,
+        "sha256": content(robot),
+    }
+
+
+def content(robot: Robot) -> str:
+    """SHA-256 of what a robot's description and parameter files say: another one drives otherwise."""
+    trees = json.dumps(vars(robot.move_base), sort_keys=True, default=str)
+    return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
 
 
 TRIAL_RUNNER = "training.evaluation.trials:TrialRunner"  # as workers are told
+ROBOTS_TRIALS = "training.evaluation.trials:RobotsTrials"
 
 
 class TrialRunner:
@@ -127,12 +147,13 @@ class TrialRunner:
         simulator: name of the simulator.
         protocol: one of PROTOCOLS.
         reward: fields of the Reward that total_reward is counted in.
-        period: decision period [s]; None: each method's own.
+        period: decision period [s]; None: each method's own, which a policy that is being learnt does not have.
         monitor: whether the collision monitor stands between the planner and the base.
         planner_frequency: global plans per second, instead of the robot's; fewer make the simulation faster.
         robot: name or folder of the robot that drives; worlds are at its scale.
         time_limit: time after which a trial ends and counts as failed [s].
-        observation: what a policy that is being learnt sees: "paper" or "dimensionless".
+        observation: what a policy that is being learnt sees, and in which form total_reward is counted: "paper" or
+            "dimensionless".
         ground: what it drives on (robots.GROUNDS), instead of the robot's own.
     """
 
@@ -146,13 +167,14 @@ class TrialRunner:
         planner_frequency: Optional[int] = None,
         robot: str = JACKAL.name,
         time_limit: float = TIME_LIMIT,
-        observation: str = "paper",
+        observation: str = PAPER,
         ground: str = "",
     ):
         self.robot = on_ground(load(robot), ground) if ground else load(robot)
         self.observation = observation
         self.space = space_of(self.robot)
-        self.protocol, self.reward, self.monitor = protocol, Reward(**(reward or {})), monitor
+        self.protocol, self.monitor = protocol, monitor
+        self.ruler = Ruler(self.robot, observation, period, Reward(**(reward or {})))
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
         self.time_limit = time_limit
         self._params = counting_cells(self.robot.parameters())
@@ -165,9 +187,10 @@ class TrialRunner:
     def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Answer:
         """Drives the trial; policy: what a trial of the method POLICY drives."""
         world, method = self._world(task.world_spec), self._method(task, policy)
+        if self.period is not None:
+            method.period = self.period
         method.reset(task.seed)
-        episode = self.episode(task.planner)
-        episode.set_period(self.period or method.period)
+        episode = self.episode(task.planner, method.period)
         episode.layout = method.layout
         outcome = episode.reset(world, task.seed)
         if method.commands:
@@ -175,12 +198,12 @@ class TrialRunner:
         changes: List[float] = []
         total = 0.0
         while not outcome.over:
-            context, before = episode.context(), self.space.to_action(outcome.theta)
+            context, before = episode.context(), outcome.theta
             outcome = (
                 episode.drive(*method.command(context)) if method.commands else episode.decide(method.theta(context))
             )
-            changes.append(float(np.abs(self.space.to_action(outcome.theta) - before).mean()))
-            total += self.reward(outcome, changes[-1], episode.limit, episode.period)[0]
+            changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
+            total += self.ruler.judge(before, episode)[0]
         result = TrialResult(
             success=bool(outcome.success),
             collided=bool(outcome.collided),
@@ -198,18 +221,20 @@ class TrialRunner:
         )
         return Answer(task, result=result, data=pack_trace(episode.trace) if task.trace else b"")
 
-    def episode(self, planner: str) -> Episode:
-        """The loop that drives this kind of planner, made when first asked for."""
+    def episode(self, planner: str, period: float) -> Episode:
+        """The loop that drives this kind of planner, made when first asked for; period: that of the decisions [s]."""
         if planner not in self._episodes:
             self._episodes[planner] = Episode(
                 self.simulator,
                 MoveBase(self._params, planner=planner),
                 self.robot,
+                period=period,
                 end_on_collision=PROTOCOLS[self.protocol].end_on_collision,
                 record=True,
                 monitor=self.monitor,
             )
             self._episodes[planner].time_limit = self.time_limit
+        self._episodes[planner].set_period(period)
         return self._episodes[planner]
 
     def _world(self, spec: str) -> World:
@@ -225,20 +250,34 @@ class TrialRunner:
         if task.method_spec == POLICY:
             if policy is None:
                 raise ValueError("a trial of the policy came without a policy")
-            learnt = _Learnt(policy, self.robot)
-            return (
-                methods.ObservationPolicy(learnt) if self.observation == "paper" else GeneralPolicy(learnt, self.robot)
-            )
+            if self.period is None:
+                raise ValueError("the policy that is being learnt has no decision period of its own: state it")
+            learnt = _Learnt(policy, self.robot, self.period)
+            return methods.ObservationPolicy(learnt) if self.observation == PAPER else GeneralPolicy(learnt, self.robot)
         if task.method_spec not in self._methods:
             self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
         return self._methods[task.method_spec]
 
 
+class RobotsTrials:
+    """Runner of Trial tasks that name their robots: a TrialRunner for each of them, made with the same options."""
+
+    def __init__(self, **options: Any):
+        self._options = options
+        self._runners: Dict[str, TrialRunner] = {}
+
+    def run(self, task: Trial, policy: Optional[PolicyWeights] = None) -> Answer:
+        """Drives the trial with its robot."""
+        if task.robot not in self._runners:
+            self._runners[task.robot] = TrialRunner(**dict(self._options, robot=task.robot))
+        return self._runners[task.robot].run(task, policy)
+
+
 class _Learnt:
     """The policy that is being learnt, as what ObservationPolicy asks."""
 
-    def __init__(self, policy: PolicyWeights, robot: Robot):
-        self.policy = policy
+    def __init__(self, policy: PolicyWeights, robot: Robot, period: float):
+        self.policy, self.period = policy, period
         self.space, self.layout = space_of(robot), layout_of(robot)
 
     def theta(self, observation: np.ndarray) -> np.ndarray:

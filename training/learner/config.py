@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Any, Dict, List, Literal, Optional, Tuple
+from typing import Annotated, Any, Dict, List, Literal, Optional, Sequence, Tuple
 
 import yaml
 from pydantic import ConfigDict, Field, model_validator
@@ -24,9 +24,9 @@ from applr_ros1.robots import JACKAL, NAMES, load
 from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import drawn_robots
-from training.env.env import PAPER
 from training.env.reward import RewardOptions
 from training.env.rollout import NAVIGATION
+from training.env.ruler import PAPER
 from training.learner.learner import MOST_ROWS, LearnerOptions
 from training.policy_file import POLICY_FILE
 from worlds.loading import FORMS
@@ -190,8 +190,13 @@ class TrainConfig(
     # -- what the parts need
     @property
     def eval_robot(self) -> str:
-        """The robot of the evaluations: the Jackal where each episode has another one."""
+        """The robot for which worlds are checked and sets are meant: the Jackal where each episode has another."""
         return JACKAL.name if self.robot == drawn_robots.NAME else self.robot
+
+    @property
+    def eval_robots(self) -> Sequence[str]:
+        """Who drives the evaluations, world after world the next of them; "": the one robot."""
+        return NAMES if self.robot == drawn_robots.NAME else ("",)
 
     @property
     def robot_name(self) -> str:
@@ -228,7 +233,7 @@ class TrainConfig(
         method = methods.make(self.init_from, robot)
         if not isinstance(method, methods.FixedParameters):
             raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
-        form = space_of(robot).to_action if self.observation == PAPER else Encoding(robot).action
+        form = space_of(robot).to_action if self.observation == PAPER else Encoding(robot, self.decision_period).action
         return tuple(form(method.values).tolist())
 
     def resolved(self) -> "TrainConfig":
@@ -260,7 +265,8 @@ class TrainConfig(
     def setting(self) -> str:
         """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
         monitor = ["collision monitor"] * self.monitor
-        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *monitor])
+        robots = ["every included robot"] * (len(self.eval_robots) > 1)
+        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *monitor, *robots])
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""

@@ -17,7 +17,7 @@ from training.actors.tasks import RunnerSpec, WorkerSettings
 from training.common.options import dashed
 from training.env.env import ApplrEnv, load_worlds
 from training.env.rollout import NAVIGATION, make_environment
-from training.evaluation.trials import TRIAL_RUNNER, world_list
+from training.evaluation.trials import ROBOTS_TRIALS, TRIAL_RUNNER, world_list
 from training.learner.config import TrainConfig
 from training.replay.store import Store, dataset
 from training.replay.trajectory import Layout
@@ -74,7 +74,10 @@ def prepare(config: TrainConfig) -> Preparation:
     return Preparation(
         WorkerSettings(
             RunnerSpec("training.actors.collector:Collector", {"env": config.env, "options": options}),
-            RunnerSpec(TRIAL_RUNNER, dict(common, observation=config.observation)),
+            RunnerSpec(
+                ROBOTS_TRIALS if len(config.eval_robots) > 1 else TRIAL_RUNNER,
+                dict(common, observation=config.observation),
+            ),
         ),
         len(worlds),
         held_out,

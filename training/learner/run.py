@@ -31,8 +31,8 @@ from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import Answer, Trial
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
-from training.env.env import PAPER
 from training.env.rollout import NAVIGATION
+from training.env.ruler import PAPER
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.score import CONTACT_SECONDS
 from training.learner.config import PROVENANCE, TrainConfig
@@ -77,6 +77,7 @@ class TrainingRun:
             CONTACT_SECONDS,
             setting=config.setting(),
             planner=config.eval_planner,
+            robots=config.eval_robots,
         )
         self._forget_lost_best()
         self.scheduler = TaskScheduler(
@@ -196,8 +197,6 @@ class TrainingRun:
 
     def _collect(self, timeout: float) -> None:
         for answer in self.pool.poll(timeout):
-            if self.stopping:
-                return
             if answer.error:
                 self._failed(answer.error)
             else:
@@ -247,7 +246,7 @@ class TrainingRun:
     # -- evaluation ------------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
         """Begins a round of the evaluation if one is due."""
-        number = self.evaluation.due(self.steps)
+        number = self.evaluation.due(self.steps, last=self.finished and self.config.minutes > 0.0)
         if number is None:
             return False
         self._weights = self.learner.td3.actor_weights()

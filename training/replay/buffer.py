@@ -54,11 +54,6 @@ class Replay:
         """Rows in use."""
         return min(self.written, self.capacity)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of all arrays [bytes]."""
-        return sum(a.nbytes for a in (self.scan, self.rest, self.action, self.reward, self.end))
-
     def check(self, trajectory: Trajectory) -> None:
         """Raises TrajectoryError where add() would refuse: malformed, or larger than the ring."""
         trajectory.check(self.layout)

@@ -1,7 +1,11 @@
-"""The report's statistics: Welch tests per world with and without Holm's correction, and intervals."""
+"""The report's statistics: Welch tests per world with and without Holm's correction, and intervals.
+
+What compares methods over worlds takes the world as the unit: trials of one world are no independent sample.
+"""
 
 from __future__ import annotations
 
+import math
 import warnings
 from typing import Callable, List, NamedTuple, Sequence, Tuple
 
@@ -12,6 +16,7 @@ from training.report.data import Cell, Results
 
 LEVEL = 0.05
 RESAMPLES = 2000
+SIGNS = 19999  # random draws of signs in the paired test
 
 
 class Verdict(NamedTuple):
@@ -76,7 +81,8 @@ class Paired(NamedTuple):
         difference: mean over worlds of the difference of their mean times [s], a failed trial counting as the limit.
         low: of its 95 % interval, by bootstrap over worlds.
         high: of the same.
-        p: of Wilcoxon's signed-rank test of the worlds' differences; nan with fewer than two worlds.
+        p: of the two-sided test of this mean by exchanging the two methods in worlds at random (all ways where they are
+            at most SIGNS); nan with fewer than two worlds.
     """
 
     worlds: int
@@ -92,16 +98,31 @@ def paired(results: Results, method: str, other: str, worlds: List[str]) -> Pair
     differences = np.array([a.counted.mean() - b.counted.mean() for a, b in cells])
     p = np.nan
     if len(differences) > 1:
-        p = float(stats.wilcoxon(differences).pvalue) if differences.any() else 1.0
+        tested = stats.permutation_test(
+            (differences,), np.mean, permutation_type="samples", n_resamples=SIGNS, vectorized=True, rng=0
+        )
+        p = float(tested.pvalue)
     return Paired(len(differences), *over_worlds([differences, np.ones(len(differences))], ratio), p)
 
 
-def wilson(successes: int, n: int) -> Tuple[float, float]:
-    """Wilson's 95 % interval of a share of successes."""
-    if n == 0:
-        return 0.0, 1.0
-    interval = stats.binomtest(int(successes), int(n)).proportion_ci(0.95, method="wilson")
-    return float(interval.low), float(interval.high)
+def rate(flags: Sequence[np.ndarray]) -> Tuple[float, float, float]:
+    """The share of True among the trials of all worlds, flags (n,) for each, with its 95 % interval.
+
+    The interval is Wilson's for as many independent trials as have the variance of this share over the worlds (at most
+    as many as there are): trials of a world resemble each other.
+    """
+    sums, counts = np.array([f.sum() for f in flags], float), np.array([len(f) for f in flags], float)
+    n, worlds = counts.sum(), len(flags)
+    share = float(sums.sum() / n)
+    spread = float(np.square(sums - share * counts).sum()) * worlds / max(1, worlds - 1) / n**2
+    return (share, *wilson(share, min(n, share * (1.0 - share) / spread) if spread > 0.0 else n))
+
+
+def wilson(share: float, n: float) -> Tuple[float, float]:
+    """Wilson's 95 % interval of a share of n independent trials."""
+    z = float(stats.norm.ppf(0.975))
+    middle, half = share + z * z / (2.0 * n), z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
+    return (middle - half) / (1.0 + z * z / n), (middle + half) / (1.0 + z * z / n)
 
 
 def over_worlds(parts: Sequence[np.ndarray], statistic: Callable[..., np.ndarray]) -> Tuple[float, float, float]:
@@ -129,10 +150,18 @@ def mean_time(results: Results, method: str, worlds: List[str]) -> Tuple[float, 
     return over_worlds(_sums(cells), ratio)
 
 
+def mean_counted(results: Results, method: str, worlds: List[str]) -> float:
+    """Mean over all trials [s], a failed one counting as the limit; nan without any."""
+    counted = results.pooled(method, worlds, "counted")
+    return float(counted.mean()) if len(counted) else np.nan
+
+
 def gain(results: Results, method: str, worlds: List[str]) -> Tuple[float, float, float]:
-    """Share of the baseline's mean time that `method` saves, over successful trials, with its interval."""
-    worlds = results.both(method, worlds)
-    parts = [part for name in (method, results.baseline) for part in _sums([results.cells[name][w] for w in worlds])]
+    """Share of the baseline's mean over all trials (mean_counted) that `method` saves, with its interval."""
+    worlds, parts = results.both(method, worlds), []
+    for name in (method, results.baseline):
+        counted = [results.cells[name][w].counted for w in worlds]
+        parts += [np.array([c.sum() for c in counted]), np.array([float(len(c)) for c in counted])]
     return over_worlds(parts, lambda a, n, b, m: 1.0 - ratio(a, n) / ratio(b, m))
 
 

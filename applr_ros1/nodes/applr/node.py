@@ -81,6 +81,7 @@ class ApplrNode:
         return self.method.period if self._own_period is None else self._own_period
 
     def _begin_course(self, now):
+        self.method.period = self.period  # what it sees may depend on it
         try:
             self.method.reset(self.seed + self.counts["courses"])
         except Exception as e:  # as in _ask

@@ -9,7 +9,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, sha256
-from applr_ros1.policy.decision import PERIOD, Context, period_of
+from applr_ros1.policy.decision import Context, period_of
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.parameter_space import SPACE, Space
@@ -67,14 +67,14 @@ class ObservationPolicy(Method):
     """A function of the observation: an actor, or APPLD's contexts.
 
     Args:
-        policy: Has theta(observation) and, where it states them, a period [s], space and layout.
+        policy: Has theta(observation), a period [s] and, where it states them, space and layout.
         path: The file that it was read from; "" for none.
         per_cell: As Method says.
     """
 
     def __init__(self, policy: Any, path: str = "", per_cell: bool = True):
         self.policy, self.path, self.per_cell = policy, path, per_cell
-        self.period = float(getattr(policy, "period", PERIOD))
+        self.period = float(policy.period)
         for name in ("space", "layout"):
             if hasattr(policy, name):
                 setattr(self, name, getattr(policy, name))
@@ -97,7 +97,7 @@ class GeneralPolicy(ObservationPolicy):
     """A policy in the dimensionless form (policy/encoding.py) on one robot.
 
     Args:
-        policy: Has action(observation) and, where it states one, a period [s].
+        policy: Has action(observation) and a period [s].
         robot: The robot that it drives.
         path: The file that it was read from; "" for none.
     """
@@ -109,6 +109,7 @@ class GeneralPolicy(ObservationPolicy):
 
     def reset(self, seed: int) -> None:
         """Begin a course: there was no decision before."""
+        self.encoding.period = self.period  # at_period() or the node's ~period may have changed it
         self.encoding.reset()
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
@@ -137,6 +138,7 @@ class FrozenParameter(Method):
 
     def reset(self, seed: int) -> None:
         """Begin a course with the inner method."""
+        self.inner.period = self.period
         self.inner.reset(seed)
 
     def theta(self, context: Optional[Context]) -> np.ndarray:

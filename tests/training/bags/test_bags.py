@@ -409,7 +409,8 @@ def test_recorded_simulation_equals_the_environment(tmp_path):
 
     rng, observations, actions = np.random.default_rng(0), [], []
     with StackWriter(tmp_path / "a.bag") as writer:
-        episode = RecordingEpisode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), writer, limit=3)
+        planner = MoveBase(robots.JACKAL.parameters())
+        episode = RecordingEpisode(sim_bridge.make("kinematic"), planner, writer, period=2.0, limit=3)
         for course in range(2):
             outcome = episode.reset(worlds.load("generated:%d" % course), course)
             while not outcome.over:

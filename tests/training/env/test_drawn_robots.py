@@ -15,7 +15,7 @@ def test_robots_span_what_they_should_and_contradict_nothing():
     robots = [drawn_robots.draw_another(rng) for _ in range(60)]
     for robot in robots:
         limits.check(robot)
-    widths = [Encoding(robot).width for robot in robots]
+    widths = [Encoding(robot, 1.0).width for robot in robots]
     assert 0.17 < min(widths) < 0.25
     assert 0.75 < max(widths) < 1.0
     assert {robot.base.drive for robot in robots} == {"skid_steer", "two_wheel"}
@@ -38,4 +38,4 @@ def test_each_episode_has_another_robot_and_depends_on_its_seed_only():
     assert first[2] == again[2]
     assert len({id(drive(env, seed)[0]) for seed in range(6)}) > 2
     with pytest.raises(ApplrError, match="dimensionless"):
-        ApplrEnv(robot="drawn")
+        ApplrEnv(robot="drawn", period=1.0)

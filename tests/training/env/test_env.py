@@ -70,6 +70,7 @@ def trial(world=None, limit=50, end_on_collision=False, **planner):
     episode = Episode(
         sim_bridge.make("kinematic", slip=0.0),
         FakeMoveBase(**planner),
+        period=2.0,
         limit=limit,
         end_on_collision=end_on_collision,
         record=True,
@@ -197,34 +198,38 @@ STEP = Outcome(
 )
 
 
+def earned(reward, outcome, change=0.0, limit=50, period=2.0, scale=1.0):
+    return reward(outcome, change, limit, period, scale)
+
+
 def test_reward_terms():
-    total, terms = Reward(c_f=1.0, c_p=2.0, c_c=0.1)(STEP, 0.5)
+    total, terms = earned(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP, 0.5)
     assert terms == pytest.approx(
         {"time": -1.0, "progress": 1.8, "clearance": -0.25, "collision": 0.0, "switching": 0.0}
     )
     assert total == pytest.approx(0.55)
     everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0, c_switch=0.2)
-    _, terms = everything(replace(STEP, seconds=0.5, success=True), 0.5)
+    _, terms = earned(everything, replace(STEP, seconds=0.5, success=True), 0.5)
     assert terms == pytest.approx(
         {"time": -0.25, "progress": 0.8, "clearance": -0.25, "collision": -3.0, "switching": -0.1}
     )
-    assert Reward()(replace(STEP, success=True), 0)[1]["time"] == 0.0  # R_f is 0 at the goal
+    assert earned(Reward(), replace(STEP, success=True))[1]["time"] == 0.0  # R_f is 0 at the goal
     with pytest.raises(ValueError, match="should be a finite number"):
         Reward(c_p=float("nan"))
 
 
 def test_distance_is_bounded_both_ways():
     clear = Reward(c_c=1.0)
-    assert clear(replace(STEP, last_scan_min=math.inf), 0)[1]["clearance"] == -0.5
+    assert earned(clear, replace(STEP, last_scan_min=math.inf))[1]["clearance"] == -0.5
     for lowest in (0.1, 0.0):  # a laser whose range_min is 0 may say so
-        assert clear(replace(STEP, last_scan_min=lowest), 0)[1]["clearance"] == pytest.approx(-10.0)
+        assert earned(clear, replace(STEP, last_scan_min=lowest))[1]["clearance"] == pytest.approx(-10.0)
 
 
 def test_a_failure_pays_for_the_time_it_stands_still():
     fallen = replace(STEP, flipped=True, decisions=45)
-    assert Reward()(fallen, 0, 50)[1]["time"] == -6.0
-    assert Reward()(replace(fallen, decisions=3), 0, 50)[1]["time"] == -1.0 - MOST_STANDING
-    assert Reward()(replace(STEP, timeout=True), 0)[1]["time"] == -1.0
+    assert earned(Reward(), fallen)[1]["time"] == -6.0
+    assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - MOST_STANDING
+    assert earned(Reward(), replace(STEP, timeout=True))[1]["time"] == -1.0
 
 
 # -- the environment -------------------------------------------------------------------------------------------------
@@ -241,18 +246,6 @@ def test_gymnasiums_checker(env):
     from gymnasium.utils.env_checker import check_env
 
     check_env(env.unwrapped, skip_render_check=True)
-
-
-def test_the_picture_shows_the_robot_in_its_size():
-    black = []
-    for robot in ("jackal", "husky"):
-        made = gymnasium.make(
-            "training.env:applr_ros1/Navigation-v0", worlds="generated:7", robot=robot, render_mode="rgb_array"
-        )
-        made.reset(seed=1)
-        black.append((made.render() < 40).all(axis=2).sum())
-        made.close()
-    assert black[1] > 2 * black[0]
 
 
 def test_made_by_the_packages_name_it_renders_and_passes_the_check():
@@ -329,7 +322,7 @@ def test_drives_a_course_with_the_real_planner():
     """Default parameters through one of the easy worlds."""
     from training.env.env import load_worlds
 
-    episode = Episode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()))
+    episode = Episode(sim_bridge.make("kinematic"), MoveBase(robots.JACKAL.parameters()), period=2.0)
     episode.reset(load_worlds("generated:2")[0], 1)
     outcomes = drive(episode)
     assert outcomes[-1].success

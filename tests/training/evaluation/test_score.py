@@ -1,14 +1,24 @@
 """The one score of trials, and the periodic evaluation, which drives the trials that evaluate.py drives."""
 
 import math
+import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import safetensors.numpy
 
-from training.actors.tasks import TrialResult
-from training.baselines.set_search import SearchOptions
+from applr_ros1.policy.actor import save_general
+from applr_ros1.policy.encoding import PARAMETERS, SIZE
+from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import JACKAL, load
+from training.actors.tasks import POLICY, Answer, TrialResult
+from training.actors.worker import PolicyWeights
+from training.baselines.set_search import SearchOptions, SetTrials
+from training.env.env import ApplrEnv
 from training.evaluation import score, trials
-from training.evaluation.periodic import CHOOSING, PeriodicEvaluation
+from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.td3.td3 import TD3, TD3Options
 
 
 def test_the_score_counts_a_failure_as_the_time_limit():
@@ -47,3 +57,82 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
     faster = trials.TrialRunner("kinematic", period=1.0).run(trial).result  # a training's own decision period
     assert faster.decisions == math.ceil(faster.time_s)
     assert periodic.add(answer)["score"] == answer.result.time_s < 100.0
+
+
+def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
+    """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
+    weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    save_general(tmp_path / "a.safetensors", weights, {"period_s": 0.5})
+    learnt = PolicyWeights((tmp_path / "a.safetensors").read_bytes())
+    spec = str(tmp_path / "a.safetensors")
+    options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}
+    every = trials.RobotsTrials(simulator="kinematic", period=0.5, **options)
+    chosen = [("generated:8", "generated:8"), ("generated:9", "generated:9")]
+    for task in trials.plan(chosen, [("policy", POLICY)], 1, 0, robots=("jackal", "husky")):
+        measured = every.run(task, learnt)
+        runner = trials.TrialRunner("kinematic", robot=task.robot, period=0.5, **options)
+        assert runner.run(replace(task, method_spec=spec)).result == measured.result
+        assert measured.task == task
+        assert (measured.result.decisions, trials.TrialRunner("kinematic").period) == (10, None)
+    with pytest.raises(ValueError, match="state it"):
+        trials.TrialRunner("kinematic", **options)
+
+
+def test_the_environment_earns_what_the_evaluation_counts():
+    """The same decisions in the same course: the sum of the environment's rewards is the trial's total."""
+    options = {"observation": "dimensionless", "reward": {"c_switch": 1.0, "exact_time": True}, "period": 1.0}
+    weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    learnt = PolicyWeights(safetensors.numpy.save(weights))
+    (task,) = trials.plan([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
+    total = (
+        trials.TrialRunner("kinematic", robot="husky", time_limit=6.0, **options).run(task, learnt).result.total_reward
+    )
+    env = ApplrEnv(worlds="generated:8", robot="husky", limit=6, **options)
+    observation, _ = env.reset(options={"simulator_seed": task.seed})
+    rewards = []
+    for _ in range(6):
+        observation, reward, *_ = env.step(learnt(observation))
+        rewards.append(reward)
+    env.close()
+    assert sum(rewards) == pytest.approx(total, abs=1e-9)
+
+
+def test_a_search_never_drives_evaluates_seeds():
+    searched = SetTrials(None, [("w", "w")], SPACE)._trial(SPACE.theta0, 0, 0, 3).seed
+    assert searched == trials.seed_of(CHOOSING + 3, "w", 0)
+    assert searched not in {trials.seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
+
+
+def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
+    """After an edit of robot.yaml or of a parameter file it is another robot; a copy elsewhere is the same."""
+    found = []
+    for name, file, was, then in (
+        ("same", "robot.yaml", "", ""),
+        ("laser", "robot.yaml", "noise: 0.001", "noise: 0.002"),
+        ("planner", "base_local_planner_params.yaml", "max_vel_x: 0.5", "max_vel_x: 0.6"),
+    ):
+        folder = tmp_path / name / "jackal"
+        shutil.copytree(JACKAL.folder, folder)
+        text = (folder / file).read_text()
+        assert was in text
+        (folder / file).write_text(text.replace(was, then) if was else text)
+        found.append(trials.content(load(str(folder))))
+    assert found[0] == trials.content(JACKAL) == trials.described(JACKAL)["sha256"]
+    assert len(set(found)) == 3
+
+
+def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
+    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 1, 100, 0, 0.0, robots=("jackal", "husky"))
+    for step, last, number in (
+        (0, False, THETA0),
+        (0, True, None),
+        (130, False, 1),
+        (170, False, None),
+        (170, True, 1),
+    ):
+        assert periodic.due(step, last) == number
+        if number is not None:
+            (trial,) = periodic.begin(number, step, 0)
+            assert trial.robot == "jackal"
+            periodic.add(Answer(trial, result=TrialResult(True, time_s=float(step))))
+    assert periodic.due(170, True) is None

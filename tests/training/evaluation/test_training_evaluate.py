@@ -298,7 +298,7 @@ def test_trial_depends_on_its_task_only():
     fresh = trials.TrialRunner("kinematic").run(task)
     used = trials.TrialRunner("kinematic")
     before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
-    episode = used.episode("ours")
+    episode = used.episode("ours", 2.0)
     episode.time_limit = 6.0
     used.run(before)
     episode.time_limit = TIME_LIMIT

@@ -104,7 +104,7 @@ def test_the_planner_reaches_training_and_evaluation(tmp_path):
     env = ApplrEnv(**made.settings.collect.options["options"])
     evaluation = PeriodicEvaluation(tmp_path, made.held_out, 1, 1, 0, 0.0, planner=config.eval_planner)
     (trial,) = evaluation.begin(-1, 0, 0)
-    held_out = TrialRunner(**made.settings.trial.options).episode(trial.planner)
+    held_out = TrialRunner(**made.settings.trial.options).episode(trial.planner, config.decision_period)
     kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
     assert set(kinds) == {"ours", "cpp-like"}
     env.reset(seed=0)

@@ -2,8 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
 
+from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor as actors
 from applr_ros1.policy import methods
 from applr_ros1.policy.network import Mirror
@@ -33,7 +35,10 @@ def test_onnx_equals_the_actor(actor_file, tmp_path):
 
 
 def test_an_export_that_differs_is_an_error(actor_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(export, "difference", lambda *a: 1e-3)
+    exported = export.to_onnx(actors.Actor.load(actor_file))
+    weights, _ = unpack(actor_file.read_bytes(), "file")
+    actors.save(actor_file, dict(weights, **{"3.bias": weights["3.bias"] + np.float32(1e-3)}))
+    monkeypatch.setattr(export, "to_onnx", lambda actor: exported)  # of another network than is in the file
     assert export.main([str(actor_file), str(tmp_path / "some.onnx")]) == 1
     assert "differs" in capsys.readouterr().err
     assert not (tmp_path / "some.onnx").exists()

@@ -1,0 +1,118 @@
+"""The golden file of the dimensionless form, tests/data/form.npz: what every robot is shown, sets and earns.
+
+    python -m tests.policy.golden_form          writes the file anew, after a deliberate change of the form
+
+For each included robot and one that is made up it holds inputs, drawn once: scenes of one course, actions, and how
+decisions went; and what the form makes of them at a decision period of 1 s: observations, parameters of the robot's
+space, the actions that these stand for, and the terms of the reward with each of REWARDS. test_encoding.py compares to the
+last bit of a float32; numpy's float64 functions differ in their last bits from processor to processor.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Dict
+
+import numpy as np
+
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.encoding import PARAMETERS
+from applr_ros1.policy.layout import Layout
+from applr_ros1.robots import NAMES, Robot, load
+from training.env.drawn_robots import draw_another
+from training.env.outcome import Outcome
+from training.env.reward import Reward
+from training.env.ruler import DIMENSIONLESS, Ruler
+
+FILE = Path(__file__).resolve().parents[1] / "data" / "form.npz"
+PERIOD, SCENES, PLAN = 1.0, 4, 24
+REWARDS = (
+    Reward(),
+    Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0, c_switch=3.0),
+)
+FLAGS, NUMBERS = ("contact", "success", "flipped"), ("progress", "progress_y", "last_scan_min", "decision_min")
+Arrays = Dict[str, np.ndarray]
+
+
+def robots() -> Dict[str, Robot]:
+    """The included ones and one that is made up."""
+    return {**{name: load(name) for name in NAMES}, "made-up": draw_another(np.random.default_rng(2))}
+
+
+def ruler(robot: Robot, reward: Reward = REWARDS[0]) -> Ruler:
+    """What is under test."""
+    return Ruler(robot, DIMENSIONLESS, PERIOD, reward)
+
+
+def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
+    """Scenes, actions and outcomes."""
+    layout, scale = ruler(robot).form.layout, ruler(robot).scale
+    poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
+    ways = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
+    return {
+        "ranges": np.exp(rng.normal(0.5, 1.0, (SCENES, layout.beams))).astype(np.float32) * np.float32(scale),
+        "poses": poses,
+        "twists": rng.uniform(-0.3, 1.0, (SCENES, 2)) * robot.base.max_speed,
+        "phis": rng.uniform(-3.0, 3.0, SCENES),
+        "goal": np.array([8.0 * scale, 5.0 * scale, 0.0]),
+        "plans": poses[:, None, :2] + ways,
+        "actions": rng.uniform(-1.0, 1.0, (SCENES, len(PARAMETERS))).astype(np.float32),
+        "numbers": rng.uniform(0.05, 1.5, (SCENES, len(NUMBERS))) * scale,
+        "flags": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], bool),
+        "seconds": np.array([1.0, 1.0, 0.35, 0.6]),
+    }
+
+
+def outputs(robot: Robot, given: Arrays) -> Arrays:
+    """What the form makes of the inputs; the parameters of one decision are in force at the next."""
+    form = ruler(robot).form
+    thetas = np.array([form.theta(action) for action in given["actions"]])
+    before = np.vstack([form.space.theta0, thetas[:-1]])
+    form.reset()
+    seen = [form.observe(_context(form, given, i, before[i])) for i in range(SCENES)]
+    return {
+        "observations": np.array(seen),
+        "thetas": thetas.astype(np.float32),
+        "meant": np.array([form.action(theta) for theta in thetas], np.float32),
+        "rewards": np.array(
+            [
+                [_reward(ruler(robot, reward), given, i, before[i], thetas[i]) for i in range(SCENES)]
+                for reward in REWARDS
+            ],
+            np.float32,
+        ),
+    }
+
+
+def _context(form: Any, given: Arrays, i: int, theta: np.ndarray) -> Context:
+    assert isinstance(form.layout, Layout)
+    rows = (given["poses"][i], given["twists"][i], given["goal"])
+    pose, twist, goal = (tuple(row.tolist()) for row in rows)
+    phi = float(given["phis"][i])
+    return Context(
+        np.zeros(1), given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, given["plans"][i], form.space
+    )
+
+
+def _reward(made: Ruler, given: Arrays, i: int, before: np.ndarray, after: np.ndarray) -> list:
+    """The terms, of a decision 10 s before the limit."""
+    told = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
+    told.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
+    outcome = Outcome(np.zeros(1), 0.0, after, seconds=float(given["seconds"][i]), decisions=90, **told)
+    episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
+    return list(made.judge(before, episode)[1].values())
+
+
+def main() -> None:
+    """Writes the file."""
+    found: Arrays = {}
+    for number, (name, robot) in enumerate(robots().items()):
+        given = inputs(robot, np.random.default_rng(number))
+        found.update({f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()})
+    np.savez_compressed(FILE, **found)
+    print(f"{FILE}: {FILE.stat().st_size} bytes")
+
+
+if __name__ == "__main__":
+    main()
