@@ -4,8 +4,8 @@
 
 For each included robot and one that is made up it holds inputs, drawn once: scenes of one course, actions, and how
 decisions went; and what the form makes of them at a decision period of 1 s: observations, parameters of the robot's
-space, the actions that these stand for, and the terms of the reward with each of REWARDS. test_encoding.py compares to the
-last bit of a float32; numpy's float64 functions differ in their last bits from processor to processor.
+space, the actions that these stand for, and the terms of the reward with each of REWARDS. test_encoding.py compares to
+the last bit of a float32; numpy's float64 functions differ in their last bits from processor to processor.
 """
 
 from __future__ import annotations

@@ -20,7 +20,6 @@ from applr_ros1.policy.decision import Context
 from applr_ros1.policy.network import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
-from applr_ros1.robots import JACKAL
 from tests.support.weights import make_weights
 from training.evaluation import trials
 from worlds import builtin

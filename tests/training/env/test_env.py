@@ -262,7 +262,7 @@ def test_made_by_the_packages_name_it_renders_and_passes_the_check():
     after = made.render()
     assert 100 < (before != after).any(axis=2).sum() < 0.1 * before[:, :, 0].size  # robot, way and scan moved
     with pytest.raises(ApplrError, match="render_mode is 'human'"):
-        type(made.unwrapped)(worlds="generated:7", render_mode="human")
+        type(made.unwrapped)(worlds="generated:7", period=2.0, render_mode="human")
     made.close()
 
 
