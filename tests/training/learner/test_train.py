@@ -74,6 +74,12 @@ def test_a_ring_that_has_been_around_resumes_to_the_same_numbers(tmp_path):
     assert len(Store(tmp_path / "run").infos()) == 60
 
 
+def test_the_policy_at_the_end_of_the_minutes_is_evaluated(tmp_path):
+    out = tmp_path / "run"
+    assert main(toy(out, "--minutes", "0.02", "--eval-freq", "100000")) == 0
+    assert [r["step"] for r in rounds_of(out)] == [0, Learner.saved(out)["transitions"]]
+
+
 OFTEN_SAVED = """
 import sys
 from training.learner import run
