@@ -6,7 +6,8 @@ of all sources of the kernel's package, so that versions of a package side by si
 change in one package leaves the machine code of the others.
 
 The folder lies in `NUMBA_CACHE_DIR`, in `~/.cache`, or in the folder for temporary files: the first of them in which
-this user alone can write, since machine code is loaded from it. Without any, each process compiles anew.
+this user alone can write, since machine code is loaded from it. Without any, or where the disk is full, each process
+compiles anew.
 """
 
 from __future__ import annotations
@@ -46,9 +47,21 @@ def kernel(function: Callable | None = None, **options: Any) -> Any:
     config: Any = numba.config
     before, config.CACHE_DIR = config.CACHE_DIR, folder
     try:
-        return numba.njit(cache=bool(folder), **options)(function)
+        made = numba.njit(cache=bool(folder), **options)(function)
     finally:
         config.CACHE_DIR = before
+    keep = made._cache.save_overload
+
+    def keep_if_it_can(signature: Any, code: Any) -> None:
+        try:
+            keep(signature, code)
+        except OSError as problem:  # numba would end the process, for instance where the disk is full
+            warnings.warn(
+                f"{folder}: cannot keep compiled kernels ({problem}): every start compiles anew", stacklevel=2
+            )
+
+    made._cache.save_overload = keep_if_it_can
+    return made
 
 
 @functools.lru_cache(maxsize=None)
@@ -58,7 +71,10 @@ def cache_folder(package: str) -> str:
     for path in sorted((ROOT / package).rglob("*.py")):
         sources.update(path.read_bytes())
     home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    places = [os.path.join(home, "applr_ros1"), os.path.join(tempfile.gettempdir(), f"applr_ros1-{os.getuid()}")]
+    places = [
+        os.path.join(home, "applr_ros1"),
+        os.path.join(os.environ.get("TMPDIR") or "/tmp", f"applr_ros1-{os.getuid()}"),
+    ]
     if os.environ.get("NUMBA_CACHE_DIR"):
         places.insert(0, os.path.abspath(os.path.join(os.environ["NUMBA_CACHE_DIR"], "applr_ros1")))
     for place in filter(os.path.isabs, places):  # "~" stays where neither HOME nor the user's entry names a folder
@@ -69,6 +85,7 @@ def cache_folder(package: str) -> str:
                 os.stat(part).st_uid == os.getuid() and not os.stat(part).st_mode & 0o022 for part in (place, folder)
             ):
                 os.utime(folder)  # the time of its last use
+                tempfile.TemporaryFile(dir=folder).close()  # else numba refuses the folder, and thereby the kernel
                 for old in sorted(os.scandir(place), key=lambda entry: -entry.stat().st_mtime)[KEPT:]:
                     shutil.rmtree(old.path, ignore_errors=True)
                 return folder

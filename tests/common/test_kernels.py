@@ -4,6 +4,7 @@ Each case runs in processes of its own, on a copy of the decorator's file with a
 """
 
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -40,7 +41,7 @@ print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 def start(tmp_path):
     """A function that starts a process on a version of the small package, which it writes if the folder is new."""
 
-    def start(folder):
+    def start(folder, **options):
         planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))
         if not planner.exists():
             planner.mkdir(parents=True)
@@ -52,7 +53,12 @@ def start(tmp_path):
         environment.pop("NUMBA_CACHE_DIR", None)
         environment["TMPDIR"] = str(tmp_path)
         return subprocess.Popen(
-            [sys.executable, "-B", "-c", RUN], env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-B", "-c", RUN],
+            env=environment,
+            cwd=tmp_path,
+            stdout=subprocess.PIPE,
+            text=True,
+            **options,
         )
 
     return start
@@ -99,12 +105,25 @@ def test_a_folder_open_to_others_is_not_used(start, tmp_path):
     assert len(list(tmp_path.glob("applr_ros1-*/*"))) == 1
 
 
+def test_a_full_disk_costs_the_cache_alone(start, tmp_path):
+    def no_byte_more():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+
+    process = start("code", preexec_fn=no_byte_more, stderr=subprocess.PIPE)
+    out, said = process.communicate(timeout=120)
+    assert out.split() == ["6", "6.5", "2"]
+    assert f"{tmp_path}/cache/applr_ros1/" in said
+    assert "every start compiles anew" in said
+    assert result(start("code")) == [6, 6.5, 2]
+    assert result(start("code")) == [6, 6.5, 0]
+
+
 def test_a_user_without_a_home_gets_no_folder_in_the_current_one(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(kernels.os.path, "expanduser", lambda path: path)  # as where the user has no entry either
-    monkeypatch.setattr(kernels.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
     folder = kernels.cache_folder.__wrapped__(kernels.PACKAGES[0])
     assert os.path.dirname(folder) == str(tmp_path / "tmp" / f"applr_ros1-{os.getuid()}")
     assert os.listdir(tmp_path) == ["tmp"]

@@ -10,7 +10,7 @@ import pytest
 import worlds
 from applr_ros1.common.errors import ApplrError
 from tests.support.worlds_sdf import as_barn, cylinder, put, sdf
-from worlds import builtin, sdf_writer
+from worlds import builtin, sdf_writer, sdf_xml
 
 EXTERNAL = (
     "<!DOCTYPE sdf [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><sdf><world name='w'><model name='&x;'/></world></sdf>"
@@ -50,6 +50,16 @@ def refused(path, *words):
 )
 def test_bad_files(tmp_path, text, words):
     refused(put(tmp_path, text, "w.world"), *words)
+
+
+@pytest.mark.fault("22")
+def test_deep_and_endless_files(tmp_path, monkeypatch):
+    for tag in ("model", "a"):
+        deep = f"<{tag} name='m'>" * 1500 + f"</{tag}>" * 1500
+        for text in (deep, f"<state>{deep}</state>", f"<state><model name='m'>{deep}</model></state>"):
+            refused(put(tmp_path, sdf(text + cylinder(0, 0)), "w.world"), "100 levels")
+    monkeypatch.setattr(sdf_xml, "MAX_TAGS", 1000)
+    refused(put(tmp_path, sdf("<a/>" * 1000), "w.world"), "1000 tags")
 
 
 def test_missing_folder_and_device(tmp_path):
