@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import queue
 import threading
-from typing import Any, Callable, NamedTuple, Tuple
+from types import SimpleNamespace
+from typing import Any, Callable
 
-import numpy as np
 import rospy
 from geometry_msgs.msg import PolygonStamped
 from map_msgs.msg import OccupancyGridUpdate
@@ -23,8 +23,6 @@ from applr_ros1.planner.costmap.grid import union
 from applr_ros1.planner.parameters.layers import COSTMAPS
 
 TRAJECTORIES_RATE = 5.0  # Hz of trajectory_cloud where C++ has none
-
-
 BEHIND = 20  # messages that wait to be made, from which on no more are ordered
 
 
@@ -52,15 +50,6 @@ class DisplayThread:
             except Exception as error:  # at a shutdown publish() raises
                 if not rospy.core.is_shutdown_requested():
                     rospy.logerr_throttle(1.0, f"a display was not sent: {type(error).__name__}: {error}")
-
-
-class _Map(NamedTuple):
-    """A costmap at one time, as conversions.grid takes it."""
-
-    cells: np.ndarray
-    size: Tuple[int, int]
-    resolution: float
-    origin: np.ndarray
 
 
 class _NewSubscriber(rospy.SubscribeListener):
@@ -97,11 +86,13 @@ class CostmapDisplay:
         costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
             self._window = costmap.window if self._window is None else union(self._window, costmap.window)
+        if self._thread.is_behind:
+            return
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
             self._thread.post(lambda: self._footprint.publish(conversions.polygon(outline, self._frame, stamp)))
         frequency, now = self._move_base.configuration(self._name)["publish_frequency"], stamp.to_sec()
-        if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency or self._thread.is_behind:
+        if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
             return
         self._sent = now
         if not (self._whole.get_num_connections() or self._updates.get_num_connections()):
@@ -118,7 +109,9 @@ class CostmapDisplay:
 
     def _send_whole(self, publish, stamp=None) -> None:
         costmap = self._move_base.costmaps[self._name]
-        seen = _Map(costmap.cells.copy(), costmap.size, costmap.resolution, costmap.origin.copy())
+        seen = SimpleNamespace(
+            cells=costmap.cells.copy(), size=costmap.size, resolution=costmap.resolution, origin=costmap.origin.copy()
+        )
         self._thread.post(lambda: publish(conversions.grid(seen, self._frame, stamp or rospy.Time.now())))
 
 
@@ -144,6 +137,8 @@ class PlanDisplay:
 
     def controlled(self, local_planner, costmap, stamp) -> None:
         """The local planner ran. An empty path is not sent: the old one stays on display, as in C++."""
+        if self._thread.is_behind:
+            return
         for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
             if len(poses):
                 self._send(publisher, poses, stamp, self._frame)
