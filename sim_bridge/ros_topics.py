@@ -187,6 +187,8 @@ def _odometry(frame, child, pose, twist, stamp):
 
 
 def _scan(frame, laser: Laser, ranges, stamp):
+    if laser.no_return is not None:
+        ranges = np.where(np.isposinf(ranges), laser.no_return, ranges)
     message = LaserScan(
         angle_min=laser.first_angle,
         angle_max=laser.last_angle,

@@ -18,10 +18,10 @@ TOLERANCE = 0.08  # [m]: a measured range that differs less from a point's dista
 
 
 class ObstacleMemory:
-    """Points (x, y) [m] in a fixed frame with the time at which they were measured.
+    """Points (x, y) [m] in a fixed frame, with the time at which they were measured.
 
     Args:
-        radius: distance [m] from the robot beyond which points are forgotten.
+        radius: distance [m] from the scanner beyond which points are forgotten.
         seconds: age [s] at which points that are not measured again are forgotten.
     """
 
@@ -39,8 +39,8 @@ class ObstacleMemory:
         """Forgets everything, for instance after the odometry was reset."""
         self._count = 0
 
-    def update(self, scan, pose):
-        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame) measured at the robot's pose (x, y, yaw).
+    def update(self, scan):
+        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame).
 
         Beams outside [range_min, range_max) add nothing; +inf and ranges beyond the radius clear what lies before them;
         NaN, -inf and ranges under range_min neither add nor clear (REP-117: nothing is known there).
@@ -49,24 +49,20 @@ class ObstacleMemory:
         x, y, yaw = (float(v) for v in scan.sensor_pose)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min), float(scan.range_max)
         limits = self.radius, float(scan.stamp) - self.seconds, float(scan.stamp)
-        self._count = _update(self._points, self._count, ranges, beams, (x, y, yaw), (pose[0], pose[1]), limits)
+        self._count = _update(self._points, self._count, ranges, beams, (x, y, yaw), limits)
 
     def around(self, pose, reach):
-        """The points at most `reach` [m] from a robot at pose (x, y, yaw) [m].
-
-        Returns:
-            (k, 2) in the robot's frame [m], and (k,) the times at which they were measured [s].
-        """
+        """(k, 2) the points at most `reach` [m] from a robot at pose (x, y, yaw) [m], in its frame [m]."""
         dx, dy = self._points[: self._count, 0] - pose[0], self._points[: self._count, 1] - pose[1]
         near = dx * dx + dy * dy <= reach * reach
-        dx, dy, stamps = dx[near], dy[near], self._points[: self._count, 2][near]
+        dx, dy = dx[near], dy[near]
         c, s = math.cos(pose[2]), math.sin(pose[2])
-        return np.column_stack((c * dx + s * dy, c * dy - s * dx)), stamps
+        return np.column_stack((c * dx + s * dy, c * dy - s * dx))
 
 
 @kernel
-def _update(points, count, ranges, beams, sensor, robot, limits):
-    count = _keep(points, count, ranges, beams, sensor, robot, limits)
+def _update(points, count, ranges, beams, sensor, limits):
+    count = _keep(points, count, ranges, beams, sensor, limits)
     angle_min, increment, range_min, range_max = beams
     sx, sy, syaw = sensor
     radius, _, now = limits
@@ -81,7 +77,7 @@ def _update(points, count, ranges, beams, sensor, robot, limits):
             continue
         angle = syaw + angle_min + i * increment
         x, y = sx + r * math.cos(angle), sy + r * math.sin(angle)
-        if (x - robot[0]) ** 2 + (y - robot[1]) ** 2 > radius * radius:
+        if (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
             continue
         if (x - last_x) ** 2 + (y - last_y) ** 2 < SPACING * SPACING:
             continue
@@ -93,13 +89,13 @@ def _update(points, count, ranges, beams, sensor, robot, limits):
 
 
 @kernel
-def _keep(points, count, ranges, beams, sensor, robot, limits):
+def _keep(points, count, ranges, beams, sensor, limits):
     """Move the points that stay to the front of the array and return how many they are."""
     radius, oldest, _ = limits
     kept = 0
     for k in range(count):
         x, y, stamp = points[k, 0], points[k, 1], points[k, 2]
-        if stamp < oldest or (x - robot[0]) ** 2 + (y - robot[1]) ** 2 > radius * radius:
+        if stamp < oldest or (x - sensor[0]) ** 2 + (y - sensor[1]) ** 2 > radius * radius:
             continue
         if _is_measured(x, y, ranges, beams, sensor):
             continue

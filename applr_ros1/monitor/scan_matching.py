@@ -30,7 +30,7 @@ BETTER = 0.05  # by so much the mean weight of a match that does not begin at th
 LONGEST = 0.5  # [s]: over more between two scans nothing goes on as before
 ENOUGH = 20  # points that must have found a line ...
 FITTING = 0.5  # ... and the mean weight that they must have then
-GONE = 0.15  # share of the points of a scan that the next one, which does not fit, must see through: it is elsewhere
+ELSEWHERE = 0.15  # share of a scan's points that the other, which does not fit, must see through, either way round
 
 
 class ScanMatcher:
@@ -38,6 +38,8 @@ class ScanMatcher:
 
     Attributes:
         lost: whether the newest scan contradicts the one before: the robot, or its odometry, was set to another place.
+            What has gone, such as a door that opens, does not make it so: the newest scan has to show something in
+            space that was seen free, too.
     """
 
     def __init__(self):
@@ -49,6 +51,7 @@ class ScanMatcher:
         self._references = []  # (ranges, beams, corrected pose) of scans all along the way
         self.lost = False
         self._last = None  # stamp [s], corrected pose, and (ranges, beams, corrected pose) of the newest scan
+        self._measured = None  # the ranges of the newest scan as they came
         self._speed = (0.0, 0.0, 0.0)  # from the last two: forwards, to the left [m/s], turning [rad/s]
 
     def corrected(self, pose):
@@ -79,18 +82,26 @@ class ScanMatcher:
                 del self._references[nearest]
                 nearest = None
                 found = self._lay_over(self._last[2], ranges, beams, guesses)
-                seen, gone = _seen_through(*self._last[2], measured, beams, pose)
-                self.lost = found is None and seen >= ENOUGH and gone > GONE * seen
+                self.lost = found is None and self._is_elsewhere(measured, (ranges, beams, pose))
         if self.lost:
             self._references.clear()
         if found is not None:
             pose = found
             self.correction = compose(pose, inverse(scan.sensor_pose))
         newest = ranges, beams, pose
+        self._measured = measured
         if nearest is None or any(value > limit for value, limit in zip(self._apart(nearest, pose), APART)):
             self._references = [*self._references[1 - KEPT :], newest]
         self._remember(scan.stamp, newest)
         return found is not None
+
+    def _is_elsewhere(self, measured, newest):
+        """Whether a scan and the last one see through each other's points, or the last one had next to none."""
+        last = self._last[2]
+        shown, appeared = _seen_through(*newest, self._measured, *last[1:])
+        seen, gone = _seen_through(*last, measured, *newest[1:])
+        came = shown >= ENOUGH and appeared > ELSEWHERE * shown
+        return came and (seen < ENOUGH or gone > ELSEWHERE * seen)
 
     def _guesses(self, pose, stamp):
         """[pose, and where the base would be had it gone on as between the last two scans, if that is elsewhere]."""
@@ -172,7 +183,7 @@ def _match(old, old_beams, old_pose, new, new_beams, guess):
 
 @kernel
 def _seen_through(old, old_beams, old_pose, new, beams, pose):
-    """How many points of an earlier scan lie in the new one's field of view, and behind how many of them it sees."""
+    """How many points of one scan (old) lie in another's field of view, and behind how many of them that one sees."""
     seen = gone = 0
     for i in range(old.shape[0]):
         if math.isnan(old[i]):

@@ -16,10 +16,12 @@ class MonitorSettings:
     Attributes:
         body: convex outline of everything that can touch an obstacle, (x, y) [m] in the robot's frame.
         margin: distance kept from every obstacle point [m].
-        reaction_time: from a command until the base follows the next one [s]: control period, latency, age of the scan.
+        reaction_time: from a command until the base follows the next one [s]: control period and latency. The ages of
+            scan, pose and twist, which the monitor measures, come on top.
         deceleration: braking on which one can rely [m/s^2].
         yaw_deceleration: the same of the turn rate [rad/s^2].
-        scan_timeout: age of the newest scan at which the base must stand [s].
+        creep_speed: fastest speed of any point of the body [m/s] in space that no scan has shown.
+        scan_timeout: age of the newest scan, pose or twist at which the base must stand [s].
         memory_radius: distance within which obstacles are remembered [m].
         memory_seconds: how long an obstacle is remembered that the scanner does not see any more [s]. A robot that
             waits blocked must not outwait it: give less only where obstacles walk away behind the robot.
@@ -30,6 +32,7 @@ class MonitorSettings:
     reaction_time: float
     deceleration: float
     yaw_deceleration: float
+    creep_speed: float = 0.1
     scan_timeout: float = 0.5
     memory_radius: float = 8.0
     memory_seconds: float = 300.0
@@ -45,6 +48,6 @@ class MonitorSettings:
         for name in ("reaction_time", "deceleration", "yaw_deceleration", "scan_timeout", "memory_radius"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise ApplrError(f"collision monitor: {name} is {getattr(self, name)!r}; give a positive number")
-        for name in ("margin", "memory_seconds"):
+        for name in ("margin", "creep_speed", "memory_seconds"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
                 raise ApplrError(f"collision monitor: {name} is {getattr(self, name)!r}; give a number >= 0")

@@ -1,7 +1,8 @@
 """How much of a command leaves room to stop: the geometry of the collision monitor, in numba.
 
-The base is assumed to follow the command for a reaction time and then to brake along the same arc. The body, a convex
-outline widened by a margin, must not touch any point on the way.
+The base is assumed to go on as measured for as long as its pose is old, to follow the command for a reaction time and
+then to brake along the same arc. On the way the body, a convex outline widened by a margin, must not touch any point,
+and the outline itself must not enter a cell that nobody has seen.
 """
 
 import math
@@ -10,11 +11,13 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.seen import CELL
 
-STEP = 0.02  # [s] between two checked poses ...
-SHORTEST = 0.01  # ... or where the body moves less than this in a step [m], farther apart
+STEP = 0.02  # [s] between two checked poses
 DEEPER = 1e-3  # [m]: a point that is inside the margin from the beginning may not come nearer than this
 HALVINGS = 5  # of the interval in which the largest safe factor is searched
+BEYOND = 1.5 * CELL  # [m]: a cell that the body has touched counts as seen all over; more must be seen than it needs
+EVERYTHING = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)  # for `seen`: all space is known
 
 
 def half_planes(outline):
@@ -22,13 +25,24 @@ def half_planes(outline):
 
     Raises ApplrError for fewer than three points, points on one line, or points that are not finite.
     """
+    equations = _hull(outline).equations
+    return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
+
+
+def edge_points(outline):
+    """Points (n, 2) [m] all along the convex hull of an outline, less than a cell of SeenSpace apart."""
+    corners = np.asarray(outline, dtype=np.float64)[_hull(outline).vertices]
+    edges = zip(corners, np.roll(corners, -1, axis=0))
+    return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / CELL))[1:] for a, b in edges])
+
+
+def _hull(outline):
     from scipy.spatial import ConvexHull, QhullError
 
     try:
-        equations = ConvexHull(np.asarray(outline, dtype=np.float64)).equations
+        return ConvexHull(np.asarray(outline, dtype=np.float64))
     except (QhullError, ValueError):
         raise ApplrError("outline of the body: give three points (x, y) or more in metres, not on one line") from None
-    return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
 @kernel
@@ -41,7 +55,7 @@ def penetration(planes, margin, x, y):
 
 
 @kernel
-def safe_scale(points, planes, margin, twist, command, reaction, brake):
+def safe_scale(points, planes, margin, twist, command, times, brake, seen):
     """The largest factor for a command after which the base can still stop freely, and whether braking now is free.
 
     Args:
@@ -50,8 +64,10 @@ def safe_scale(points, planes, margin, twist, command, reaction, brake):
         margin: distance [m] by which the body is widened.
         twist: measured (v, w) [m/s, rad/s].
         command: (v, w) asked for.
-        reaction: time [s] for which the base follows the command before it brakes.
+        times: (age of the robot's frame [s], time [s] for which the base follows the command before it brakes).
         brake: (deceleration [m/s^2], angular deceleration [rad/s^2]).
+        seen: (cells, first and second of corner, of SeenSpace; edge_points of the body; robot's (x, y, yaw) in the
+            frame of the cells), or EVERYTHING.
 
     Returns:
         (scale in [0, 1], free): scale * command is allowed; free is False where not even 0 is.
@@ -59,14 +75,14 @@ def safe_scale(points, planes, margin, twist, command, reaction, brake):
     before = np.empty(points.shape[0])
     for i in range(points.shape[0]):
         before[i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1]))
-    if _is_free(points, before, planes, margin, twist, command, 1.0, reaction, brake):
+    if _is_free(points, before, planes, margin, twist, command, 1.0, times, brake, seen):
         return 1.0, True
-    if not _is_free(points, before, planes, margin, twist, command, 0.0, reaction, brake):
+    if not _is_free(points, before, planes, margin, twist, command, 0.0, times, brake, seen):
         return 0.0, False
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free(points, before, planes, margin, twist, command, middle, reaction, brake):
+        if _is_free(points, before, planes, margin, twist, command, middle, times, brake, seen):
             low = middle
         else:
             high = middle
@@ -79,14 +95,18 @@ def _towards(value, target, change):
 
 
 @kernel
-def _is_free(points, before, planes, margin, twist, command, scale, reaction, brake):
-    """Whether the body meets nothing while the base takes scale * command, and brakes after the reaction time."""
+def _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen):
+    """Whether the body meets nothing while the base goes on, takes scale * command, and brakes after the reaction."""
     v, w = twist
     want_v, want_w = scale * command[0], scale * command[1]
     x = y = yaw = 0.0
-    left = reaction
+    since, left = times
     while True:
-        if left > 0.0:
+        step = STEP
+        if since > 0.0:
+            step = min(since, STEP)
+            since -= STEP
+        elif left > 0.0:
             # the base gains speed at once, the worst case; it loses speed no faster than it can brake
             v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else _towards(v, want_v, brake[0] * STEP)
             w = want_w if abs(want_w) >= abs(w) and want_w * w >= 0.0 else _towards(w, want_w, brake[1] * STEP)
@@ -94,14 +114,46 @@ def _is_free(points, before, planes, margin, twist, command, scale, reaction, br
         else:
             steps = max(abs(v) / brake[0], abs(w) / brake[1]) / STEP
             if steps <= 1.0:
-                return True
+                return _is_seen_beyond(seen, x, y, yaw, want_v, want_w)
             v -= v / steps
             w -= w / steps
-        x += v * STEP * math.cos(yaw + 0.5 * w * STEP)
-        y += v * STEP * math.sin(yaw + 0.5 * w * STEP)
-        yaw += w * STEP
+        x += v * step * math.cos(yaw + 0.5 * w * step)
+        y += v * step * math.sin(yaw + 0.5 * w * step)
+        yaw += w * step
         c, s = math.cos(yaw), math.sin(yaw)
         for i in range(points.shape[0]):
             dx, dy = points[i, 0] - x, points[i, 1] - y
             if penetration(planes, margin, c * dx + s * dy, c * dy - s * dx) > before[i] + DEEPER:
                 return False
+        if not _is_seen(seen, x, y, c, s):
+            return False
+
+
+@kernel
+def _is_seen(seen, x, y, c, s):
+    """Whether all of the body's edge lies in seen cells when the body is at (x, y, cosine, sine of yaw)."""
+    cells, corner_i, corner_j, edge, pose = seen
+    n = cells.shape[0]
+    pc, ps = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(edge.shape[0]):
+        ex, ey = x + c * edge[k, 0] - s * edge[k, 1], y + s * edge[k, 0] + c * edge[k, 1]
+        i = int(math.floor((pose[0] + pc * ex - ps * ey) / CELL))
+        j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL))
+        if not (0 <= i - corner_i < n and 0 <= j - corner_j < n and cells[i % n, j % n]):
+            return False
+    return True
+
+
+@kernel
+def _is_seen_beyond(seen, x, y, yaw, v, w):
+    """The same where it would be had its fastest point gone on by BEYOND; True for a base that is to stand."""
+    fastest = 0.0
+    for k in range(seen[3].shape[0]):
+        fastest = max(fastest, math.hypot(v - w * seen[3][k, 1], w * seen[3][k, 0]))
+    if fastest == 0.0:
+        return True
+    time = BEYOND / fastest
+    x += v * time * math.cos(yaw + 0.5 * w * time)
+    y += v * time * math.sin(yaw + 0.5 * w * time)
+    yaw += w * time
+    return _is_seen(seen, x, y, math.cos(yaw), math.sin(yaw))

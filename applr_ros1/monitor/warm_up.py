@@ -15,5 +15,5 @@ def warm_up(settings: MonitorSettings) -> None:
     monitor = CollisionMonitor(settings)
     ranges = np.full(8, 0.6)
     for stamp in (0.0, 0.1):
-        monitor.see(LaserScan(stamp, -0.4, 0.1, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)), (0.0, 0.0, 0.0))
+        monitor.see(LaserScan(stamp, -0.4, 0.1, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
         monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

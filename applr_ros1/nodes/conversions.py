@@ -105,11 +105,12 @@ def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], sta
 
 
 # -- in --------------------------------------------------------------------------------------------------------
-def check_scan(message, beams: Optional[int]) -> np.ndarray:
+def check_scan(message, beams: Optional[int], no_return: Optional[float] = None) -> np.ndarray:
     """The ranges (n,) float32 of a sensor_msgs/LaserScan; MessageError if the scan cannot be used.
 
-    `beams`: how many its predecessors had, None for any number: a scanner does not change that while driving. NaN, inf
-    and -inf beams are ordinary (REP-117); a scan of nothing but NaN is a blind scanner.
+    `beams`: how many its predecessors had, None for any number: a scanner does not change that while driving.
+    `no_return`: the range that becomes +inf. NaN, inf and -inf beams are ordinary (REP-117); a scan of nothing but NaN
+    is a blind scanner.
     """
     n = len(message.ranges)
     if n == 0 or n > MAX_BEAMS:
@@ -126,7 +127,12 @@ def check_scan(message, beams: Optional[int]) -> np.ndarray:
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
-    return ranges
+    return with_infinity(ranges, no_return)
+
+
+def with_infinity(ranges: np.ndarray, no_return: Optional[float]) -> np.ndarray:
+    """The ranges (n,) float32 with +inf in place of what the driver states where nothing returns, if it does that."""
+    return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
 
 
 def points_of(message) -> np.ndarray:

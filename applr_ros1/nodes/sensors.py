@@ -41,6 +41,7 @@ class Sensors:
         origins: {topic: frame at whose origin the rays start}; frames that tf does not know are passed over.
         odometry: topic of the odometry.
         on_news: called from the threads of the subscribers when a scan or a transform for one that waits has come.
+        no_return: range [m] that laser scans state where nothing returns, beside +inf (Laser of robots/description.py).
     """
 
     def __init__(
@@ -50,10 +51,11 @@ class Sensors:
         origins: Mapping[str, str],
         odometry: str = "odom",
         on_news: Callable[[], None] = lambda: None,
+        no_return: Optional[float] = None,
     ):
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
-        self._on_news = on_news
+        self._on_news, self._no_return = on_news, no_return
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # when the newest odometry came
         self._last = rospy.Time(0)  # the time at the last look
@@ -188,7 +190,8 @@ class Sensors:
             topic.trouble = trouble
             return None
         beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
-        values = conversions.check_scan(message, beams) if topic.is_scan else conversions.points_of(message)
+        is_scan, no_return = topic.is_scan, self._no_return
+        values = conversions.check_scan(message, beams, no_return) if is_scan else conversions.points_of(message)
         origin = None
         if topic.origin and topic.origin != message.header.frame_id.lstrip("/"):
             start, _ = self._look_up(self.local, topic.origin, message.header.stamp)

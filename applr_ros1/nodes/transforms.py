@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Tuple
+from typing import Any, Optional, Tuple
 
+import numpy as np
 import rospy
 
 from applr_ros1.common.angles import yaw_of
-from applr_ros1.nodes.conversions import cos_tilt
+from applr_ros1.nodes.conversions import cos_tilt, with_infinity
 from applr_ros1.policy.observation import ObservationError
 
 LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
@@ -59,10 +60,11 @@ class LaserMount:
     Args:
         transforms: tf.
         yaw: of the laser in the robot's frame, by the description [rad].
+        no_return: range [m] that becomes +inf (conversions.with_infinity).
     """
 
-    def __init__(self, transforms: Transforms, yaw: float):
-        self._transforms, self._described = transforms, yaw
+    def __init__(self, transforms: Transforms, yaw: float, no_return: Optional[float] = None):
+        self._transforms, self._described, self._no_return = transforms, yaw, no_return
         self._known: dict = {}  # {(robot's frame, laser's frame): (yaw, cosine of the tilt)}
 
     def beams(self, scan: Any, base: str) -> Tuple[Any, float, float]:
@@ -77,9 +79,10 @@ class LaserMount:
         if abs(upright) < LEVEL:
             raise ObservationError(f"the laser in {frames[1]} is mounted aslant: the policy needs one that scans level")
         first, step = scan.angle_min, scan.angle_increment
+        ranges = with_infinity(np.asarray(scan.ranges, np.float32), self._no_return)
         if upright < 0.0:
-            return scan.ranges[::-1], yaw - first - (len(scan.ranges) - 1) * step, step
-        return scan.ranges, yaw + first, step
+            return ranges[::-1], yaw - first - (len(ranges) - 1) * step, step
+        return ranges, yaw + first, step
 
     def _ask(self, base: str, laser: str) -> None:
         try:

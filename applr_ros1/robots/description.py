@@ -73,7 +73,8 @@ class Body(Section):
 class Laser(Section):
     """A planar scanner, whose beams are evenly spread between both angles.
 
-    pose: x, y [m] and yaw [rad]. height: above the base frame.
+    pose: x, y [m] and yaw [rad]. height: above the base frame. no_return: what its driver states where nothing returns, if
+    that is not +inf, such as 0.0.
     """
 
     frame: Name
@@ -86,6 +87,7 @@ class Laser(Section):
     range_max: float = real("m", 0.1, 200.0)
     rate: float = real("Hz", 0.5, 200.0)
     noise: float = real("m", 0.0, 1.0, 0.0)
+    no_return: Optional[float] = real("m", 0.0, 1000.0, None)
 
     @property
     def increment(self) -> float:
@@ -139,6 +141,7 @@ class Monitoring(Section):
 
     margin: float = real("m", 0.0, 1.0, 0.03)
     reaction_time: float = real("s", 0.01, 2.0, 0.15)
+    creep_speed: float = real("m/s", 0.0, 1.0, 0.1)
     deceleration: float = real("m/s^2", 0.01, 100.0, 4.0)
     yaw_deceleration: float = real("rad/s^2", 0.01, 200.0, 12.0)
 

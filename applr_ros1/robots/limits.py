@@ -64,6 +64,8 @@ def _laser(robot: Robot) -> Iterator[str]:
         )
     if not laser.range_min < laser.range_max:
         yield f"laser.range_max is {laser.range_max:g}: give more than range_min {laser.range_min:g}"
+    elif laser.no_return is not None and laser.range_min <= laser.no_return < laser.range_max:
+        yield f"laser.no_return is {laser.no_return:g}: between range_min and range_max it would hide obstacles"
 
 
 def _space(robot: Robot) -> Iterator[str]:

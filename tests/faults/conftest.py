@@ -18,7 +18,6 @@ NODES = {
         "odometry/filtered:=/sim/odometry",
         "cmd_vel:=/sim/cmd_vel",
         "_simulator:=kinematic",
-        "_randomisation:={ground: 0.0}",  # plain: how long it slides is not what is measured here
     ),
     "move_base": ("odom:=odometry/filtered", "cmd_vel:=move_base/cmd_vel"),
     "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
@@ -142,8 +141,8 @@ class Stack:
             self.until(lambda: self.relay.speed > speed, 15.0, "motion")
 
     def longest_gap(self):
-        """The longest time between two of the commands that the relay still has [s]."""
-        return np.diff([t for t, _, _ in self.relay.commands]).max()
+        """The longest time between two of the planner's commands that the relay still has [s]."""
+        return np.diff([t for t, _, _ in self.relay.planned]).max()
 
     def stands_after(self, break_it, within=2.0):
         """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""

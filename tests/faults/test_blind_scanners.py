@@ -50,7 +50,7 @@ def drive(bend, blind_from, monitor):
     """Full speed at the wall; the scanner goes blind after `blind_from` metres. Returns (contact, time until the robot
     stands after that [s], or None).
     """
-    simulator = sim_bridge.make("kinematic", ground=0.0)  # plain ground
+    simulator = sim_bridge.make("kinematic")
     state = simulator.reset(BLOCKED, 0)
     first, blind_since, stood = None, None, None
     for _ in range(160):
@@ -63,7 +63,7 @@ def drive(bend, blind_from, monitor):
         command = (SPEED, 0.0)
         if monitor is not None:
             if scan is not None:
-                monitor.see(scan, state.odom_pose)
+                monitor.see(scan)
             command = monitor.filter(state.time, state.odom_pose, state.odom_twist, command).command
         simulator.command(*command)
         state = simulator.advance(PERIOD)

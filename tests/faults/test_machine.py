@@ -17,7 +17,7 @@ pytestmark = pytest.mark.ros
 def test_the_processor_is_busy(stack, measured):
     """Two endless loops per core: commands stay young enough to drive on, and left-out cycles are reported."""
     stack.under_way(room=10.0)
-    del stack.relay.commands[:-1]
+    del stack.relay.planned[:-1]
     move_base = stack.nodes["move_base"]
     said = len(move_base.text)
     stack.relay.bend["clock"] = lambda clock: None  # the node does not get to see a time for 200 ms

@@ -73,7 +73,7 @@ def test_the_applr_node_is_killed(stack, client, measured):
     """The planner is back on theta_0 within three periods, and commands keep coming."""
     stack.under_way(room=10.0)
     wait_for(lambda: not np.array_equal(client.values(), THETA_0), 3.0, "parameters of the policy")
-    del stack.relay.commands[:-1]
+    del stack.relay.planned[:-1]
     killed, on_theta_0 = stack.relay.now, lambda: np.array_equal(client.values(), THETA_0)
     stack.nodes["applr"].kill()
     wait_for(on_theta_0, 10.0, "theta_0")
@@ -125,7 +125,7 @@ def test_a_persons_change_is_in_the_next_observation(stack):
 def test_fifty_changes_of_parameters_in_a_second(stack, measured, seconds):
     clients = [Client(server, timeout=5.0) for server in (PLANNER, *LAYERS)]
     stack.under_way(room=10.0)
-    del stack.relay.commands[:-1]
+    del stack.relay.planned[:-1]
     took, over = [], time.monotonic() + seconds
     while time.monotonic() < over:
         began = time.monotonic()
@@ -137,7 +137,7 @@ def test_fifty_changes_of_parameters_in_a_second(stack, measured, seconds):
         assert [values["inflation_radius"] for values in layers] == [0.5 * v] * 2
         if stack.relay.x > 14.0:
             stack.under_way(speed=0.2)
-            del stack.relay.commands[:-1]
+            del stack.relay.planned[:-1]
         time.sleep(max(0.0, 0.02 - took[-1]))
     gap = stack.longest_gap()
     measured("longest gap of commands", 1e3 * gap, "ms")

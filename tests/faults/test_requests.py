@@ -23,7 +23,7 @@ def test_a_hundred_goals_in_a_second(stack, measured):
     publisher = rospy.Publisher("/move_base/goal", MoveBaseActionGoal, queue_size=200)
     subscriber, got = collect("/move_base/result", MoveBaseActionResult)
     wait_for(lambda: publisher.get_num_connections() and subscriber.get_num_connections(), 5.0, "connections")
-    del stack.relay.commands[:-1]
+    del stack.relay.planned[:-1]
     for i in range(100):
         message = MoveBaseActionGoal(goal=goal(0.3 + 0.003 * i))
         message.goal_id.id, message.goal_id.stamp = "goal %d" % i, rospy.Time.now()
@@ -85,7 +85,7 @@ def _longest_gap_under_calls(stack, seconds):
     from nav_msgs.srv import GetPlan
     from std_srvs.srv import Empty
 
-    del stack.relay.commands[:-1]
+    del stack.relay.planned[:-1]
     calls, wrong, over = [0, 0], [], time.monotonic() + seconds
 
     def hammer(i, name, kind, *arguments):

@@ -130,10 +130,10 @@ def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels
     brakes_well = replace(MonitorSettings.of(JACKAL), deceleration=4.0, yaw_deceleration=12.0)
     for slide in (0.0, 0.09):
         monitor, pose = CollisionMonitor(brakes_well), (0.0, 0.0, 0.0)
-        monitor.see(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs), (0, 0, math.pi))
-        monitor.see(scan(pose, pose, 0.1, rng, discs), pose)
-        monitor.see(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs), (-0.20, 0, 0))
-        monitor.see(scan((-0.20 - slide, 0, 0), (-0.20, 0, 0), 0.3, rng, discs), (-0.20, 0, 0))
+        monitor.see(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs))
+        monitor.see(scan(pose, pose, 0.1, rng, discs))
+        monitor.see(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs))
+        monitor.see(scan((-0.20 - slide, 0, 0), (-0.20, 0, 0), 0.3, rng, discs))
         verdicts.append(monitor.filter(0.3, (-0.20, 0, 0), (0, 0), (-0.5, 0.0)))
     assert verdicts[0].action == PASS
     assert -0.4 < verdicts[1].command[0] < 0.0

@@ -98,7 +98,7 @@ def draw_another(rng: np.random.Generator) -> Robot:
         odometry=OdometryErrors(),
         monitor=Monitoring(
             margin=0.05 * width,
-            reaction_time=0.1 + 1.0 / laser.rate,
+            reaction_time=0.15,
             deceleration=0.6 * min(braking, 7.0 * friction),
             yaw_deceleration=0.6 * base.max_yaw_acceleration,
         ),

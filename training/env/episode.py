@@ -240,7 +240,7 @@ class Episode:
         command = cycle.command if self._command is None else self._command
         if self.monitor is not None:
             if scan is not None:
-                self.monitor.see(scan, state.odom_pose)
+                self.monitor.see(scan)
             if command is not None:
                 verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
                 command = verdict.command

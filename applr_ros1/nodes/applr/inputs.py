@@ -63,7 +63,8 @@ class RobotInputs:
 
     def __init__(self, robot=JACKAL, move_base="/move_base"):
         self._transforms = Transforms()
-        self._mount = LaserMount(Transforms(), robot.laser.pose[2])  # its own: it stops listening once it knows
+        laser = robot.laser
+        self._mount = LaserMount(Transforms(), laser.pose[2], laser.no_return)  # its own tf, which rests once it knows
         names = {"scan": robot.topics.scan, "odometry": robot.topics.odometry, "plan": move_base + "/NavfnROS/plan"}
         self._names = {what: rospy.resolve_name(name) for what, name in names.items()}
         self._lock = threading.Lock()

@@ -1,7 +1,8 @@
 """The ROS node collision_monitor: stands between move_base (or any other source of velocities) and the base.
 
 Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
-them through. If the node dies no command reaches the base any more, and the base's own time-out stops it.
+them through. Once none has come for reaction_time, zeros leave at the node's own rate until one comes. If the node
+itself dies, nothing stops the base but a time-out of its own (`base.command_timeout` in robot.yaml).
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], and the fields of
 monitor/settings.py.
@@ -9,7 +10,6 @@ monitor/settings.py.
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 from dataclasses import fields, replace
@@ -27,7 +27,7 @@ from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.clock import jumped_back
+from applr_ros1.nodes.ages import Ages
 from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.robots import JACKAL, Robot, load
 
@@ -36,6 +36,9 @@ from .other_publishers import OtherPublishers
 LOOK = 0.01  # s of wall time between looks for a new scan
 REPORT = 1.0  # s of wall time between diagnostics
 IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as idle
+ZEROS = 0.05  # s of wall time between the zeros while no command comes
+STALLED = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
+STANDS_V, STANDS_W = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
 
 
 class CollisionMonitorNode:
@@ -50,30 +53,37 @@ class CollisionMonitorNode:
 
     def __init__(self, settings: MonitorSettings, robot: Robot, prefix: str, tolerance: float):
         self.monitor = CollisionMonitor(settings)
-        warm_up(settings)
         self._tolerance = tolerance
         self._lock = threading.Lock()
-        self._last = rospy.get_rostime()
+        self._now, self._moved = rospy.get_rostime(), time.monotonic()  # ROS time at the last look; when it last moved
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has come yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
-        self._commanded = -math.inf  # wall time of the newest command
+        self._ages = Ages()
+        self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
+        self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
+        self._stood = False  # whether the base has stood since the last command
         self._report_jump = Throttled(rospy.logwarn)
         topics, fixed, base = robot.topics, prefix + robot.frames.odom, prefix + robot.frames.base
         self._scan = topics.scan
-        self.sensors = Sensors((fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry)
-        self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1)
+        self.sensors = Sensors(
+            (fixed, fixed, base), {self._scan: "LaserScan"}, {}, topics.odometry, no_return=robot.laser.no_return
+        )
+        self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
+        self._out.publish(conversions.twist(0.0, 0.0))  # latched: it began after one that died, with the base in motion
+        warm_up(settings)
         self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
         self._others = OtherPublishers(self._out.resolved_name, self._warn_of_others)
 
     def spin(self) -> None:
-        """Takes scans until shutdown, also while no command comes, and publishes diagnostics once a second."""
+        """Until shutdown: takes scans, publishes zeros while no command comes, and diagnostics once a second."""
         due = time.monotonic()
         while not rospy.is_shutdown():
             with self._lock:
                 self._take_scans()
+                self._break_silence()
             if time.monotonic() >= due:
                 due = time.monotonic() + REPORT
                 self._report()
@@ -89,43 +99,67 @@ class CollisionMonitorNode:
 
     def _take_scans(self) -> None:
         now = rospy.get_rostime()
-        if jumped_back(self._last, now):
+        if now < self._now:  # by however little: what is known is not as old as it looks
             self._report_jump("collision monitor: the clock jumped back; starting afresh")
             self.sensors.forget()
             self.monitor.reset()
-        self._last = now
+            self._commanded = rospy.Time(0)
+        if now != self._now:
+            self._now, self._moved = now, time.monotonic()
         scan = self.sensors.observations().get(self._scan)
-        pose = None if scan is None else self.sensors.pose(now, self._tolerance)
-        if pose is not None:
-            self.monitor.see(scan, pose)
+        if scan is not None:
+            self.monitor.see(scan)
+
+    @property
+    def _stalled(self) -> str:
+        """What is wrong if ROS time stands still, else ""."""
+        return f"/clock has not moved for {STALLED:g} s" if time.monotonic() - self._moved > STALLED else ""
+
+    def _break_silence(self) -> None:
+        """Publishes zero while no command comes; beside others that publish there, only until the base stands."""
+        reaction = self.monitor.settings.reaction_time
+        if (self._now - self._commanded).to_sec() <= reaction and not self._stalled:
+            return
+        stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_V, STANDS_W)))
+        self._stood |= stands and not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
+        if time.monotonic() >= self._zero_due and not (self._stood and self._others.names):
+            self._zero_due = time.monotonic() + ZEROS
+            self._out.publish(conversions.twist(0.0, 0.0))
+            self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {reaction:g} s"))
+
+    def _say(self, verdict: Verdict) -> None:
+        if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
+            self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
+        self._verdict = verdict
 
     def _take_command(self, message: Twist) -> None:
         with self._lock, until_shutdown():
-            self._commanded = time.monotonic()
             self._take_scans()
+            self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
             verdict = self._judge(message)
             self._out.publish(conversions.twist(*verdict.command))
             self._counts[verdict.action] += 1
             self._held.publish(verdict.held)  # each time: move_base forgets it with each new goal
-            if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
-                self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
-            self._verdict = verdict
+            self._say(verdict)
 
     def _judge(self, message: Twist) -> Verdict:
-        now = rospy.get_rostime()
+        now = self._now
         pose = self.sensors.pose(now, self._tolerance)
-        trouble = self.sensors.pose_trouble if pose is None else ""
+        trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
             return Verdict((0.0, 0.0), STOP, 0.0, trouble)
-        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), (message.linear.x, message.angular.z))
+        command, known = (message.linear.x, message.angular.z), self.sensors.ages(now)
+        ages = known.get("pose", 0.0), known.get("twist", 0.0)  # 0 for a pose that never changes, or without stamps
+        verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages)
+        self._ages.add(known)
         if verdict.action == STOP and "scan" in verdict.reason and self.sensors.trouble(self._scan):
             return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.trouble(self._scan)})")
         return verdict
 
     def _report(self) -> None:
         verdict = self._verdict
-        idle = time.monotonic() - self._commanded > IDLE_AFTER
+        idle = time.monotonic() - self._heard > IDLE_AFTER
         others = ", ".join(self._others.names)
         fine = not others and (idle or verdict.action == PASS)
         message = "idle: no commands" if idle else verdict.reason or "commands pass"
@@ -134,7 +168,7 @@ class CollisionMonitorNode:
             "scale": f"{verdict.scale:.2f}",
             "remembered": len(self.monitor.memory.points),
         }
-        values.update(self._counts)
+        values.update(self._counts, **self._ages.values())
         name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
         level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
         text = f"{message}; unchecked commands come from {others}" if others else message

@@ -75,6 +75,7 @@ class MoveBaseNode:
             self.move_base.ray_origins,
             tree.get(local_planner, {}).get("odom_topic", odometry),
             self.thread.wake,
+            robot.laser.no_return if robot else None,
         )
         self._ages, self._report_ages_from = Ages(), 0.0  # time.monotonic()
         self._max_speed = static["applr"]["max_speed"] or math.inf

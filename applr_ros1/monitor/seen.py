@@ -1,0 +1,100 @@
+"""Which space around the robot scans have shown, or the body has been in. CollisionMonitor holds one SeenSpace.
+
+A scanner of 270 degrees shows nothing behind the robot before it has driven or turned, and none sees behind what it
+sees. In what stays unknown the monitor lets the robot creep only (safe_scale in stopping.py looks the cells up).
+"""
+
+import math
+
+import numpy as np
+
+from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.scan_matching import beam_at
+
+CELL = 0.05  # [m]
+TOUCHED = 0.71 * CELL  # [m]: a cell whose middle is so far from the body may be touched by it
+BEHIND = 0.1  # [m]: so far behind a point where a beam has ended nothing can be reached but through the point
+SHOWN = 2.5  # [m] from the scanner within which a scan shows space: farther than any stopping distance
+
+
+class SeenSpace:
+    """A grid that moves with the robot in the frame of ScanMatcher's poses: 1 where a cell is known.
+
+    Attributes:
+        cells: (n, n) uint8; the cell of point (x, y) is [floor(x / CELL) % n, floor(y / CELL) % n].
+        corner: (2,) int64, floor(x / CELL) and floor(y / CELL) of the lowest cell of the window.
+
+    Args:
+        radius: distance [m] from the robot within which cells are kept.
+    """
+
+    def __init__(self, radius):
+        self.cells = np.zeros((2 * math.ceil((max(radius, SHOWN) + 1.0) / CELL),) * 2, np.uint8)
+        self.corner = np.zeros(2, np.int64)
+
+    def clear(self):
+        """Nothing has been seen."""
+        self.cells[:] = 0
+
+    def update(self, scan):
+        """Takes a scan (planner.costmap.scan.LaserScan in the fixed frame); NaN, -inf, under range_min show nothing."""
+        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
+        x, y, yaw = (float(v) for v in scan.sensor_pose)
+        self._follow(x, y)
+        _see(self.cells, ranges, beams, (x, y, yaw))
+
+    def stand(self, planes, reach, pose):
+        """The body (half planes within `reach` [m] of its origin) is at pose (x, y, yaw): what it touches is free."""
+        x, y, yaw = (float(v) for v in pose)
+        self._follow(x, y)
+        _stand(self.cells, planes, reach, (x, y, yaw))
+
+    def _follow(self, x, y):
+        """Moves the window to the robot; what comes in on the other side has not been seen."""
+        n = len(self.cells)
+        corner = np.array([math.floor(x / CELL), math.floor(y / CELL)]) - n // 2
+        for axis, (old, new) in enumerate(zip(self.corner, corner)):
+            if old != new:
+                low, high = (old, new) if old < new else (new, old)
+                cells = self.cells if axis == 0 else self.cells.T
+                cells[np.arange(low, min(high, low + n)) % n] = 0
+        self.corner = corner
+
+
+@kernel
+def _see(cells, ranges, beams, sensor):
+    angle_min, increment, range_min = beams
+    n = cells.shape[0]
+    reach = int(SHOWN / CELL)
+    ci, cj = int(math.floor(sensor[0] / CELL)), int(math.floor(sensor[1] / CELL))
+    for i in range(ci - reach, ci + reach + 1):
+        dx = (i + 0.5) * CELL - sensor[0]
+        for j in range(cj - reach, cj + reach + 1):
+            if cells[i % n, j % n]:
+                continue
+            dy = (j + 0.5) * CELL - sensor[1]
+            distance = math.sqrt(dx * dx + dy * dy)
+            if distance > SHOWN:
+                continue
+            place = beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])
+            if place < ranges.shape[0] and ranges[int(place)] >= max(distance - BEHIND, range_min):
+                cells[i % n, j % n] = 1
+
+
+@kernel
+def _stand(cells, planes, reach, pose):
+    n = cells.shape[0]
+    around = int(reach / CELL) + 2
+    ci, cj = int(math.floor(pose[0] / CELL)), int(math.floor(pose[1] / CELL))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(ci - around, ci + around + 1):
+        dx = (i + 0.5) * CELL - pose[0]
+        for j in range(cj - around, cj + around + 1):
+            dy = (j + 0.5) * CELL - pose[1]
+            x, y = c * dx + s * dy, c * dy - s * dx
+            inside = True
+            for k in range(planes.shape[0]):
+                inside = inside and planes[k, 0] * x + planes[k, 1] * y <= planes[k, 2] + TOUCHED
+            if inside:
+                cells[i % n, j % n] = 1
