@@ -86,7 +86,7 @@ class CollisionMonitor:
         self.ages = (0.0, 0.0, 0.0)
 
     def see(self, scan):
-        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame); what is wrong with it in a line, or ""."""
+        """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or ""."""
         if self._stamp is not None and scan.stamp < self._stamp:
             return ""  # out of order: a newer one is known
         self._fault = self.scanner.fault(scan)

@@ -1,4 +1,4 @@
-"""Whether a scanner can be believed: geometry, blindness, frozen images, sectors. CollisionMonitor asks for every scan."""
+"""Whether a scanner can be believed: geometry, blindness, frozen images, sectors. CollisionMonitor asks each time."""
 
 import math
 

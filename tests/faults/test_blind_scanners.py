@@ -1,8 +1,9 @@
-"""Each way in which a scanner goes blind while the robot drives at 2 m/s towards a wall: it never touches the wall.
+"""A scanner goes blind, or what is known is old, while the robot drives at 2 m/s towards a wall: it never touches it.
 
 In process: the kinematic simulator, the collision monitor, and a planner that asks for full speed all the time.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -46,13 +47,13 @@ NEEDS_A_SCAN_BEFORE = ("all +inf though obstacles are in range", "all range_max 
 BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # m: from the start on, while it gains speed, at full speed, near the wall
 
 
-def drive(bend, blind_from, monitor):
-    """Full speed at the wall; the scanner goes blind after `blind_from` metres. Returns (contact, time until the robot
-    stands after that [s], or None).
+def drive(bend, blind_from, monitor, late=0.0, late_twist=0.0):
+    """Full speed at the wall; the scanner goes blind after `blind_from` metres, poses and scans, and the twist, come
+    late [s]. Returns (contact, time until the robot stands after that [s], or None).
     """
     simulator = sim_bridge.make("kinematic")
     state = simulator.reset(BLOCKED, 0)
-    first, blind_since, stood = None, None, None
+    first, blind_since, stood, known = None, None, None, []
     for _ in range(160):
         beams = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
         scan = LaserScan(state.time, *beams, simulator.scan(), compose(state.odom_pose, LASER.pose))
@@ -62,9 +63,11 @@ def drive(bend, blind_from, monitor):
             scan = bend(scan, first)
         command = (SPEED, 0.0)
         if monitor is not None:
-            if scan is not None:
-                monitor.see(scan)
-            command = monitor.filter(state.time, state.odom_pose, state.odom_twist, command).command
+            known.append((scan, state.odom_pose, state.odom_twist))
+            then, twist_then = (known[max(0, len(known) - 1 - round(age / PERIOD))] for age in (late, late_twist))
+            if then[0] is not None:
+                monitor.see(then[0])
+            command = monitor.filter(state.time, then[1], twist_then[2], command, (late, late_twist)).command
         simulator.command(*command)
         state = simulator.advance(PERIOD)
         if state.contact:
@@ -82,6 +85,13 @@ def test_a_wall_at_full_speed(kind, measured):
         assert not contact, "contact, blind from x = %g" % blind_from
         assert stood is not None, "it never stood"
         measured("stands after", stood, "s")
+
+
+@pytest.mark.fault("12b")
+@pytest.mark.parametrize(("late", "late_twist"), [(0.15, 0.0), (0.3, 0.0), (0.3, 0.3)])
+def test_late_transforms_and_odometry_at_full_speed(late, late_twist):
+    """Robust by far: without their ages in the reckoning each of these drives ends in the wall."""
+    assert not drive(None, math.inf, CollisionMonitor(), late, late_twist)[0]
 
 
 @pytest.mark.fault("11b")

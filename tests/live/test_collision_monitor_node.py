@@ -9,7 +9,7 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
 from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import ROOT, session, wait_for
+from tests.support.ros_harness import ROOT, session, slowness, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -47,6 +47,8 @@ def drive(stack, v, seconds):
 
 def test_drives_to_the_wall_and_stands_before_it(stack):
     jackal, _, actions = stack
+    wait_for(lambda: jackal.commands, 2.0, "a stop before the first command: it may have begun after one that died")
+    assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
     jackal.put((0.0, 0.0, 0.0))
     drive(stack, 1.0, 0.5)
     assert max(v for _, v, _ in jackal.commands) == 1.0
@@ -60,6 +62,24 @@ def test_drives_to_the_wall_and_stands_before_it(stack):
     subscriber.unregister()
 
 
+@pytest.mark.fault("14d")
+def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured):
+    """Zeros come at the monitor's own rate, so that a base without a time-out stands, too."""
+    jackal, _, actions = stack
+    jackal.put((0.0, 0.0, 0.0))
+    drive(stack, 0.5, 0.5)
+    last = max(at for at, v, _ in jackal.commands if v == 0.5)
+    wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), 2.0, "zero")
+    took = jackal.commands[-1][0] - last
+    measured("zero after", took, "s")
+    assert took < 0.3 * slowness()
+    assert actions[-1] == "stop: no command has come for 0.15 s"
+    count = len(jackal.commands)
+    wait_for(lambda: len(jackal.commands) > count + 3, 2.0, "more zeros")
+    drive(stack, 0.5, 0.3)
+    assert jackal.commands[-1][1] == 0.5
+
+
 def test_says_which_node_sends_commands_past_it(stack):
     """Such as a C++ move_base that was started without the remapping."""
     messages = []
@@ -69,6 +89,11 @@ def test_says_which_node_sends_commands_past_it(stack):
     past = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
     wait_for(lambda: "unchecked commands come from " + rospy.get_name() in messages[-1].message, 8.0, "the warning")
     assert messages[-1].level == DiagnosticStatus.WARN
+    ages = {pair.key: pair.value for pair in messages[-1].values}
+    assert all("largest" in ages[what + "_age_s"] for what in ("scan", "pose", "twist"))
+    count = len(stack[0].commands)
+    time.sleep(0.3)
+    assert len(stack[0].commands) == count, "a base that stands is left to the other node"
     past.unregister()
     wait_for(lambda: "unchecked" not in messages[-1].message, 8.0, "its end")
     subscriber.unregister()

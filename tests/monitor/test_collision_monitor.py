@@ -186,7 +186,10 @@ def test_no_scan_old_scan_and_nonsense_commands_stop():
     assert monitor.filter(0.0, pose, (0, 0), (1, 0)).action == STOP
     monitor.see(scan_of([], pose))
     assert monitor.filter(0.4, pose, (0, 0), (1, 0)).action == PASS
-    assert "old" in monitor.filter(0.6, pose, (0, 0), (1, 0)).reason
+    assert "scan is 0.60 s old" in monitor.filter(0.6, pose, (0, 0), (1, 0)).reason
+    assert "pose is 0.60 s old" in monitor.filter(0.1, pose, (0, 0), (1, 0), (0.6, 0.0)).reason
+    assert "odometry is 0.60 s old" in monitor.filter(0.1, pose, (0, 0), (1, 0), (0.0, 0.6)).reason
+    assert "0.45 s ahead of the clock" in monitor.filter(-0.45, pose, (0, 0), (1, 0)).reason  # it was set back
     assert monitor.filter(0.1, pose, (0, 0), (math.nan, 0)).command == (0.0, 0.0)
 
 
@@ -205,19 +208,19 @@ def test_commands_beyond_all_bounds_are_reduced_to_what_can_be_stopped():
 def test_scale_is_the_largest_safe_one():
     """Against plain sampling: a scale a little larger is not safe, for random points and commands."""
     rng = np.random.default_rng(5)
-    planes, brake = half_planes(SETTINGS.body), (4.0, 12.0)
+    planes, rest = half_planes(SETTINGS.body), ((0.0, 0.15), (4.0, 12.0), EVERYTHING)
     scales = []
     for _ in range(60):
         points = rng.uniform(-1.2, 1.2, (30, 2))
         points = points[[penetration(planes, 0.05, x, y) < 0 for x, y in points]]
         command = (float(rng.uniform(-0.5, 2.0)), float(rng.uniform(-2, 2)))
-        scale, free = safe_scale(points, planes, 0.03, (0.0, 0.0), command, (0.0, 0.15), brake, EVERYTHING)
+        scale, free = safe_scale(points, planes, 0.03, (0.0, 0.0), command, *rest)
         assert free
         scales.append(scale)
         scaled = (scale * command[0], scale * command[1])
-        assert safe_scale(points, planes, 0.03, (0.0, 0.0), scaled, (0.0, 0.15), brake, EVERYTHING)[0] == 1.0
+        assert safe_scale(points, planes, 0.03, (0.0, 0.0), scaled, *rest)[0] == 1.0
         more = (min(1.0, scale + 0.05) * command[0], min(1.0, scale + 0.05) * command[1])
-        assert scale == 1.0 or safe_scale(points, planes, 0.03, (0.0, 0.0), more, (0.0, 0.15), brake, EVERYTHING)[0] < 1.0
+        assert scale == 1.0 or safe_scale(points, planes, 0.03, (0.0, 0.0), more, *rest)[0] < 1.0
     assert 0 < sum(scale < 1.0 for scale in scales) < 60
 
 
@@ -294,6 +297,7 @@ def test_what_is_remembered_holds_the_robot_until_a_scan_shows_that_it_has_gone(
     assert monitor.filter(30.1, pose, (0, 0), (-0.5, 0.0)).action == PASS
 
 
+@pytest.mark.fault("11d")
 def test_what_vanishes_ahead_does_not_make_forget_what_is_behind():
     """A door 1 m ahead, most of what is seen, opens from one scan to the next."""
     monitor = turned_away_from(before := [*wall(1.0, 1.5), (3.0, 3.0), (3.0, -3.0), *CLOSE_BEHIND])
@@ -301,6 +305,7 @@ def test_what_vanishes_ahead_does_not_make_forget_what_is_behind():
     assert monitor.filter(4.0, (0, 0, 0), (0, 0), (-0.5, 0.0)).held
 
 
+@pytest.mark.fault("11e")
 def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen():
     monitor, pose = CollisionMonitor(), (0.0, 0.0, 0.0)
     verdict = None
@@ -314,9 +319,10 @@ def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen
     assert CollisionMonitor(replace(SETTINGS, creep_speed=0.05)).settings.creep_speed == 0.05
 
 
+@pytest.mark.fault("11c")
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_what_stands_in_a_sector_that_measures_nothing_any_more_is_kept(value):
-    """The quarter ahead, where a wall is 1.4 m away: no return at all there from one scan to the next is not believed."""
+    """The quarter ahead, where a wall is 1.4 m away: no return there from one scan to the next is not believed."""
     monitor, pose = seen_all_around(wall(1.4, 2.0)), (0.0, 0.0, 0.0)
     for stamp in (0.1, 0.2):
         failed = scan_of(wall(1.4, 2.0), pose, stamp)

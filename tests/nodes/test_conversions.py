@@ -189,13 +189,21 @@ def turned(roll, yaw):
     return Transform(rotation=Quaternion(x * u, x * z, w * z, w * u))
 
 
+def test_what_a_driver_states_for_no_return_is_infinity():
+    scan = LaserScan(ranges=[0.0, 1.0, math.inf, 2.0], angle_increment=0.1)
+    assert conversions.check_scan(scan, None, 0.0).tolist() == [math.inf, 1.0, math.inf, 2.0]
+    assert conversions.check_scan(scan, None).tolist() == [0.0, 1.0, math.inf, 2.0]
+    assert LaserMount(Tf(turned(0.0, 0.0)), 0.0, 0.0).beams(scan, "base")[0][0] == math.inf
+
+
 def test_beams_of_lasers_as_tf_says_they_are_mounted():
     scan = LaserScan(angle_min=-1.0, angle_increment=0.5, ranges=[1.0, 2.0, 3.0, 4.0, 5.0])
     tf = Tf()
     mount = LaserMount(tf, 0.25)
-    assert mount.beams(scan, "base") == (scan.ranges, -0.75, 0.5)  # as described, until tf knows
+    ranges, *angles = mount.beams(scan, "base")
+    assert (list(ranges), angles) == (scan.ranges, [-0.75, 0.5])  # as described, until tf knows
     tf.transform = turned(0.0, 0.5)
-    assert mount.beams(scan, "base") == (scan.ranges, pytest.approx(-0.5), 0.5)
+    assert mount.beams(scan, "base")[1:] == (pytest.approx(-0.5), 0.5)
     assert mount.beams(scan, "base")
     assert tf.asked == 2
     ranges, first, step = LaserMount(Tf(turned(math.pi, 0.5)), 0.25).beams(scan, "base")

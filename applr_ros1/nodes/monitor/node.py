@@ -143,7 +143,7 @@ class CollisionMonitorNode:
             self._say(verdict)
 
     def _judge(self, message: Twist) -> Verdict:
-        now = self._now
+        now = rospy.get_rostime()
         pose = self.sensors.pose(now, self._tolerance)
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
