@@ -73,8 +73,8 @@ class Body(Section):
 class Laser(Section):
     """A planar scanner, whose beams are evenly spread between both angles.
 
-    pose: x, y [m] and yaw [rad]. height: above the base frame. no_return: what its driver states where nothing returns, if
-    that is not +inf, such as 0.0.
+    pose: x, y [m] and yaw [rad]. height: above the base frame. no_return: what its driver states where nothing returns,
+    if that is not +inf, such as 0.0.
     """
 
     frame: Name
