@@ -78,7 +78,8 @@ class Sensors:
         if any(topic.waits for topic in self._topics.values()):
             self._on_news()
 
-    def _follow_clock(self, now) -> None:
+    def _follow_clock(self) -> None:
+        now = rospy.get_rostime()
         if now < self._last:
             self.forget()
         self._last = now
@@ -151,7 +152,7 @@ class Sensors:
         return self._newest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD))
 
     def _newest_pose(self, target, source, now, oldest, most_ahead):
-        self._follow_clock(now)
+        self._follow_clock()
         transform, self.pose_trouble = self._look_up(target, source, rospy.Time(0))
         if transform is None:
             return None
@@ -171,7 +172,7 @@ class Sensors:
 
     def observations(self) -> Dict[str, Any]:
         """{topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
-        self._follow_clock(rospy.get_rostime())
+        self._follow_clock()
         found = {}
         for name, topic in self._topics.items():
             observation = topic.newest(self._use)
