@@ -43,6 +43,8 @@ class ScanMatcher:
     """
 
     def __init__(self):
+        self._surface = None, np.empty((0, 6))  # ranges of the scan over which one was laid last, and its lines()
+        self._places = None, np.empty((0, 3))  # the newest reference, and the poses of all
         self.clear()
 
     def clear(self):
@@ -73,7 +75,7 @@ class ScanMatcher:
             (measured >= scan.range_min) & (measured < min(scan.range_max, REACH)), measured, np.float32(np.nan)
         )
         beams = float(scan.angle_min), float(scan.angle_increment)
-        nearest = min(range(len(self._references)), key=lambda i: sum(self._apart(i, pose)), default=None)
+        nearest = self._nearest(pose)
         guesses = self._guesses(pose, scan.stamp)
         found, self.lost = None, False
         if nearest is not None:
@@ -120,14 +122,25 @@ class ScanMatcher:
 
     def _lay_over(self, earlier, ranges, beams, guesses):
         """The pose at which a scan fits onto an earlier one, or None."""
-        tried = []
+        old, old_beams, old_pose = earlier
+        if self._surface[0] is not old:
+            self._surface = old, lines(old, old_beams)
+        points, tried = _points(ranges, beams), []
         for guess in guesses:
-            pose, lines, weight = _match(*earlier, ranges, beams, guess)
+            pose, found, weight = _match(self._surface[1], old_beams, old_pose, points, guess)
             moved, turned = _difference(pose, guess)
-            fits = lines >= ENOUGH and weight >= FITTING * lines and moved <= MOST and turned <= MOST_TURN
-            tried.append((fits, weight / max(lines, 1) - BETTER * bool(tried), pose))
+            fits = found >= ENOUGH and weight >= FITTING * found and moved <= MOST and turned <= MOST_TURN
+            tried.append((fits, weight / max(found, 1) - BETTER * bool(tried), pose))
         fits, _, pose = max(tried, key=lambda match: match[:2])
         return pose if fits else None
+
+    def _nearest(self, pose):
+        """The number of the reference nearest to a pose; None without any."""
+        if not self._references:
+            return None
+        if self._places[0] is not self._references[-1]:  # one that goes makes room for the newest
+            self._places = self._references[-1], np.array([place for _, _, place in self._references])
+        return _nearest(self._places[1], pose)
 
     def _apart(self, reference, pose):
         return _difference(self._references[reference][2], pose)
@@ -139,9 +152,40 @@ def _difference(a, b):
 
 
 @kernel
-def _match(old, old_beams, old_pose, new, new_beams, guess):
-    """The pose (x, y, yaw) at which the new scan lies best on the old one, points that found a line, sum of weights."""
-    x, y, yaw = guess
+def _nearest(places, pose):
+    best, nearest = np.inf, 0
+    for i in range(places.shape[0]):
+        turned = abs(places[i, 2] - pose[2]) % (2.0 * math.pi)
+        apart = math.hypot(places[i, 0] - pose[0], places[i, 1] - pose[1]) + min(turned, 2.0 * math.pi - turned)
+        if apart < best:
+            best, nearest = apart, i
+    return nearest
+
+
+@kernel
+def _points(ranges, beams):
+    """(k, 3) every STRIDE-th point x, y [m] of a scan in the scanner's frame, and its beam; none without a return."""
+    points = np.empty((ranges.shape[0] // STRIDE + 1, 3))
+    k = 0
+    for i in range(0, ranges.shape[0], STRIDE):
+        if not math.isnan(ranges[i]):
+            angle = beams[0] + i * beams[1]
+            points[k] = ranges[i] * math.cos(angle), ranges[i] * math.sin(angle), float(i)
+            k += 1
+    return points[:k]
+
+
+@kernel
+def _match(surface, old_beams, old_pose, points, guess):
+    """The pose (x, y, yaw) at which points lie best on an earlier scan's lines(), how many found one, sum of weights.
+
+    All is reckoned in the frame of that scan's scanner, where its lines were found once and for all. points (k, 3):
+    see _points(); of each the earlier scan's beam that points to it is noted for the next time.
+    """
+    c, s = math.cos(old_pose[2]), math.sin(old_pose[2])
+    dx, dy = guess[0] - old_pose[0], guess[1] - old_pose[1]
+    guess_x, guess_y, guess_yaw = c * dx + s * dy, c * dy - s * dx, guess[2] - old_pose[2]
+    x, y, yaw = guess_x, guess_y, guess_yaw
     found, weights = 0, 0.0
     for iteration in range(ITERATIONS):
         scale = WIDE if iteration < COARSE else NARROW
@@ -150,14 +194,12 @@ def _match(old, old_beams, old_pose, new, new_beams, guess):
         a00 = a11 = (NOISE / SLIP) ** 2
         a22 = (NOISE / YAW_ERROR) ** 2
         a01 = a02 = a12 = 0.0
-        b0, b1, b2 = a00 * (guess[0] - x), a11 * (guess[1] - y), a22 * (guess[2] - yaw)
-        for i in range(0, new.shape[0], STRIDE):
-            r = new[i]
-            if math.isnan(r):
-                continue
-            angle = yaw + new_beams[0] + i * new_beams[1]
-            ox, oy = r * math.cos(angle), r * math.sin(angle)
-            hit, qx, qy, nx, ny = _line(old, old_beams, old_pose, x + ox, y + oy)
+        b0, b1, b2 = a00 * (guess_x - x), a11 * (guess_y - y), a22 * (guess_yaw - yaw)
+        turn_c, turn_s = math.cos(yaw), math.sin(yaw)
+        for i in range(points.shape[0]):
+            ox, oy = turn_c * points[i, 0] - turn_s * points[i, 1], turn_s * points[i, 0] + turn_c * points[i, 1]
+            points[i, 2] = _beam_near(surface, old_beams, x + ox, y + oy, points[i, 2])
+            hit, qx, qy, nx, ny = _line(surface, points[i, 2])
             if not hit:
                 continue
             distance = nx * (x + ox - qx) + ny * (y + oy - qy)
@@ -176,9 +218,10 @@ def _match(old, old_beams, old_pose, new, new_beams, guess):
             b2 -= weight * lever * distance
         dx, dy, dyaw = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
         x, y, yaw = x + dx, y + dy, yaw + dyaw
-        if iteration >= COARSE and abs(dx) + abs(dy) + abs(dyaw) < 1e-5:
+        if iteration >= COARSE and abs(c * dx - s * dy) + abs(s * dx + c * dy) + abs(dyaw) < 1e-5:
             break
-    return (x, y, yaw), found, weights
+    pose = old_pose[0] + c * x - s * y, old_pose[1] + s * x + c * y, old_pose[2] + yaw
+    return pose, found, weights
 
 
 @kernel
@@ -199,31 +242,65 @@ def _seen_through(old, old_beams, old_pose, new, beams, pose):
 
 
 @kernel
-def _line(ranges, beams, pose, x, y):
-    """Where a scan's surface is in the direction of a point: (hit, point on it, unit normal)."""
-    dx, dy = x - pose[0], y - pose[1]
-    place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
+def lines(ranges, beams):
+    """(n, 6) of a scan: each beam's point [m], unit normal of the surface from it to the next beam's, and direction.
+
+    In the scanner's frame. The normal is NaN where there is no surface: at an edge, and where a beam has no return.
+    """
+    n = ranges.shape[0]
+    surface = np.empty((n, 6))
+    for i in range(n):
+        angle = beams[0] + i * beams[1]
+        c, s = math.cos(angle), math.sin(angle)
+        surface[i] = ranges[i] * c, ranges[i] * s, np.nan, np.nan, c, s
+    for i in range(n - 1):
+        near = abs(ranges[i] * beams[1])  # between neighbouring points of a surface that is seen squarely
+        if not abs(ranges[i + 1] - ranges[i]) < 4.0 * near:
+            continue
+        span = min(int(math.ceil(BASE / max(near, 1e-6))), 20)
+        low, high = i, i + 1
+        while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < 4.0 * near:  # not across an edge
+            low -= 1
+        while high < n - 1 and high - i - 1 < span and abs(ranges[high + 1] - ranges[high]) < 4.0 * near:
+            high += 1
+        dx, dy = surface[high, 0] - surface[low, 0], surface[high, 1] - surface[low, 1]
+        length = math.sqrt(dx * dx + dy * dy)
+        if length >= 1e-6:
+            surface[i, 2], surface[i, 3] = -dy / length, dx / length
+    return surface
+
+
+@kernel
+def _line(surface, place):
+    """The surface in the direction of a beam with a fraction: (hit, point on it, unit normal)."""
     i = int(math.floor(place))
-    if i < 0 or i + 1 >= ranges.shape[0] or math.isnan(ranges[i]) or math.isnan(ranges[i + 1]):
-        return False, 0.0, 0.0, 0.0, 0.0
-    near = abs(ranges[i] * beams[1])  # between neighbouring points of a surface that is seen squarely
-    span = min(int(math.ceil(BASE / max(near, 1e-6))), 20)
-    low, high = i, i + 1
-    while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < 4.0 * near:  # not across an edge
-        low -= 1
-    while high < ranges.shape[0] - 1 and high - i - 1 < span and abs(ranges[high + 1] - ranges[high]) < 4.0 * near:
-        high += 1
-    if not abs(ranges[i + 1] - ranges[i]) < 4.0 * near:
-        return False, 0.0, 0.0, 0.0, 0.0
-    x0, y0 = _point(ranges, beams, pose, low)
-    x1, y1 = _point(ranges, beams, pose, high)
-    length = math.sqrt((x1 - x0) ** 2 + (y1 - y0) ** 2)
-    if length < 1e-6:
+    if i < 0 or i + 1 >= surface.shape[0] or math.isnan(surface[i, 2]):
         return False, 0.0, 0.0, 0.0, 0.0
     share = place - i
-    qx, qy = _point(ranges, beams, pose, i)
-    px, py = _point(ranges, beams, pose, i + 1)
-    return True, qx + share * (px - qx), qy + share * (py - qy), (y0 - y1) / length, (x1 - x0) / length
+    qx, qy, px, py = surface[i, 0], surface[i, 1], surface[i + 1, 0], surface[i + 1, 1]
+    return True, qx + share * (px - qx), qy + share * (py - qy), surface[i, 2], surface[i, 3]
+
+
+@kernel
+def _beam_near(surface, beams, x, y, last):
+    """What beam_at gives for the point x, y [m] in the scanner's frame, faster where it was near the beam `last`.
+
+    From beam to beam by the angle between a beam and the point, whose arc tangent is a short series.
+    """
+    i = int(last)
+    for _ in range(3):
+        if not 0 <= i < surface.shape[0]:
+            break
+        c, s = surface[i, 4], surface[i, 5]
+        along, across = c * x + s * y, c * y - s * x
+        if not abs(across) < 0.1 * along:
+            break
+        t = across / along
+        beyond = t * (1.0 - t * t * (1.0 / 3.0 - t * t * (0.2 - t * t / 7.0))) / beams[1]
+        if 0.0 <= beyond < 1.0:
+            return i + beyond
+        i += int(math.floor(beyond))
+    return beam_at(beams[0], beams[1], math.atan2(y, x))
 
 
 @kernel

@@ -4,10 +4,11 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
-from applr_ros1.monitor.scan_matching import ScanMatcher
+from applr_ros1.monitor.scan_matching import ScanMatcher, _beam_near, beam_at, lines
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.robots import JACKAL
@@ -137,3 +138,17 @@ def test_the_monitor_backs_out_by_where_the_robot_is_and_not_by_where_its_wheels
         verdicts.append(monitor.filter(0.3, (-0.20, 0, 0), (0, 0), (-0.5, 0.0)))
     assert verdicts[0].action == PASS
     assert -0.4 < verdicts[1].command[0] < 0.0
+
+
+@pytest.mark.parametrize(
+    ("first", "increment", "count"), [(-2.356, 0.00654, 721), (2.0, -0.05, 60), (0.0, 0.0175, 359)]
+)
+def test_the_beam_towards_a_point_is_the_same_from_whichever_beam_the_search_begins(first, increment, count):
+    random = np.random.default_rng(count)
+    beams, surface = (first, increment), lines(np.full(count, 2.0, np.float32), (first, increment))
+    for _ in range(300):
+        bearing, r = random.uniform(-np.pi, np.pi), random.uniform(0.2, 8.0)
+        expected = beam_at(*beams, bearing)
+        last = (random.integers(-1, count + 1), int(expected) + random.integers(-9, 10))[random.integers(2)]
+        found = _beam_near(surface, beams, r * np.cos(bearing), r * np.sin(bearing), float(last))
+        assert found == pytest.approx(expected, abs=1e-9)
