@@ -39,7 +39,7 @@ class Collector:
             if policy is None or task.random:
                 return rng.uniform(-1.0, 1.0, size).astype(np.float32)
             noise = rng.standard_normal(size, dtype=np.float32) * np.float32(task.sigma)
-            return np.clip(policy(observation) + noise, -1.0, 1.0)
+            return np.clip(policy(observation[: self.layout.seen]) + noise, -1.0, 1.0)
 
         options = None if task.world is None else {"world": task.world}
         episode = roll_out(self.env, act, int(rng.integers(2**31)), options)
@@ -65,13 +65,18 @@ class EnvironmentTrials:
 
     def __init__(self, env: str, options: Dict[str, Any]):
         self.env = make_environment(env, options)
-        space = getattr(self.env.unwrapped, "space", None)
-        default = np.zeros(layout_of(self.env).action) if space is None else space.to_action(space.theta0)
+        space, layout = getattr(self.env.unwrapped, "space", None), layout_of(self.env)
+        self.seen = layout.seen
+        default = np.zeros(layout.action) if space is None else space.to_action(space.theta0)
         self.default = np.asarray(default, np.float32)
 
     def run(self, task: Trial, policy: Optional[PolicyWeights]) -> Answer:
         """Drives one episode of the policy, or of the default action where the task names another method."""
-        act = policy if policy is not None and task.method_spec == POLICY else lambda _: self.default
+
+        def act(observation: np.ndarray) -> np.ndarray:
+            asked = policy if task.method_spec == POLICY else None
+            return self.default if asked is None else asked(observation[: self.seen])
+
         episode = roll_out(self.env, act, task.seed)
         result = TrialResult(
             success=bool(episode.info.get("success", False)),
@@ -87,7 +92,8 @@ class EnvironmentTrials:
 def layout_of(env: gymnasium.Env) -> Layout:
     """How an environment's observations are stored: its `scan_beams` first numbers as a scan, if it has that.
 
-    `scans` and `odd` say what exchanging left and right does to them, as Layout describes it.
+    `scans` and `odd` say what exchanging left and right does to them, `hidden` how many of the last ones are for the
+    critics alone, as Layout describes it.
 
     Raises:
         ValueError: for observations or actions that are no vectors.
@@ -98,4 +104,11 @@ def layout_of(env: gymnasium.Env) -> Layout:
         raise ValueError(f"observations and actions must be vectors, these have the shapes {shapes[0]} and {shapes[1]}")
     (observation,), (action,) = shapes  # type: ignore[misc]
     beams = getattr(env, "scan_beams", 0)
-    return Layout(beams, observation - beams, action, getattr(env, "scans", 1), getattr(env, "odd", (0,)))
+    return Layout(
+        beams,
+        observation - beams,
+        action,
+        getattr(env, "scans", 1),
+        getattr(env, "odd", (0,)),
+        getattr(env, "hidden", 0),
+    )

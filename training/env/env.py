@@ -20,7 +20,7 @@ from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import encoding
 from applr_ros1.robots import JACKAL, Robot, load
 from training.common.options import checked
-from training.env import drawn_robots
+from training.env import drawn_robots, privileged, protocols
 from training.env.episode import Episode, counting_cells, laser_pose
 from training.env.reward import Reward, failed
 from training.env.ruler import DIMENSIONLESS, OBSERVATIONS, PAPER, Ruler
@@ -46,6 +46,9 @@ class ApplrEnv(gymnasium.Env):
         observation: "paper", or "dimensionless" (applr_ros1/policy/encoding.py): the same numbers for every robot.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
         end_on_collision: a collision ends the episode, terminated, as a failure.
+        end_on_stall: so does a stall (applr_ros1/policy/stall.py).
+        protocol: whose course is driven, one of protocols.PROTOCOLS, or "drawn" at each reset.
+        critics_know_more: the observation ends with numbers for the critics alone (privileged.py), .hidden of them.
         monitor: the collision monitor stands between the planner and the base.
         record: keep the driven path in .episode.trace.
         render_mode: "rgb_array", in which render() returns a picture from above, or None.
@@ -66,6 +69,9 @@ class ApplrEnv(gymnasium.Env):
         randomisation=None,
         limit: Optional[int] = None,
         end_on_collision: bool = False,
+        end_on_stall: bool = False,
+        protocol: str = protocols.PAPER,
+        critics_know_more: bool = False,
         params: Optional[Dict[str, Any]] = None,
         planner: str = OURS,
         planner_frequency: Optional[float] = None,
@@ -85,7 +91,8 @@ class ApplrEnv(gymnasium.Env):
         if self.draws:
             robot = JACKAL
         self.worlds = load_worlds(worlds)
-        self.render_mode = render_mode
+        self.render_mode, self.protocol = render_mode, protocol
+        self.hidden = privileged.SIZE if critics_know_more else 0
         self.reward = reward if isinstance(reward, Reward) else checked(Reward, reward or {}, "reward")
         self._simulator, self._randomisation = simulator, randomisation or {}
         self._params, self._planner, self._planner_frequency = params, planner, planner_frequency
@@ -94,6 +101,7 @@ class ApplrEnv(gymnasium.Env):
             "limit": limit,
             "period": period,
             "end_on_collision": end_on_collision,
+            "end_on_stall": end_on_stall,
             "record": record or render_mode is not None,
             "monitor": monitor,
         }
@@ -103,8 +111,9 @@ class ApplrEnv(gymnasium.Env):
             size, self.scan_beams, self.scans, self.odd = encoding.SIZE, 2 * encoding.SECTORS, 2, encoding.ODD
         else:  # the first numbers of an observation; the replay stores them coarser
             self.scan_beams = self.episode.layout.beams
-            size = self.scan_beams + 1 + len(self.space)
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size,), np.float32)
+            size, self.scans, self.odd = self.scan_beams + 1 + len(self.space), 1, (0,)
+        self.odd += tuple(size - self.scan_beams + i for i in privileged.ODD if self.hidden)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size + self.hidden,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (actions,), np.float32)
 
     def _equip(self, robot: Robot) -> None:
@@ -132,7 +141,10 @@ class ApplrEnv(gymnasium.Env):
                 self._equip(robot)
         world = self._world(options.get("world"))
         draw = int(self.np_random.integers(2**31))
-        world = worlds_package.scaled(world, self.episode.robot.world_scale)
+        protocol = self.protocol
+        if protocol == protocols.DRAWN:
+            protocol = str(self.np_random.choice(list(protocols.PROTOCOLS)))
+        world = worlds_package.scaled(protocols.under(protocol, world), self.episode.robot.world_scale)
         outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
         self.ruler.form.reset()
         return self._observation(), self._info(outcome)
@@ -151,7 +163,8 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(), float(reward), terminated, truncated, info
 
     def _observation(self) -> np.ndarray:
-        return self.ruler.form.observe(self.episode.context())
+        seen = self.ruler.form.observe(self.episode.context())
+        return np.append(seen, privileged.privileged(self.episode, self.ruler.scale)) if self.hidden else seen
 
     def render(self):
         """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""

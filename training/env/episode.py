@@ -21,6 +21,7 @@ from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.observation import goal_angle, layout_of, local_goal, observe
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.description import Laser
 from training.env.outcome import Outcome, Trace
@@ -59,6 +60,7 @@ class Episode:
     limit           decisions until a time-out; None: as many as fit into TIME_LIMIT
     period          decision period [s]; the paper's is 2 s
     end_on_collision  a collision ends the trial (BARN Challenge's protocol; the paper's goes on)
+    end_on_stall    a robot that has hardly moved for a while has failed (applr_ros1/policy/stall.py)
     record          keep .trace
     robot           the robot that both are for; its laser scans at its own rate, at most once a cycle
     monitor         whether the robot's collision monitor stands between the planner and the base
@@ -78,6 +80,7 @@ class Episode:
         end_on_collision: bool = False,
         record: bool = False,
         monitor: bool = False,
+        end_on_stall: bool = False,
     ):
         self.simulator, self.move_base = simulator, move_base
         self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
@@ -85,6 +88,7 @@ class Episode:
         self.layout = layout_of(robot)  # how the policy sees a scan; can be set anew between two trials
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # 0: a scan in every cycle
         self.end_on_collision, self.record = end_on_collision, record
+        self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
         self.set_period(period)
         self.time_limit = TIME_LIMIT if limit is None else limit * period
         self.outcome: Optional[Outcome] = None
@@ -136,6 +140,8 @@ class Episode:
         self.goal = self.simulator.to_odom(world.course.sent_goal)
         state = self.simulator.state
         self.began = state.time
+        self.stall.reset()
+        self.stall.look(0.0, *state.pose[:2])
         self.move_base.set_goal(self.goal, state.time)
         plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)
         self._seen = ranges = self.simulator.scan()  # the scan of the coming decision
@@ -184,6 +190,8 @@ class Episode:
         state = self.simulator.state
         now.seconds = state.time - since
         now.time_s = state.time - self.began
+        if self.stall.look(now.time_s, *state.pose[:2]) and self.end_on_stall and not now.over:
+            now.reason = "stalled"
         if not now.over and now.decisions >= self.limit:
             now.timeout, now.reason = True, "time limit"
         if now.aborted:

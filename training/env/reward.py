@@ -10,8 +10,6 @@ from applr_ros1.policy.decision import PERIOD
 from training.common.options import Options, option
 from training.env.outcome import Outcome
 
-MOST_STANDING = 20  # decisions of 2 s that a robot which stands until the limit pays at most: 1 / (1 - .95), discounted
-
 
 class RewardOptions(Options):
     """The coefficients. The paper publishes none: those of its terms are ours, the rest are off by default."""
@@ -32,6 +30,10 @@ class RewardOptions(Options):
         "Count the time term in seconds, including the fraction of the last decision, instead of in whole decisions.")
     lowest: bool = option(False,
         "Take d of the clearance term from all scans of a decision period instead of from its last scan.")
+    failure_seconds: float = option(40.0,
+        "Time [s] that a failure for good costs, at most what is left until the limit: the robot gave up, lies on its "
+        "side, or has stalled or touched something where that ends an episode. The default is what standing for ever "
+        "costs, discounted by .95 per 2 s.", ge=0)
     c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
     c_switch: float = option(0.0,
         "Cost of changing the parameters: factor on their mean absolute change in 2 s, each scaled to [-1, 1].")
@@ -44,7 +46,7 @@ class Reward(RewardOptions):
     - R_f = 1(at the goal) - 1: each 2 s before the goal cost 1; with exact_time - seconds / 2 s, the last decision's
       included, so that a course finished a second earlier is worth more. A trial that fails for good (the planner gave
       up, the robot lies on its side) stands still until the limit: what that costs is paid at its end, as at most
-      MOST_STANDING decisions.
+      failure_seconds.
     - R_p = metres driven towards the goal, `(p' - p) . (goal - p) / |goal - p|`, or along the world's y.
     - R_c = -1 / d with d the smallest range. d is at least .1 m (what the Jackal's laser can tell), so R_c >= -10, and
       at most the observation's 2 m, so R_c <= -.5.
@@ -73,7 +75,7 @@ class Reward(RewardOptions):
         share = period / PERIOD  # costs are per 2 s: a course costs the same with any decision period
         time = -outcome.seconds / PERIOD if self.exact_time else (float(outcome.success) - 1.0) * share
         if failed(outcome):
-            time -= min(MOST_STANDING, (limit - outcome.decisions) * share)
+            time -= min(self.failure_seconds / PERIOD, (limit - outcome.decisions) * share)
         near = outcome.decision_min if self.lowest else outcome.last_scan_min
         near = min(max(near / scale, self.NEAREST), self.FARTHEST)
         terms = {

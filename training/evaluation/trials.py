@@ -10,7 +10,7 @@ import dataclasses
 import io
 import json
 import zlib
-from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -28,34 +28,14 @@ from training.actors.tasks import POLICY, Answer, Trial, TrialResult
 from training.actors.worker import PolicyWeights
 from training.env.episode import TIME_LIMIT, Episode, counting_cells
 from training.env.outcome import Trace
+from training.env.protocols import PROTOCOLS, under
 from training.env.reward import Reward
 from training.env.ruler import PAPER, Ruler
-from worlds import World, WorldError, barn_grid
+from worlds import World, WorldError
 
 KEY = ("world", "method", "trial", "seed")
 COLUMNS = KEY + ("success", "collided", "timeout", "time_s", "decisions", "path_length_m")
 MEASURES = KEY + ("reason", "route_m", "min_clearance_m", "mean_jerk", "mean_turn", "switching")
-
-
-class Protocol(NamedTuple):
-    """Rules of a trial. end_on_collision: a collision ends it."""
-
-    end_on_collision: bool
-    sentence: str
-
-
-PROTOCOLS = {
-    "paper": Protocol(
-        False,
-        "The paper's course: from 1 m before the reference path to y = 10 (5.925 m), goal 5 m beyond its "
-        "end; a contact does not end the trial; 100 s.",
-    ),
-    "barn-challenge": Protocol(
-        True,
-        "The BARN Challenge's course: start (-2.25, 3), goal 10 m ahead, reached within 1 m; among moving obstacles "
-        "start (11, 0), goal 20 m ahead; a collision ends the trial; 100 s.",
-    ),
-}
 
 
 def seed_of(base: int, world: str, trial: int) -> int:
@@ -95,20 +75,6 @@ def plan(
         for i, (world, world_spec) in enumerate(worlds)
         for method, method_spec in chosen
     ]
-
-
-def under(protocol: str, world: World) -> World:
-    """The world with the protocol's course. WorldError where it does not fit.
-
-    A world of moving obstacles has the BARN Challenge's course for it under both.
-    """
-    if protocol == "paper" or (world.movers and not len(world.cylinders)):
-        return world
-    if not barn_grid.fill_of(world.cylinders)[[0, -1]].all():
-        raise WorldError(
-            f"{world.name} is no BARN world: --protocol {protocol} needs one; give generated:N or a BARN file"
-        )
-    return dataclasses.replace(world, course=barn_grid.challenge_course(world.course.path))
 
 
 def at_scale(protocol: str, spec: str, robot: Robot = JACKAL) -> World:

@@ -23,7 +23,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, NAMES, load
 from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
-from training.env import drawn_robots
+from training.env import drawn_robots, protocols
 from training.env.reward import RewardOptions
 from training.env.rollout import NAVIGATION
 from training.env.ruler import PAPER
@@ -108,6 +108,16 @@ class TaskOptions(Options):
         "Drive with the collision monitor between the planner and the base, in training and in the evaluations.")
     end_on_collision: bool = option(False,
         "End a training episode at the first collision, as a failure. Evaluations are not ended.")
+    end_on_stall: bool = option(False,
+        "End a training episode, as a failure, when the robot has driven less than .3 m in 8 s, at the Jackal's scale. "
+        "Evaluations are not ended.")
+    protocol: Literal["paper", "barn-challenge", "drawn"] = option("paper",
+        "Course of the worlds in training and evaluation: paper, barn-challenge (10 m straight through, and in "
+        "evaluations a collision ends the trial), or drawn, which takes one of the two in each episode, and "
+        "barn-challenge in evaluations.")
+    critics_know_more: bool = option(False,
+        "Show the critics what the policy cannot know: the true course ahead, moving obstacles, planner, ground, "
+        "friction and delays (training/env/privileged.py).", fixed=True)
     start_xy: float = option(0.0,
         "Largest random displacement [m] of the start position along x and along y.", ge=0, le=10)
     start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
@@ -262,11 +272,17 @@ class TrainConfig(
         """The planner of the evaluations."""
         return "ours" if self.planner == "drawn" else self.planner
 
+    @property
+    def eval_protocol(self) -> str:
+        """The rules of the evaluations."""
+        return protocols.CHALLENGE if self.protocol == protocols.DRAWN else self.protocol
+
     def setting(self) -> str:
         """What the periodic evaluation drives with, in words: results of another setting cannot be compared."""
         monitor = ["collision monitor"] * self.monitor
+        rules = [self.eval_protocol] * (self.eval_protocol != protocols.PAPER)
         robots = ["every included robot"] * (len(self.eval_robots) > 1)
-        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *monitor, *robots])
+        return ", ".join([self.eval_worlds, self.simulator, self.eval_planner, *monitor, *robots, *rules])
 
     def noise(self, transitions: int) -> float:
         """Exploration noise after so many transitions (of a resolved configuration)."""

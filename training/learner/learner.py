@@ -77,7 +77,15 @@ class Learner:
         begin_with: str = "",
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
-        self.td3 = TD3(layout.size, layout.action, options, options.seed, options.device, layout.mirror)
+        self.td3 = TD3(
+            layout.size,
+            layout.action,
+            options,
+            options.seed,
+            options.device,
+            layout.policy_mirror,
+            layout.hidden,
+        )
         self.replay = Replay(layout, options.buffer_size)
         self.rng = np.random.default_rng([options.seed, 1])
         if self.saved(folder) is None:
@@ -223,7 +231,7 @@ class Learner:
 
         Raises ApplrError where it is of other networks, StorageError where it is damaged.
         """
-        if checkpoint["layout"] != self.layout.to_dict():
+        if Layout.from_dict(checkpoint["layout"]) != self.layout:
             raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
         path = folder / checkpoint["learner"]["file"]
         data = read_bytes(path)

@@ -48,7 +48,7 @@ def prepare(config: TrainConfig) -> Preparation:
             raise ApplrError(f"--env {config.env} cannot be made: {type(error).__name__}: {reason(error)}") from None
         return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
     robot, worlds = load(config.eval_robot), load_worlds(config.worlds)
-    held_out = [world[:2] for world in world_list(config.eval_worlds, "paper", robot)] if evaluates else []
+    held_out = [world[:2] for world in world_list(config.eval_worlds, config.eval_protocol, robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
     common = {
         "robot": config.eval_robot,
@@ -65,6 +65,9 @@ def prepare(config: TrainConfig) -> Preparation:
         "planner": config.planner,
         "randomisation": config.randomisation(),
         "end_on_collision": config.end_on_collision,
+        "end_on_stall": config.end_on_stall,
+        "protocol": config.protocol,
+        "critics_know_more": config.critics_know_more,
     }
     env = ApplrEnv(**dict(options, worlds=worlds[:1], limit=1))
     if config.actors > 1:  # compile the planner's kernels once, for all: the actors find them on disk
@@ -76,7 +79,7 @@ def prepare(config: TrainConfig) -> Preparation:
             RunnerSpec("training.actors.collector:Collector", {"env": config.env, "options": options}),
             RunnerSpec(
                 ROBOTS_TRIALS if len(config.eval_robots) > 1 else TRIAL_RUNNER,
-                dict(common, observation=config.observation),
+                dict(common, observation=config.observation, protocol=config.eval_protocol),
             ),
         ),
         len(worlds),

@@ -36,6 +36,7 @@ class Layout:
     action  numbers in [-1, 1], float32
     scans   how many scans the beams are of, one behind the other
     odd     places in the rest of the numbers that turn round where left and right are exchanged
+    hidden  how many of the last numbers only critics are shown, not the policy
     """
 
     scan: int = 720
@@ -43,6 +44,7 @@ class Layout:
     action: int = 8
     scans: int = 1
     odd: Tuple[int, ...] = (0,)
+    hidden: int = 0
 
     LEVELS = 255
 
@@ -50,6 +52,18 @@ class Layout:
     def mirror(self) -> Optional[Mirror]:
         """What exchanging left and right does to an observation; None for one without a scan."""
         return Mirror.of(self.scan, self.rest, self.scans, self.odd) if self.scan and self.rest else None
+
+    @property
+    def policy_mirror(self) -> Optional[Mirror]:
+        """The same for what the policy is shown."""
+        rest = self.rest - self.hidden
+        odd = tuple(place for place in self.odd if place < rest)
+        return Mirror.of(self.scan, rest, self.scans, odd) if self.scan and rest else None
+
+    @property
+    def seen(self) -> int:
+        """Numbers that the policy is shown; they come first."""
+        return self.size - self.hidden
 
     @property
     def size(self) -> int:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from applr_ros1.common.angles import outside_box
 from worlds import World
+from worlds.clearance import clearance
 
 # label and colour, the tightest first; LIMITS [m] of the distance from the robot's middle to the nearest obstacle
 REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))
@@ -21,14 +21,3 @@ def region_of(world: World, poses: np.ndarray) -> np.ndarray:
         lasts = len(raw) - i >= HOLD and np.all(raw[i : i + HOLD] == raw[i])
         regions[i] = raw[i] if raw[i] == regions[i - 1] or lasts else regions[i - 1]
     return regions
-
-
-def clearance(world: World, points: np.ndarray) -> np.ndarray:
-    """(n,) distance [m] from each point to the nearest obstacle's surface."""
-    nearest = np.full(len(points), np.inf)
-    for x, y, radius in world.cylinders:
-        nearest = np.minimum(nearest, np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
-    for x, y, yaw, size_x, size_y in world.boxes:
-        outside = outside_box(points[:, 0] - x, points[:, 1] - y, yaw, size_x, size_y)
-        nearest = np.minimum(nearest, np.hypot(*outside))
-    return nearest

@@ -58,6 +58,10 @@ class TD3Options(Options):
     symmetric: bool = option(False,
         "Hand the mean of the policy and of its mirror image out to actors and actor files, which is as symmetric as "
         "robot and planner are. The policy alone is so only as far as it has learnt it.")
+    smoothness: List[Annotated[float, Field(ge=0, le=1000)]] = option([0.0],
+        "Weight of a penalty on the mean square of how far the policy's action moves from one observation of a "
+        "transition to the next, with actions from -1 to 1; several numbers weight the parameters one by one. 0 "
+        "switches it off.", min_length=1)
     preactivation_l2: float = option(0.0,
         "Weight of a penalty on the mean square of the policy's outputs before tanh. It keeps them away from the ends "
         "of the ranges, where tanh has no gradient. 0 switches it off.", ge=0, le=100)
@@ -105,10 +109,12 @@ class TD3:
         options: hyper-parameters.
         seed: of the networks' first weights.
         device: "cpu", "cuda" or "auto".
-        mirror: what exchanging left and right does to an observation; None where that is not known.
+        mirror: what exchanging left and right does to what the policy is shown; None where that is not known.
+        hidden: how many of an observation's last numbers only the critics are shown.
 
     Raises:
-        ApplrError: for an unknown device, or a symmetric policy of observations without a scan.
+        ApplrError: for an unknown device, a symmetric policy of observations without a scan, or another number of
+            weights of smoothness than an action has numbers.
     """
 
     def __init__(
@@ -119,15 +125,20 @@ class TD3:
         seed: int = 0,
         device: str = "cpu",
         mirror: Optional[Mirror] = None,
+        hidden: int = 0,
     ):
         options.check_mirror(mirror)
         self.options, self.actions, self.mirror, self.device = options, actions, mirror, _device(device)
-        hidden = options.net_arch
+        if len(options.smoothness) not in (1, actions):
+            raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
+        self.smoothness = torch.tensor(options.smoothness, device=self.device)
+        self.seen = observations - hidden
+        layers = options.net_arch
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.actor = MLP(observations, hidden, actions).to(self.device)
+            self.actor = MLP(self.seen, layers, actions).to(self.device)
             self.critics = torch.nn.ModuleList(
-                MLP(observations + actions, hidden, 1, options.layer_norm) for _ in range(2)
+                MLP(observations + actions, layers, 1, options.layer_norm) for _ in range(2)
             ).to(self.device)
         self.actor_target, self.critic_targets = (
             copy.deepcopy(network).requires_grad_(False) for network in (self.actor, self.critics)
@@ -186,7 +197,7 @@ class TD3:
         with torch.no_grad():
             # Target policy smoothing: noise in action units, clipped, and the action clipped to its range.
             noise = (batch.noise * o.target_policy_noise).clamp_(-o.target_noise_clip, o.target_noise_clip)
-            action = torch.tanh(self.actor_target(batch.next_observation)).add_(noise).clamp_(-1.0, 1.0)
+            action = torch.tanh(self.actor_target(batch.next_observation[:, : self.seen])).add_(noise).clamp_(-1.0, 1.0)
             # y = r + gamma^k min Q'(s', a') (clipped double Q), bootstrapping through time limits.
             there = torch.cat((batch.next_observation, action), 1)
             value = torch.minimum(*(critic(there) for critic in self.critic_targets))
@@ -201,7 +212,7 @@ class TD3:
 
     def _update_actor(self, batch: Batch) -> None:
         o = self.options
-        z = self.actor(batch.observation)
+        z = self.actor(batch.observation[:, : self.seen])
         action = torch.tanh(z)
         # Deterministic policy gradient (the paper's eq. 2): climb the first critic's Q.
         q = self.critics[0](torch.cat((batch.observation, action), 1))
@@ -209,6 +220,9 @@ class TD3:
         if o.bc_alpha > 0.0:
             scale = o.bc_alpha / q.abs().mean().detach().clamp_(min=1e-6)
             loss = scale * loss + functional.mse_loss(action, batch.action)
+        if any(o.smoothness):
+            change = action - torch.tanh(self.actor(batch.next_observation[:, : self.seen]))
+            loss = loss + (self.smoothness * change.square()).mean()
         if o.preactivation_l2 > 0.0:
             loss = loss + o.preactivation_l2 * z.square().mean()
         self.actor_optimizer.zero_grad()
@@ -231,7 +245,7 @@ class TD3:
     # -- acting ------------------------------------------------------------------------------------
     @torch.no_grad()
     def action(self, observation: np.ndarray) -> np.ndarray:
-        """(n, observations) → (n, actions), without noise: the learnt policy, not its mean with its mirror image."""
+        """(n, seen) → (n, actions), without noise: the learnt policy, not its mean with its mirror image."""
         x = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
         return torch.tanh(self.policy(x)).cpu().numpy()
 

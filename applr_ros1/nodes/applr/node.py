@@ -311,6 +311,7 @@ class ApplrNode:
             dict(
                 {name: self.counts[name] for name in COUNTS},
                 method=self.method.name if self.enabled else "off",
+                stalls=self.method.stalls,
                 max_speed=f"{self._cap.min():g}",
                 meter_scoring=self._scoring_line(now) or "not known before the first goal",
                 goal=self._goal or "none",

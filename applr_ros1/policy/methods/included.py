@@ -13,6 +13,7 @@ from applr_ros1.policy.decision import Context, period_of
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import Robot
 
 
@@ -96,6 +97,9 @@ class ObservationPolicy(Method):
 class GeneralPolicy(ObservationPolicy):
     """A policy in the dimensionless form (policy/encoding.py) on one robot.
 
+    While the robot stalls (policy/stall.py), what the policy answers has not helped: then each decision draws its
+    parameters at random, from the course's seed.
+
     Args:
         policy: Has action(observation) and a period [s].
         robot: The robot that it drives.
@@ -106,17 +110,25 @@ class GeneralPolicy(ObservationPolicy):
         super().__init__(policy, path)
         self.encoding = Encoding(robot, self.period)
         self.space, self.layout = self.encoding.space, self.encoding.layout
+        self._stall = Stall(robot.world_scale)
+        self.reset(0)
 
     def reset(self, seed: int) -> None:
         """Begin a course: there was no decision before."""
         self.encoding.period = self.period  # at_period() or the node's ~period may have changed it
         self.encoding.reset()
+        self._stall.reset()
+        self._draws = np.random.default_rng([seed, 0x57A1])
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The policy's parameters, within the robot's ranges."""
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
-        return self.encoding.theta(self.policy.action(self.encoding.observe(context)))
+        action = self.policy.action(self.encoding.observe(context))
+        if self._stall.look(context.time, *context.pose[:2]):
+            self.stalls += 1
+            action = self._draws.uniform(-1.0, 1.0, len(action))
+        return self.encoding.theta(action)
 
 
 class FrozenParameter(Method):

@@ -27,6 +27,7 @@ class Method:
         per_cell: Whether the distance biases of its sets are meant for a planner that counts per cell, as those of all
             learned sets here: the applr node then rescales them for a planner that counts per metre
             (policy/distance_weights.py). Otherwise they are sent as they are.
+        stalls: Decisions so far that it made otherwise because the robot had stalled.
     """
 
     name = ""
@@ -36,6 +37,7 @@ class Method:
     space: Space = SPACE
     layout: Layout = LAYOUT
     per_cell: bool = False
+    stalls: int = 0
 
     def reset(self, seed: int) -> None:
         """Begin a course. Everything random is drawn from this seed only."""

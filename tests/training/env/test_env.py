@@ -14,7 +14,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
 from training.env.episode import Episode, nearest
 from training.env.outcome import Outcome
-from training.env.reward import MOST_STANDING, Reward, failed
+from training.env.reward import Reward, failed
 from worlds import Course, World
 
 
@@ -228,7 +228,8 @@ def test_distance_is_bounded_both_ways():
 def test_a_failure_pays_for_the_time_it_stands_still():
     fallen = replace(STEP, flipped=True, decisions=45)
     assert earned(Reward(), fallen)[1]["time"] == -6.0
-    assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - MOST_STANDING
+    assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - 20.0
+    assert earned(Reward(failure_seconds=11.0), replace(fallen, decisions=3))[1]["time"] == -1.0 - 5.5
     assert earned(Reward(), replace(STEP, timeout=True))[1]["time"] == -1.0
 
 

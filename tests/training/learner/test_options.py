@@ -27,7 +27,7 @@ from training.learner.config import TrainConfig, parse
         (["--symmetric"], "no scan and angle to mirror"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
-        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, paper"),
+        (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, jackal, paper"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
