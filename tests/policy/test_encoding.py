@@ -1,5 +1,7 @@
 """The dimensionless form: one set of numbers for every robot, mirrored as the robot is, and its parameters."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import GeneralActor, save, save_general
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.encoding import MIRROR, PARAMETERS, SIZE, Encoding
+from applr_ros1.policy.methods.included import GeneralPolicy
 from applr_ros1.policy.network import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from tests.policy import golden_form
@@ -87,6 +90,27 @@ def test_a_scene_of_twice_the_size_looks_alike():
     )
     large = form._scan(2.0 * near.ranges)
     np.testing.assert_allclose(small, large, atol=1e-6)
+
+
+def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
+    policy = GeneralActor(network(np.random.default_rng(0)), {"period_s": 1.0})
+    still = context(JACKAL, np.random.default_rng(1))
+
+    def course(seed, speed):
+        method = GeneralPolicy(policy, JACKAL)
+        method.reset(seed)
+        scenes = [replace(still, time=float(t), pose=(t * speed, 0.0, 0.0)) for t in range(12)]
+        return [method.theta(scene).tolist() for scene in scenes], method.stalls
+
+    standing, stalls = course(3, 0.03)
+    driving, none = course(3, 0.05)
+    assert (stalls, none) == (4, 0)  # after 8, 9, 10 and 11 s
+    assert len({tuple(theta) for theta in driving[1:]}) < 12
+    assert len({tuple(theta) for theta in standing[8:]}) == 4
+    assert all(theta not in driving for theta in standing[8:])
+    assert course(3, 0.03)[0] == standing
+    assert course(4, 0.03)[0][:8] == standing[:8]
+    assert course(4, 0.03)[0][8:] != standing[8:]
 
 
 def test_one_file_drives_every_robot(tmp_path):

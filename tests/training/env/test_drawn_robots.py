@@ -14,7 +14,7 @@ def test_robots_span_what_they_should_and_contradict_nothing():
     rng = np.random.default_rng(3)
     robots = [drawn_robots.draw_another(rng) for _ in range(60)]
     for robot in robots:
-        limits.check(robot)
+        assert not list(limits.problems(robot))
     widths = [Encoding(robot, 1.0).width for robot in robots]
     assert 0.17 < min(widths) < 0.25
     assert 0.75 < max(widths) < 1.0

@@ -66,13 +66,14 @@ def straight(length=4.0, obstacle=None, goal=None):
     return World("straight", cylinders, np.zeros((0, 5)), course)
 
 
-def trial(world=None, limit=50, end_on_collision=False, **planner):
+def trial(world=None, limit=50, end_on_collision=False, end_on_stall=False, **planner):
     episode = Episode(
         sim_bridge.make("kinematic", slip=0.0),
         FakeMoveBase(**planner),
         period=2.0,
         limit=limit,
         end_on_collision=end_on_collision,
+        end_on_stall=end_on_stall,
         record=True,
     )
     episode.reset(world or straight(), 0)
@@ -161,6 +162,16 @@ def test_time_limit_is_not_a_failure_for_good():
     assert not failed(outcomes[-1])
     assert not outcomes[-1].aborted
     assert outcomes[-1].time_s == 10.0
+
+
+def test_a_stall_is_a_failure_where_that_is_asked_for():
+    assert len(drive(trial(v=0.0, limit=6))) == 6  # else it stands until the limit
+    for v, decisions in ((0.0, 4), (0.03, 4), (0.05, 6)):  # .3 m in 8 s are .0375 m/s
+        last = drive(trial(v=v, limit=6, end_on_stall=True))[-1]
+        assert (last.decisions, last.reason, failed(last)) == (
+            (4, "stalled", True) if decisions == 4 else (6, "time limit", False)
+        )
+        assert last.timeout == (decisions == 6)
 
 
 def test_contacts_are_counted_and_end_a_trial_where_the_protocol_says_so():

@@ -215,3 +215,34 @@ def test_a_policy_can_begin_at_a_set_and_learns_from_there():
     assert (td3.action(observations) != first).all()
     with pytest.raises(ApplrError, match="begin at 2 numbers: give 3"):
         td3.begin_at([0.0, 0.0])
+
+
+def test_critics_see_what_the_policy_does_not():
+    """The policy's weights and answers have no place for the hidden numbers; the critics' values change by them."""
+    rng, hidden = np.random.default_rng(0), 3
+    td3 = TD3(8, 2, TD3Options(net_arch=[16]), hidden=hidden)
+    assert td3.actor_weights()["0.weight"].shape == (16, 8 - hidden)
+    batch = _batch(rng, 32, 8, 2)
+    for _ in range(2):
+        td3.update(batch)
+    other = batch.observation.clone()
+    other[:, -hidden:] += 1.0
+    values = [td3.critics[0](torch.cat((o, batch.action), 1)) for o in (batch.observation, other)]
+    assert (values[0] - values[1]).abs().min() > 1e-4
+
+
+def test_smoothness_weighs_each_parameters_way_from_one_observation_to_the_next():
+    rng = np.random.default_rng(0)
+    batch = _batch(rng, 64, 6, 2)
+    way = []
+    for weights in ([0.0], [100.0], [0.0, 100.0]):
+        td3 = TD3(6, 2, TD3Options(net_arch=[32], actor_lr=1e-3, smoothness=weights), seed=1)
+        for _ in range(30):
+            td3._update_actor(batch)
+        here, there = (td3.action(o.numpy()) for o in (batch.observation, batch.next_observation))
+        way.append(np.abs(here - there).mean(axis=0))
+    assert (way[1] < 0.5 * way[0]).all()
+    assert way[2][1] < 0.5 * way[0][1]
+    assert way[2][0] > 0.8 * way[0][0]
+    with pytest.raises(ApplrError, match="--smoothness has 3 numbers: give 1 or 2"):
+        TD3(6, 2, TD3Options(smoothness=[1.0, 1.0, 1.0]))
