@@ -7,7 +7,7 @@ node runs). Course, limit and ends are those of episode.py.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional, Union
+from typing import Any, Dict, Optional, Tuple, Union
 
 import gymnasium
 import numpy as np
@@ -106,6 +106,7 @@ class ApplrEnv(gymnasium.Env):
             "monitor": monitor,
         }
         self._equip(load(robot) if isinstance(robot, str) else robot)
+        self.odd: Tuple[int, ...]
         actions = len(encoding.PARAMETERS) if self._dimensionless else len(self.space)
         if self._dimensionless:
             size, self.scan_beams, self.scans, self.odd = encoding.SIZE, 2 * encoding.SECTORS, 2, encoding.ODD

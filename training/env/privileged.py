@@ -95,7 +95,8 @@ def _told(clear: np.ndarray, width: float) -> List[float]:
 
 def _movers(episode: Episode, pose: Pose, time: float) -> List[Tuple[float, ...]]:
     """(x, y, vx, vy) of the nearest moving obstacles in the robot's frame [m, m/s]; far ahead where there are fewer."""
-    found, back = [], inverse(pose)
+    back = inverse(pose)
+    found: List[Tuple[float, ...]] = []
     for mover in episode.world.movers:
         here, later = (transform_point(back, *mover.position(t)) for t in (time, time + 0.1))
         found.append((*here, 10.0 * (later[0] - here[0]), 10.0 * (later[1] - here[1])))
