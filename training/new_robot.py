@@ -78,7 +78,15 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         move_base["parameters"] = said.added
     changes = from_parameters.without_map(said, odom, ceil(COURSE * scale))
     if changes:
-        move_base.update(with_map={}, without_map={"parameters": changes})
+        move_base["with_map"] = {}
+    scan_alone, others = from_parameters.one_scan(said.tree, values["topics"].get("scan", "scan"))
+    if changes or others:
+        move_base["without_map"] = {"parameters": merged(changes, scan_alone)}
+    if others:
+        problems.append(
+            f"without a map, as on courses, the costmaps take nothing from {', '.join(sorted(others))}: the simulated "
+            "robot has one laser; before yours drives so, take observation_sources from move_base.without_map"
+        )
     text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(said))
     for path, name in copies.items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
@@ -155,6 +155,30 @@ def _limits(given: Dict[str, Any]) -> Dict[str, float]:
         if found and "cmd_vel_timeout" in controller:
             found["command_timeout"] = controller["cmd_vel_timeout"]
     return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
+
+
+def one_scan(tree: Dict[str, Any], topic: str) -> Tuple[Dict[str, Any], Set[str]]:
+    """What differs where a laser scan is all that the robot publishes, as the simulated robots do.
+
+    Args:
+        tree: Parameters of costmaps.
+        topic: The scan's.
+
+    Returns:
+        observation_sources of the layers that wait for other topics as well, nested as in `tree`, and those topics.
+    """
+    changes: Dict[str, Any] = {}
+    others: Set[str] = set()
+    names = str(tree.get("observation_sources", "")).split()
+    topics = {name: str(branch(tree, name).get("topic", name)) for name in names}
+    if set(topics.values()) - {topic}:
+        changes["observation_sources"] = " ".join(name for name in names if topics[name] == topic)
+        others |= set(topics.values()) - {topic}
+    for name, below in tree.items():
+        found, more = one_scan(below, topic) if isinstance(below, dict) else ({}, set())
+        changes.update({name: found} if found else {})
+        others |= more
+    return changes, others
 
 
 def _sources(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:

@@ -61,7 +61,10 @@ plugins:
   - {name: map, type: "costmap_2d::StaticLayer"}
   - {name: seen, type: "costmap_2d::VoxelLayer"}
   - {name: margin, type: "costmap_2d::InflationLayer"}
-seen: {observation_sources: scan, scan: {data_type: LaserScan, topic: scan, marking: true, clearing: true}}
+seen:
+  observation_sources: bumper scan
+  scan: {data_type: LaserScan, topic: scan, marking: true, clearing: true}
+  bumper: {data_type: PointCloud2, topic: bumps, marking: true, clearing: true}
 margin: {inflation_radius: 0.3}
 """
 LOCAL = "{global_frame: odom_comb, rolling_window: true, width: 5, height: 5}\n"
@@ -70,6 +73,8 @@ DWAPlannerROS:
   {max_vel_x: 0.4, max_vel_trans: 0.45, min_vel_y: 0.0, max_vel_y: 0.0, max_vel_theta: 1.5, acc_lim_x: 1.0,
    acc_lim_theta: 3.0}
 """
+AMCL = "min_particles: 100\n"
+NAVFN = "NavfnROS: {allow_unknown: false}\n"
 CONTROLLER = """\
 crate_controller:
   cmd_vel_timeout: 0.25
@@ -143,22 +148,27 @@ def test_two_wheels_and_a_caster(make, capsys):
 
 
 def test_parameter_files_below_the_names_at_which_move_base_reads_them(make):
-    _, said, file = make(TWO + RAYS.replace("$(arg reach)", "1.5"), **{"amcl.yaml": "min_particles: 100\n"})
+    _, said, file = make(TWO + RAYS.replace("$(arg reach)", "1.5"), **{"amcl.yaml": AMCL, "navfn.yaml": NAVFN})
     found = yaml.safe_load(file.read_text())["move_base"]
     assert [(entry["file"], entry.get("namespace", "")) for entry in found["files"]] == [
         ("costmap_common.yaml", "local_costmap"),
         ("costmap_common.yaml", "global_costmap"),
         ("costmap_local.yaml", "local_costmap"),
         ("dwa.yaml", ""),
+        ("navfn.yaml", ""),
     ]
     assert "amcl.yaml is left out" in said
     assert "VoxelLayer is not here" in said
+    assert "take nothing from bumps: " in said
     fill(file)
     robots.reader._read.cache_clear()
     robot = robots.load(str(file.parent))
     assert robot.local_planner == "DWAPlannerROS"
     layers = [[layer["name"] for layer in robot.parameters(at)["global_costmap"]["plugins"]] for at in (True, False)]
     assert layers == [["map", "seen", "margin"], ["seen", "margin"]]
+    sources = [robot.parameters(at)["local_costmap"]["seen"]["observation_sources"] for at in (True, False)]
+    assert sources == ["bumper scan", "scan"]
+    assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [False, True]
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
 
