@@ -53,11 +53,20 @@ class ObstacleMemory:
 
     def around(self, pose, reach):
         """(k, 2) the points at most `reach` [m] from a robot at pose (x, y, yaw) [m], in its frame [m]."""
-        dx, dy = self._points[: self._count, 0] - pose[0], self._points[: self._count, 1] - pose[1]
-        near = dx * dx + dy * dy <= reach * reach
-        dx, dy = dx[near], dy[near]
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        return np.column_stack((c * dx + s * dy, c * dy - s * dx))
+        return _around(self._points, self._count, tuple(map(float, pose)), float(reach))
+
+
+@kernel
+def _around(points, count, pose, reach):
+    near = np.empty((count, 2))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    n = 0
+    for k in range(count):
+        dx, dy = points[k, 0] - pose[0], points[k, 1] - pose[1]
+        if dx * dx + dy * dy <= reach * reach:
+            near[n, 0], near[n, 1] = c * dx + s * dy, c * dy - s * dx
+            n += 1
+    return near[:n]
 
 
 @kernel

@@ -4,6 +4,9 @@ import math
 
 import numpy as np
 
+from applr_ros1.common.kernels import kernel
+from applr_ros1.monitor.scan_matching import beam_at
+
 MAX_BEAMS = 100_000
 BLIND_SHARE = 0.95  # of the beams measuring nothing at all (NaN, -inf, under range_min): the scanner is blind
 ENOUGH = 5  # beams with a hit that a scan needs before its sudden emptiness counts as a fault
@@ -27,8 +30,9 @@ class ScannerCheck:
 
     def clear(self):
         """Forgets earlier scans, for instance after the odometry was reset."""
-        self._hits = np.zeros((0, 2))  # of the last scan that had any, in the odometry frame
+        self._last = None  # ranges, (range_min, range_max), beams and pose of the last scan that had hits
         self._doubted = np.zeros(0, bool)  # beams that measured nothing where something must stand
+        self._doubts = False  # whether there are such
         self._forget_image()
 
     def fault(self, scan):
@@ -36,68 +40,49 @@ class ScannerCheck:
         problem = geometry_fault(scan)
         if problem:
             return problem
-        ranges = np.asarray(scan.ranges, dtype=np.float32)
-        blind = np.count_nonzero(np.isnan(ranges) | (ranges < scan.range_min))  # +inf measured that nothing is there
+        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
+        limits = np.float32(scan.range_min), np.float32(scan.range_max)
+        beams = float(scan.angle_min), float(scan.angle_increment)
+        full_turn = (len(ranges) + 0.5) * abs(beams[1]) >= 2.0 * math.pi
+        blind, hits, widest = _look(ranges, *limits, full_turn)
         if blind >= BLIND_SHARE * len(ranges):
-            beams = f"{blind} of {len(ranges)} beams"
-            return f"the scanner is blind: {beams} are NaN or nearer than range_min {scan.range_min:g} m"
-        hits = (ranges >= scan.range_min) & (ranges < scan.range_max)
-        if not hits.any():
+            count = f"{blind} of {len(ranges)} beams"
+            return f"the scanner is blind: {count} are NaN or nearer than range_min {scan.range_min:g} m"
+        if len(self._doubted) != len(ranges) or not hits:
+            self._doubted, self._doubts = np.zeros(len(ranges), bool), False
+        if not hits:
             self._forget_image()
-            self._doubted = np.zeros(len(ranges), bool)
-            return self._emptiness(scan)
-        self._doubt(scan, ranges)
-        self._remember(scan, ranges, hits)
-        return self._freezing(ranges, scan.sensor_pose)
+            count = self._expected(scan, beams)[1]
+            return f"the scanner sees nothing where it saw {count} obstacle points before" if count >= ENOUGH else ""
+        wide = widest * abs(beams[1]) >= SECTOR
+        if wide or self._doubts:  # wide sectors that return nothing all at once: nothing that stands there goes so fast
+            expected = self._expected(scan, beams)[0] if wide else self._doubted
+            self._doubts = _doubt(ranges, limits[1], abs(beams[1]), full_turn, expected, self._doubted)
+        problem = self._freezing(ranges, scan.sensor_pose)
+        if hits >= ENOUGH:
+            self._last = self._image, limits, beams, tuple(map(float, scan.sensor_pose))
+        return problem
 
     def believed(self, ranges):
         """The ranges of the newest scan, NaN for the beams of a sector that has failed until they return again."""
-        return np.where(self._doubted, np.float32(np.nan), ranges) if self._doubted.any() else ranges
+        return np.where(self._doubted, np.float32(np.nan), ranges) if self._doubts else ranges
 
     def _forget_image(self):
         self._image = None
         self._equal, self._since = 0, (0.0, 0.0, 0.0)
         self.repeats = False
 
-    def _emptiness(self, scan):
-        """A scan without any hit is a fault where obstacles of an earlier scan would have to be in range."""
-        count = len(self._expected(scan))
-        return f"the scanner sees nothing where it saw {count} obstacle points before" if count >= ENOUGH else ""
+    def _expected(self, scan, beams):
+        """Beams (n,) on which hits of the last scan must lie in this one, unless what stood there has gone; how many.
 
-    def _expected(self, scan):
-        """Beams (k,) on which the hits of the last scan must lie in this one, unless what stood there has gone."""
-        dx, dy = self._hits[:, 0] - scan.sensor_pose[0], self._hits[:, 1] - scan.sensor_pose[1]
-        bearing = np.arctan2(dy, dx) - scan.sensor_pose[2] - scan.angle_min
-        turned = np.mod(bearing * np.sign(scan.angle_increment), 2.0 * math.pi) / abs(scan.angle_increment)
-        visible = (turned <= len(scan.ranges) - 1) & (np.hypot(dx, dy) < STILL_VISIBLE * scan.range_max)
-        return np.rint(turned[visible]).astype(int)
-
-    def _doubt(self, scan, ranges):
-        """Finds wide sectors that return nothing from one scan to the next: nothing that stands there goes so fast."""
-        nothing, n = ranges >= scan.range_max, len(ranges)
-        self._doubted = nothing & self._doubted if len(self._doubted) == n else np.zeros(n, bool)
-        full_turn = (n + 0.5) * abs(scan.angle_increment) >= 2.0 * math.pi
-        first = int(np.argmin(nothing)) if full_turn else 0  # a sector may go on across the ends of a full turn
-        order = (first + np.arange(n)) % n
-        edges = np.flatnonzero(np.diff(nothing[order].astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-        for begin, end in edges[np.ptp(edges, axis=1) * abs(scan.angle_increment) >= SECTOR]:
-            sector = order[begin:end]
-            if np.count_nonzero(np.isin(sector, self._expected(scan))) >= STOOD * len(sector):
-                self._doubted[sector] = True
-
-    def _remember(self, scan, ranges, hits):
-        if np.count_nonzero(hits) < ENOUGH:
-            return
-        angles = scan.sensor_pose[2] + scan.angle_min + scan.angle_increment * np.flatnonzero(hits)
-        self._hits = np.column_stack(
-            (
-                scan.sensor_pose[0] + ranges[hits] * np.cos(angles),
-                scan.sensor_pose[1] + ranges[hits] * np.sin(angles),
-            )
-        )
+        The number is that of the hits.
+        """
+        marks = np.zeros(len(scan.ranges), np.bool_)
+        pose, reach = tuple(map(float, scan.sensor_pose)), STILL_VISIBLE * scan.range_max
+        return marks, 0 if self._last is None else _mark_expected(*self._last, beams, pose, reach, marks)
 
     def _freezing(self, ranges, pose):
-        if self._image is None or not np.array_equal(ranges, self._image, equal_nan=True):
+        if self._image is None or not _is_equal(ranges, self._image):
             self._image, self._equal, self._since = ranges.copy(), 0, tuple(pose)
             self.repeats = False
             return ""
@@ -126,3 +111,75 @@ def geometry_fault(scan):
     if not 0.0 <= scan.range_min < scan.range_max:
         return f"the scan's ranges are {scan.range_min:g} to {scan.range_max:g} m"
     return ""
+
+
+@kernel
+def _look(ranges, range_min, range_max, full_turn):
+    """How many beams measure nothing at all and how many hit, and the most neighbours that say there is nothing."""
+    n = ranges.shape[0]
+    blind = hits = run = widest = 0
+    for i in range(n):
+        r = ranges[i]
+        blind += math.isnan(r) or r < range_min  # +inf measured that nothing is there
+        hits += range_min <= r < range_max
+        run = run + 1 if r >= range_max else 0
+        widest = max(widest, run)
+    for i in range(n if full_turn and run < n else 0):  # on across the ends of a full turn
+        if not ranges[i] >= range_max:
+            break
+        run += 1
+        widest = max(widest, run)
+    return blind, hits, widest
+
+
+@kernel
+def _is_equal(a, b):
+    """Whether two images are the same; NaN equals NaN."""
+    same = a.shape[0] == b.shape[0]
+    for i in range(a.shape[0] if same else 0):
+        if a[i] != b[i] and not (math.isnan(a[i]) and math.isnan(b[i])):
+            return False
+    return same
+
+
+@kernel
+def _mark_expected(old, limits, old_beams, old_pose, beams, pose, reach, marks):
+    """Mark the beams of a new scan that point to the hits of an old one, where those are in reach; returns how many."""
+    n = marks.shape[0]
+    count = 0
+    for i in range(old.shape[0]):
+        if not limits[0] <= old[i] < limits[1]:
+            continue
+        angle = old_pose[2] + old_beams[0] + i * old_beams[1]
+        dx = old_pose[0] + old[i] * math.cos(angle) - pose[0]
+        dy = old_pose[1] + old[i] * math.sin(angle) - pose[1]
+        place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
+        if place <= n - 1 and math.hypot(dx, dy) < reach:
+            marks[int(np.rint(place))] = True
+            count += 1
+    return count
+
+
+@kernel
+def _doubt(ranges, range_max, increment, full_turn, expected, doubted):
+    """Doubt the beams of each wide sector without a return that has STOOD of its beams among the expected ones.
+
+    doubted (n,): beams that return something again are not doubted any more. Returns whether any is.
+    """
+    n = ranges.shape[0]
+    first = 0
+    while full_turn and first < n - 1 and ranges[first] >= range_max:  # a sector may go on across the ends
+        first += 1
+    begin = stood = 0
+    for j in range(n + 1):
+        i = (first + j) % n
+        if j < n and ranges[i] >= range_max:
+            stood += expected[i]
+            continue
+        if (j - begin) * increment >= SECTOR and stood >= STOOD * (j - begin):
+            for k in range(begin, j):
+                doubted[(first + k) % n] = True
+        if j < n:
+            doubted[i] = False
+        begin, stood = j + 1, 0
+    return doubted.any()

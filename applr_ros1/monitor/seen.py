@@ -70,8 +70,10 @@ def _see(cells, ranges, beams, sensor):
     ci, cj = int(math.floor(sensor[0] / CELL)), int(math.floor(sensor[1] / CELL))
     for i in range(ci - reach, ci + reach + 1):
         dx = (i + 0.5) * CELL - sensor[0]
+        row, column = cells[i % n], (cj - reach - 1) % n
         for j in range(cj - reach, cj + reach + 1):
-            if cells[i % n, j % n]:
+            column = column + 1 if column + 1 < n else 0
+            if row[column]:
                 continue
             dy = (j + 0.5) * CELL - sensor[1]
             distance = math.sqrt(dx * dx + dy * dy)
@@ -79,7 +81,7 @@ def _see(cells, ranges, beams, sensor):
                 continue
             place = beam_at(angle_min - 0.5 * increment, increment, math.atan2(dy, dx) - sensor[2])
             if place < ranges.shape[0] and ranges[int(place)] >= max(distance - BEHIND, range_min):
-                cells[i % n, j % n] = 1
+                row[column] = 1
 
 
 @kernel
