@@ -10,6 +10,7 @@ from applr_ros1.common.angles import compose
 from applr_ros1.monitor.memory import ObstacleMemory
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.scanner import FROZEN_SCANS
+from applr_ros1.monitor.seen import CELL, SeenSpace
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import EVERYTHING, half_planes, penetration, safe_scale
 from applr_ros1.planner.costmap.scan import LaserScan
@@ -317,6 +318,19 @@ def test_it_creeps_where_no_scan_has_looked_and_drives_where_it_has_been_or_seen
     assert verdict.command == pytest.approx((-0.1, 0.0))
     assert monitor.filter(now, pose, (0, 0), (-0.5, 0.0)).action == PASS
     assert CollisionMonitor(replace(SETTINGS, creep_speed=0.05)).settings.creep_speed == 0.05
+
+
+def test_what_lies_behind_an_obstacle_or_the_robot_has_not_been_seen():
+    seen = SeenSpace(8.0)
+    seen.update(scan_of(wall(1.0), (0.0, 0.0, 0.0)))
+    places = np.array([(0.8, 0.0), (1.3, 0.0), (-0.6, 0.0), (0.0, 1.5), (7.0, 0.0)])
+    assert [seen.cells[tuple(cell)] for cell in np.floor(places / CELL).astype(int) % len(seen.cells)] == [
+        1,
+        0,
+        0,
+        1,
+        0,
+    ]
 
 
 @pytest.mark.fault("11c")
