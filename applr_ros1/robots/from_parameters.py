@@ -150,8 +150,9 @@ def _limits(given: Dict[str, Any]) -> Dict[str, float]:
             ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
         ):
             said = branch(controller, axis)
-            pairs = (("max_velocity", speed), ("max_acceleration", change))
-            found.update({ours: said[theirs] for theirs, ours in pairs if theirs in said})
+            for kind, ours in (("velocity", speed), ("acceleration", change)):
+                if said.get(f"has_{kind}_limits") is True and f"max_{kind}" in said:
+                    found[ours] = said[f"max_{kind}"]
         if found and "cmd_vel_timeout" in controller:
             found["command_timeout"] = controller["cmd_vel_timeout"]
     return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}

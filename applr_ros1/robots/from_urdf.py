@@ -120,6 +120,8 @@ class _Reader:
         self.path, self.packages = path, _Packages(Path(path))
         self.lost: Set[str] = set()  # meshes that are not there
         text = _text(path, arguments, self.packages)
+        named = sorted(set(re.findall(r"<xacro:arg\s+name=\"(\w+)\"", Path(path).read_text(encoding="utf-8"))))
+        self.choices = f"; the file takes {', '.join(name + ':=' for name in named)}" if named else ""
         try:
             self.xml = ElementTree.fromstring(text)
         except (ElementTree.ParseError, ValueError) as error:
@@ -353,7 +355,10 @@ class _Reader:
         leaves = [name for name in named if not any(name in self._parents(other) for other in named)]
         candidates = [frame] if frame in self.links else list(sensors) or leaves
         if not candidates:
-            said.notes.append("there is no laser: no link is named after one, and no sensor of Gazebo has rays")
+            said.notes.append(
+                "there is no laser: no link is named after one, and no sensor of Gazebo has rays" + self.choices
+            )
+            said.values["laser"].update({"frame": frame} if frame else {})
             return
         if len(candidates) > 1:
             said.notes.append(

@@ -78,8 +78,8 @@ NAVFN = "NavfnROS: {allow_unknown: false}\n"
 CONTROLLER = """\
 crate_controller:
   cmd_vel_timeout: 0.25
-  linear: {x: {max_velocity: 0.6, max_acceleration: 1.5}}
-  angular: {z: {max_velocity: 2.5, max_acceleration: 5.0}}
+  linear: {x: {has_velocity_limits: true, max_velocity: 0.6, has_acceleration_limits: true, max_acceleration: 1.5}}
+  angular: {z: {has_velocity_limits: false, max_velocity: 9.0, has_acceleration_limits: true, max_acceleration: 5.0}}
 """
 
 
@@ -191,7 +191,9 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
         **{"costmap_common.yaml": COMMON.replace("base_footprint", "base_link"), "control.yaml": CONTROLLER},
     )
     assert status == 0, said
-    assert "leave out" not in said
+    assert "leave out 1 values" in said
+    assert "base.max_yaw_rate" in said
+    fill(file)
     assert "outline: arm" in said
     assert "middle lies 0.010 m ahead" not in said
     robot = robots.load(str(file.parent))
@@ -204,10 +206,12 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
 
 
 def test_a_robot_without_laser_is_asked_for_one(make):
-    urdf = TWO[: TWO.index('<link name="scanner">')]
-    status, said, file = make(urdf)
+    urdf = TWO[: TWO.index('<link name="scanner">')] + '<xacro:arg name="with_laser" default="0"/>'
+    common = COMMON.replace("topic: scan,", "topic: scan, sensor_frame: /mast,")
+    status, said, file = make(urdf, **{"costmap_common.yaml": common})
     assert status == 0
-    assert "remark: there is no laser" in said
+    assert re.search(r"remark: there is no laser: .*; the file takes with_laser:=\n", said)
+    assert yaml.safe_load(file.read_text())["laser"] == {"frame": "mast"}
     assert "laser.range_max [m] range_max of the scans" in said
     assert "  # beams: " in file.read_text()
 
