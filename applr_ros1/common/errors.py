@@ -10,6 +10,7 @@ import sys
 import traceback
 from typing import Any, Callable, Iterable, Optional
 
+MEANT = "did you mean"
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
 
 
@@ -25,7 +26,7 @@ class ApplrError(ValueError):
 def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:
     """What to do about an unknown name: "did you mean NAME?" where a known one is like it."""
     close = difflib.get_close_matches(str(name), list(known), 1)
-    return f"did you mean {close[0]}?" if close else otherwise
+    return f"{MEANT} {close[0]}?" if close else otherwise
 
 
 def reason(error: BaseException) -> str:

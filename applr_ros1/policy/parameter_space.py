@@ -14,7 +14,7 @@ import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.common import files
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, meant
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check
 from applr_ros1.planner.parameters.declarations import servers
@@ -228,7 +228,10 @@ def _start(robot, parameter, tree):
     for setting in parameter.settings:
         where = f"server {setting.server} of move_base" if setting.server else "move_base's own server"
         if setting.server not in known_servers:
-            raise ApplrError(f"{label}: there is no {where}; give {', '.join(filter(None, known_servers))}")
+            names = list(filter(None, known_servers))
+            raise ApplrError(
+                f"{label}: there is no {where}; {meant(setting.server, names, 'give ' + ', '.join(names))}"
+            )
         known = {name: p for p in known_servers[setting.server].parameters for name in (p.name,) + p.aliases}
         declared = known.get(setting.names[0])
         if declared is None:

@@ -44,8 +44,9 @@ def refuse(lines: Iterable[str]) -> None:
 
 
 def lines_of(model: Any, error: ValidationError) -> Iterable[str]:
-    """What pydantic refused in the values of a model: a line for each mistake."""
-    return dict.fromkeys(_line(model, problem) for problem in error.errors())
+    """What pydantic refused in the values of a model: a line for each mistake, unknown names first."""
+    found = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    return dict.fromkeys(_line(model, problem) for problem in found)
 
 
 def _line(model: Any, problem: Any) -> str:

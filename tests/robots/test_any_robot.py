@@ -12,10 +12,10 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.check import complete
 from applr_ros1.policy.actor import Actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robot_check import remarks
 from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, static_search, train
 from training.bags import reader as bags
@@ -29,7 +29,7 @@ base:
    wheel_radius: 0.06, wheel_width: 0.02, track: 0.28, axle_height: 0.06, casters: [[-0.14, 0.0]]}
 body: {size: [0.36, 0.30, 0.20], centre: [-0.02, 0.0], bottom: 0.03, mass: 8.0}
 laser:
-  {frame: laser, pose: [0.1, 0.0, 0.0], height: 0.2, beams: 241, first_angle: -2.0, last_angle: 2.0,
+  {frame: laser, pose: [0.1, 0.0, 0.0], height: 0.25, beams: 241, first_angle: -2.0, last_angle: 2.0,
    range_min: 0.05, range_max: 8.0, rate: 10.0, noise: 0.005}
 frames: {base: base_link}
 monitor: {deceleration: 1.5, yaw_deceleration: 6.0}
@@ -142,26 +142,12 @@ def test_check_says_what_it_makes_of_a_description(crate, capsys):
     assert "base.max_speed of this base is 0.8" in capsys.readouterr().err
 
 
-def test_check_names_what_no_drive_could_begin_with(crate, capsys):
-    def check(text):
-        (crate / "robot.yaml").write_text(text)
-        robots.reader._read.cache_clear()
-        return check_robot.main([str(crate)])
-
-    layer = '{name: map, type: "costmap_2d::StaticLayer"}'
-    for change in ("global_frame: map", "plugins: [%s]" % layer):
-        assert check(CRATE.replace("global_costmap: {", "global_costmap: {%s, " % change)) == 0
-        assert "remark: without a map both costmaps need" in capsys.readouterr().out
-    assert check(CRATE.replace("casters: [[-0.14,", "casters: [[0.14,")) == 1
-    assert "its centre of mass" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     ("name", "trap"),
     [("husky", "before a narrow gap"), ("turtlebot3_waffle_pi", "a robot that backs"), ("turtlebot3_burger", None)],
 )
 def test_check_names_the_traps_of_shipped_parameters(name, trap):
-    lines = check_robot.traps(complete(robots.load(name).parameters()))
+    lines = [line for line in remarks(robots.load(name)) if "has no effect" not in line]
     assert [trap in line for line in lines] == ([True] if trap else [])
 
 

@@ -59,59 +59,6 @@ def test_jackal_has_the_files_and_ranges_of_the_authors():
         jackal.parameters(with_map=True)
 
 
-def changed(path, *keys_and_value):
-    """A change of robot.yaml for the test below: the value at a path of keys, or its removal (no value)."""
-
-    def change(description):
-        here = description
-        keys = [int(key) if key.isdigit() else key for key in path.split(".")]
-        for key in keys[:-1]:
-            here = here[key]
-        if keys_and_value:
-            here[keys[-1]] = keys_and_value[0]
-        else:
-            del here[keys[-1]]
-
-    return change
-
-
-WRONG = [
-    (changed("laser.beams"), "laser.beams is missing"),
-    (changed("base.colour", "red"), "base.colour is unknown: there are drive, max_speed"),
-    (changed("base.drive", "omni"), "base.drive is 'omni': give 'skid_steer' or 'two_wheel'"),
-    (changed("base.max_speed", float("nan")), "base.max_speed is nan: give a finite number"),
-    (changed("base.wheelbase"), "base.wheelbase is missing"),
-    (changed("laser.last_angle", -3.0), "laser.last_angle is -3: give more than first_angle"),
-    (changed("laser.beams", 720.5), "laser.beams is 720.5: give a valid integer"),
-    (changed("laser.pose", [0.1]), "laser.pose is [0.1]: give more numbers"),
-    (changed("laser.frame", "two words"), "laser.frame is 'two words': give a name"),
-    (
-        changed("monitor.deceleration", 30.0),
-        "monitor.deceleration is 30: the base brakes with base.max_acceleration 20",
-    ),
-    (changed("base.max_speed", 1.5), "max_vel_x.range is [0.2, 2]: base.max_speed of this base is 1.5, stay within it"),
-    (changed("parameter_space.vx_samples.range", [8, 20]), "the parameter files start with 6, include it"),
-    (changed("parameter_space.vx_samples.sets", []), "vx_samples.sets is []: give at least 1"),
-    (changed("move_base.files.0", {"file": "../../x.yaml"}), "give the name of a file in the robot's folder"),
-    (changed("move_base.files.0", {"file": "none.yaml"}), "none.yaml: cannot be read"),
-    (changed("frames.base", "base_footprint"), "robot_base_frame is base_link in the parameter files"),
-]
-
-
-@pytest.mark.parametrize(("change", "line"), WRONG, ids=[line[:40] for _, line in WRONG])
-def test_wrong_description_is_one_line(tmp_path, change, line):
-    folder = tmp_path / "mine"
-    shutil.copytree(os.path.join(HERE, "jackal"), folder)
-    description = yaml.safe_load((folder / "robot.yaml").read_text())
-    change(description)
-    (folder / "robot.yaml").write_text(yaml.safe_dump(description))
-    with pytest.raises(ApplrError) as found:
-        robots.load(str(folder))
-    assert line in str(found.value)
-    assert "\n" not in str(found.value)
-    assert str(folder) in str(found.value)
-
-
 @pytest.mark.parametrize(
     ("text", "line"),
     [
@@ -146,15 +93,6 @@ def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
     tree = robots.load(with_files(tmp_path / "mine", empty=empty, value=value)).parameters()
     assert tree["new"] == {"width": 7}
     assert tree["local_costmap"] == robots.load("jackal").parameters()["local_costmap"]
-
-
-def test_a_file_that_does_not_fit_the_others_is_one_line(tmp_path):
-    text = "TrajectoryPlannerROS: {max_vel_x: 3.0}\n"
-    line = "TrajectoryPlannerROS/max_vel_x is 3 in the parameter files: base.max_speed is 2"
-    with pytest.raises(ApplrError) as found:
-        robots.load(with_files(tmp_path / "mine", first=(text, ""), second=("width: 7\n", "new/below")))
-    assert line in str(found.value)
-    assert "\n" not in str(found.value)
 
 
 def test_unknown_name_lists_the_robots():

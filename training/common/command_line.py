@@ -12,7 +12,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf
 import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robots import NAMES, Robot, load
+from applr_ros1.robot_check import with_remarks
+from applr_ros1.robots import NAMES, Robot
 from training.common.options import O, add_options, checked
 from worlds.loading import FORMS
 
@@ -26,7 +27,7 @@ def _simulator(text: str) -> str:
 # Options of several commands. A command gives a default where none is here, and a help text where it means more.
 # fmt: off
 WorldNames = Annotated[str, Field(description=f"Worlds to drive in: {FORMS}; several are separated by commas.")]
-AnyRobot = Annotated[InstanceOf[Robot], BeforeValidator(load), Field("jackal", description=
+AnyRobot = Annotated[InstanceOf[Robot], BeforeValidator(with_remarks), Field("jackal", description=
     f"Robot that drives, at whose scale the worlds are: {', '.join(NAMES)}, or a folder with robot.yaml "
     "(docs/tutorials/your_robot.md).")]
 SimulatorName = Annotated[str, AfterValidator(_simulator), Field(description=

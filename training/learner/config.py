@@ -20,6 +20,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robot_check import with_remarks
 from applr_ros1.robots import JACKAL, NAMES, load
 from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
@@ -189,7 +190,7 @@ class TrainConfig(
     def _check(self) -> "TrainConfig":
         if self.robot == drawn_robots.NAME and self.observation == PAPER:
             raise ApplrError("--robot drawn: a policy for all robots needs --observation dimensionless")
-        load(self.eval_robot)
+        with_remarks(self.eval_robot)
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")

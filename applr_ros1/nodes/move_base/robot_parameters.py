@@ -10,7 +10,8 @@ from typing import Any, Dict, Optional, Tuple
 from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.robots import Robot, load
+from applr_ros1.robot_check import usable
+from applr_ros1.robots import Robot
 
 OWN = ("robot", "map", "tf_prefix")
 
@@ -27,6 +28,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
 
     Raises:
         ParameterError: `map` or `tf_prefix` is of no use.
+        RobotError: Its folder has errors; a line for each.
         ApplrError: There is no such robot, or it has no files for a map.
     """
     tree = {name: value for name, value in given.items() if name not in OWN}
@@ -35,7 +37,7 @@ def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
     with_map, prefix = given.get("map", False), frame_prefix(str(given.get("tf_prefix", "")))
     if not isinstance(with_map, bool):
         raise ParameterError(f"map is {with_map!r}: give true or false")
-    robot = load(str(given["robot"]))
+    robot = usable(str(given["robot"]), with_map)
     files = robot.parameters(with_map)
     if prefix:
         _prefix_frames(files, prefix)

@@ -27,7 +27,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.drives import animation, picture
 from applr_ros1.policy import methods
-from applr_ros1.robots import NAMES, load
+from applr_ros1.robot_check import with_remarks
+from applr_ros1.robots import NAMES
 from applr_ros1.robots.geometry import bounding_box
 
 from . import send_goal
@@ -136,7 +137,7 @@ def prepare(words, file):
         if values[name] != "none" and not (values[name].endswith(ending) and os.access(folder, os.W_OK)):
             raise ApplrError(f"{name} is {values[name]}: give a {ending} file in a folder that can be written")
     values = with_folders(values)
-    robot = load(values["robot"])
+    robot = with_remarks(values["robot"])
     if values["policy"] != "none":
         values = with_folders(dict(values, method=values["method"] + ":" + values["policy"]))
     methods.make(values["method"], robot, commands=False)

@@ -5,14 +5,13 @@ MoveBase completes what it is given; the node prints check()'s lines at start-up
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections import Counter
 from typing import Any, Dict, List, Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, meant
 from applr_ros1.common.limits import MAX_CELLS
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
@@ -155,7 +154,8 @@ def _warn_of_layers(tree, known, lines):
             label = f"{path}/{name}"
             if isinstance(value, dict) and label not in known:
                 which = "observation_sources" if "/" in path else "plugins"
-                lines.append(f"{label} has no effect: {which} of {path} does not name it")
+                used = [other[len(path) + 1 :] for other in known if other.startswith(path + "/")]
+                lines.append(f"{label} has no effect: {which} of {path} does not name it; {meant(name, used)}")
     seen = [layer for layer in layers("local_costmap", tree.get("local_costmap", {})) if layer.kind == OBSTACLE_LAYER]
     if not any(sources(branch(tree, layer.path)) for layer in seen):
         lines.append("local_costmap has no observation source: the robot will not see obstacles")
@@ -174,9 +174,8 @@ def _check(here, path, known, behaviours, problems):
             if path.partition("/")[0] in COSTMAPS and key not in mine:
                 continue  # of a layer or source that is not in use: a warning
         if key not in mine:
-            close = difflib.get_close_matches(str(key), mine, 1)
-            remedy = f"did you mean {close[0]}?" if close else "remove it"
-            problems.append(f"{label}: no such parameter; {remedy}")
+            below = [name[len(path) + 1 if path else 0 :] for name in known if not path or name.startswith(path + "/")]
+            problems.append(f"{label} is unknown: {meant(key, below if isinstance(value, dict) else mine)}")
         else:
             p = mine[key]
             try:

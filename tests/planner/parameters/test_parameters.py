@@ -151,8 +151,8 @@ SEEN = "local_costmap/obstacles_layer/"
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (PLANNER + "/max_vel_xx", 1.0, "no such parameter; did you mean max_vel_x?"),
-        ("zzz", 1.0, "no such parameter; remove it"),
+        (PLANNER + "/max_vel_xx", 1.0, "is unknown: did you mean max_vel_x.$"),
+        ("zzz", 1.0, "is unknown: remove it"),
         (PLANNER + "/max_vel_x", 30, "is 30.0: give a value from 0.0 to 20.0"),
         (PLANNER + "/vx_samples", 6.5, "give a whole number"),
         (PLANNER + "/max_vel_x", math.nan, "give a finite number"),
@@ -171,7 +171,7 @@ SEEN = "local_costmap/obstacles_layer/"
         (SEEN + "scan/data_type", "Range", "LaserScan or PointCloud2"),
         (SEEN + "observation_sources", ["scan"], "give text"),
         (SEEN + "observation_sources", "enabled", "'enabled'.* no parameter's"),
-        ("local_costmap", 3, "no such parameter"),
+        ("local_costmap", 3, "is unknown"),
         ("recovery_behaviors", [{"name": "x", "type": "move_slow"}], "recovery_behaviors"),
         ("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}], "'local_costmap'.*another"),
         ("recovery_behaviors", [{"name": "a b", "type": TURN}], "'a b'.*letters"),

@@ -1,0 +1,98 @@
+"""Mistakes that people make in a robot's folder, and the lines about them: the same ones from every command."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robot_check import errors, remarks, with_remarks
+from applr_ros1.robots import NAMES, load
+from tests.support import DATA
+from training import check_robot, evaluate, static_search, train
+
+
+def mistakes():
+    """(robot, file, what stands there, what is written instead, all lines) of each row of the table."""
+    for block in Path(DATA, "robot_mistakes.txt").read_text().split("\n\n"):
+        head, *lines = block.splitlines()
+        if lines and " | " in head and lines[0].startswith("    "):
+            place, old, new = (part.replace("\\n", "\n").replace("\\t", "\t") for part in f"{head} ".split(" | "))
+            robot, _, file = place.partition("/")
+            yield robot, file, old, new.rstrip(" "), [line.strip() for line in lines]
+
+
+def changed(folder, robot, file, old, new):
+    """A copy of a robot's folder with a mistake in it."""
+    shutil.copytree(load(robot).folder, folder)
+    text = (folder / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new))
+    return str(folder)
+
+
+@pytest.mark.parametrize(("robot", "file", "old", "new", "lines"), mistakes())
+def test_a_mistake_is_named_with_file_key_value_and_remedy(tmp_path, capsys, robot, file, old, new, lines):
+    folder = changed(tmp_path / "mine", robot, file, old, new)
+    status = check_robot.main([folder])
+    printed = "".join(capsys.readouterr()).replace("check_robot.py: ", "error: ").replace(folder + "/", "")
+    assert [line for line in printed.splitlines() if re.match("error|remark", line)] == lines
+    assert status == lines[0].startswith("error")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_included_robots_have_no_errors(name):
+    robot = load(name)
+    assert errors(robot) == []
+    assert robot.move_base.with_map is None or errors(robot, with_map=True) == []
+
+
+WRONG = ("turtlebot3_burger", "dwa_local_planner_params_burger.yaml", "max_vel_theta:", "max_vel_tehta:")
+LINE = "/mine/dwa_local_planner_params_burger.yaml: DWAPlannerROS/max_vel_tehta is unknown: did you mean max_vel_theta?"
+
+
+@pytest.mark.parametrize("command", [evaluate, static_search, train])
+def test_commands_stop_at_the_same_line(tmp_path, capsys, command):
+    folder = changed(tmp_path / "mine", *WRONG)
+    assert command.main(["--robot", folder, "--out", str(tmp_path / "out")]) == 1
+    assert LINE in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.ros
+def test_the_demo_and_the_node_stop_at_the_same_line(tmp_path):
+    from applr_ros1.nodes.move_base.robot_parameters import with_robot
+    from applr_ros1.nodes.tools import demo
+
+    folder = changed(tmp_path / "mine", *WRONG)
+    for start in (
+        lambda: demo.prepare(["robot:=" + folder, "animation:=none", "picture:=none"], demo.launch_file()),
+        lambda: with_robot({"robot": folder}),
+    ):
+        with pytest.raises(ApplrError) as refused:
+            start()
+        assert str(refused.value).endswith(LINE)
+
+
+def test_remarks_are_printed_once(tmp_path, capsys):
+    folder = changed(tmp_path / "mine", "jackal", "robot.yaml", "world_scale: 1.0", "world_scale: 2.0")
+    assert with_remarks(folder) is with_remarks(folder)
+    printed = capsys.readouterr().err
+    assert (
+        printed == f"remark: {folder}/robot.yaml: world_scale is 2: by the footprint's width it is 1.000, give that\n"
+    )
+
+
+def test_a_window_is_judged_as_the_planner_judges_it(tmp_path):
+    """A robot that stands must reach min_vel_trans or min_vel_theta within one control period."""
+    folder = tmp_path / "mine"
+    changed(folder, "turtlebot3_burger", "dwa_local_planner_params_burger.yaml", "acc_lim_x: 2.5", "acc_lim_x: 1.0")
+    file = folder / "dwa_local_planner_params_burger.yaml"
+    limits = file.read_text()
+    for least, turn, refused in (("1.37", "13.6", True), ("1.37", "13.8", False), ("0.1", "2.0", False)):
+        text = limits.replace("min_vel_theta: 1.37", f"min_vel_theta: {least}")
+        file.write_text(text.replace("acc_lim_theta: 3.2", f"acc_lim_theta: {turn}"))
+        load.__globals__["_read"].cache_clear()
+        assert any("every sample is refused" in line for line in errors(load(str(folder)))) == refused
+    assert remarks(load("jackal")) == []
