@@ -21,11 +21,11 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robot_check.costmaps import WIDTH
 from applr_ros1.robots import from_parameters, from_urdf, robot_file
 from applr_ros1.robots.description import Monitoring
 from applr_ros1.robots.from_parameters import Parameters
 from applr_ros1.robots.reader import FILE
-from training.check_robot import WIDTH
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
