@@ -71,7 +71,7 @@ LOCAL = "{global_frame: odom_comb, rolling_window: true, width: 5, height: 5}\n"
 PLANNER = """\
 DWAPlannerROS:
   {max_vel_x: 0.4, max_vel_trans: 0.45, min_vel_y: 0.0, max_vel_y: 0.0, max_vel_theta: 1.5, acc_lim_x: 1.0,
-   acc_lim_theta: 3.0}
+   acc_lim_theta: 3.0, min_vel_theta: 0.1}
 """
 AMCL = "min_particles: 100\n"
 NAVFN = "NavfnROS: {allow_unknown: false}\n"
