@@ -3,6 +3,7 @@
 import csv
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -98,6 +99,15 @@ def test_the_bootstrap_resamples_worlds_not_trials():
     value, low, high = statistics.over_worlds([means * 100, np.full(10, 100.0)], statistics.ratio)
     half = 1.96 * means.std() / math.sqrt(10)
     assert (value, low, high) == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
+
+
+def test_the_paired_test_is_of_the_mean_by_hand():
+    """Of the 16 ways to sign 9, 1, 1 and -2, ten have a sum of at least 9 or at most -9; ranks would say otherwise."""
+    cells = {"a": {}, "b": {}}
+    for world, seconds in zip("wxyz", (9.0, 1.0, 1.0, -2.0)):
+        cells["a"][world], cells["b"][world] = (SimpleNamespace(counted=np.full(3, 20.0 + s)) for s in (seconds, 0.0))
+    made = SimpleNamespace(cells=cells, both=lambda method, worlds, other: worlds)
+    assert statistics.paired(made, "a", "b", list("wxyz")).p == 10 / 16
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
