@@ -102,12 +102,12 @@ def test_the_bootstrap_resamples_worlds_not_trials():
 
 
 def test_the_paired_test_is_of_the_mean_by_hand():
-    """Of the 16 ways to sign 9, 1, 1 and -2, ten have a sum of at least 9 or at most -9; ranks would say otherwise."""
+    """Of the 16 ways to sign 9, 5, -1 and -1, eight have a sum of at least 12 or at most -12; ranks give .625."""
     cells = {"a": {}, "b": {}}
-    for world, seconds in zip("wxyz", (9.0, 1.0, 1.0, -2.0)):
+    for world, seconds in zip("wxyz", (9.0, 5.0, -1.0, -1.0)):
         cells["a"][world], cells["b"][world] = (SimpleNamespace(counted=np.full(3, 20.0 + s)) for s in (seconds, 0.0))
     made = SimpleNamespace(cells=cells, both=lambda method, worlds, other: worlds)
-    assert statistics.paired(made, "a", "b", list("wxyz")).p == 10 / 16
+    assert statistics.paired(made, "a", "b", list("wxyz")).p == 8 / 16
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
