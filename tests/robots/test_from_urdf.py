@@ -79,7 +79,7 @@ CONTROLLER = """\
 crate_controller:
   cmd_vel_timeout: 0.25
   linear: {x: {has_velocity_limits: true, max_velocity: 0.6, has_acceleration_limits: true, max_acceleration: 1.5}}
-  angular: {z: {has_velocity_limits: false, max_velocity: 9.0, has_acceleration_limits: true, max_acceleration: 5.0}}
+  angular: {z: {has_velocity_limits: false, max_velocity: 9.0, has_acceleration_limits: true, max_acceleration: 25.0}}
 """
 
 
@@ -148,7 +148,8 @@ def test_two_wheels_and_a_caster(make, capsys):
 
 
 def test_parameter_files_below_the_names_at_which_move_base_reads_them(make):
-    _, said, file = make(TWO + RAYS.replace("$(arg reach)", "1.5"), **{"amcl.yaml": AMCL, "navfn.yaml": NAVFN})
+    more = {"costmap_common.yaml": COMMON.replace("base_foot", "/base_foot"), "amcl.yaml": AMCL, "navfn.yaml": NAVFN}
+    _, said, file = make(TWO + RAYS.replace("$(arg reach)", "1.5"), **more)
     found = yaml.safe_load(file.read_text())["move_base"]
     assert [(entry["file"], entry.get("namespace", "")) for entry in found["files"]] == [
         ("costmap_common.yaml", "local_costmap"),
@@ -199,10 +200,10 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
     robot = robots.load(str(file.parent))
     base = robot.base
     assert (base.drive, base.wheelbase, base.track, base.axle_height) == ("skid_steer", 0.28, 0.4, 0.0)
-    assert (base.max_speed, base.max_yaw_acceleration, base.command_timeout) == (0.6, 5.0, 0.25)
+    assert (base.max_speed, base.max_yaw_acceleration, base.command_timeout) == (0.6, 25.0, 0.25)
     assert (robot.body.size, robot.body.bottom) == ((0.4, 0.42, 0.16), -0.01)
     assert (robot.laser.pose[2], robot.laser.first_angle, robot.laser.last_angle) == (0.5, -1.2, 1.5)
-    assert (robot.monitor.deceleration, robot.monitor.yaw_deceleration) == (1.5, 5.0)
+    assert (robot.monitor.deceleration, robot.monitor.yaw_deceleration) == (1.5, 12.0)
 
 
 def test_a_robot_without_laser_is_asked_for_one(make):
