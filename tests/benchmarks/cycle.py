@@ -10,14 +10,16 @@ import numpy as np
 
 import sim_bridge
 import worlds
+from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.warm_up import warm_up
+from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.jackal import JACKAL
 from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # of the built-in worlds, from sparse to dense
-DECISIONS = 10  # of each course, 20 simulated seconds
+SECONDS = 20  # of each course that are simulated at most
 
 
 def control_cycle():
@@ -37,17 +39,25 @@ def control_cycle():
     means = []
     for _ in range(3):
         took.clear()
-        _drive("kinematic", move_base, lambda random: SPACE.theta0)
+        _drive(_episode("kinematic", move_base), lambda episode, random: SPACE.theta0)
         means.append(np.mean(took))
     return 1e3 * min(means), "ms (mean over %d cycles)" % len(took)
 
 
 def sim_speed_kinematic():
-    return _speed("kinematic")
+    return _speed(_episode("kinematic"), _random)
 
 
 def sim_speed_pybullet():
-    return _speed("pybullet")
+    return _speed(_episode("pybullet"), _random)
+
+
+def sim_speed_kinematic_monitor():
+    return _speed_of_policy("kinematic")
+
+
+def sim_speed_pybullet_monitor():
+    return _speed_of_policy("pybullet")
 
 
 def reset_pybullet():
@@ -62,31 +72,43 @@ def reset_pybullet():
     return 1e3 * best, "ms"
 
 
-def _speed(simulator):
-    """Simulated seconds per wall second on one core, with new random parameters every two seconds, resets included."""
+def _speed(episode, theta):
+    """Simulated seconds per wall second on one core with theta, see _drive(), resets included."""
     warm_up()
-    move_base = MoveBase(dict(JACKAL, planner_frequency=20.0))
-    _drive(simulator, move_base, _random, decisions=1)
+    _drive(episode, theta, seconds=2)
     best = 0.0
     for _ in range(3):
         began = process_time()
-        simulated = _drive(simulator, move_base, _random)
+        simulated = _drive(episode, theta)
         best = max(best, simulated / (process_time() - began))
     return best, "simulated s per wall s and core"
 
 
-def _random(generator):
-    return SPACE.to_theta(generator.uniform(-1.0, 1.0, len(SPACE)))
+def _speed_of_policy(simulator):
+    """The same as the policy drives that is shipped for the Jackal, with the collision monitor."""
+    policy = methods.make("applr", robots.JACKAL)
+    episode = _episode(simulator, monitor=True, period=policy.period)
+    episode.layout = policy.layout
+    return _speed(episode, lambda episode, random: policy.theta(episode.context()))
 
 
-def _drive(simulator, move_base, theta, decisions=DECISIONS):
-    """Drive the courses; returns simulated seconds."""
-    episode = Episode(sim_bridge.make(simulator), move_base, period=2.0)
-    generator, simulated = np.random.default_rng(0), 0.0
+def _random(episode, random):
+    """Other random parameters at each decision."""
+    return SPACE.to_theta(random.uniform(-1.0, 1.0, len(SPACE)))
+
+
+def _episode(simulator, move_base=None, period=2.0, **options):
+    move_base = move_base or MoveBase(dict(JACKAL, planner_frequency=20.0))
+    return Episode(sim_bridge.make(simulator), move_base, period=period, **options)
+
+
+def _drive(episode, theta, seconds=SECONDS):
+    """Drive the courses with theta(episode, random generator) at each decision; returns simulated seconds."""
+    random, simulated = np.random.default_rng(0), 0.0
     for number in COURSES:
         episode.reset(worlds.load("generated:%d" % number), seed=number)
-        for _ in range(decisions):
-            outcome = episode.decide(theta(generator))
+        for _ in range(round(seconds / episode.period)):
+            outcome = episode.decide(theta(episode, random))
             simulated += outcome.seconds
             if outcome.over:
                 break

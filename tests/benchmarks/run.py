@@ -22,6 +22,8 @@ FIGURES = {  # name -> module beside this file, in the order in which they are m
     "control_cycle": "cycle",
     "sim_speed_kinematic": "cycle",
     "sim_speed_pybullet": "cycle",
+    "sim_speed_kinematic_monitor": "cycle",
+    "sim_speed_pybullet_monitor": "cycle",
     "reset_pybullet": "cycle",
     "td3_updates": "learning",
     "sb3_td3_updates": "learning",
@@ -55,7 +57,7 @@ def main():
         except Exception as problem:  # the others are still worth having
             figures[name] = {"value": None, "unit": "failed: %s" % (str(problem).splitlines() or [repr(problem)])[0]}
         if not options.json:
-            print("%-22s %s %s" % (name, figures[name]["value"], figures[name]["unit"]), flush=True)
+            print("%-28s %s %s" % (name, figures[name]["value"], figures[name]["unit"]), flush=True)
     if options.json:
         print(json.dumps(figures, indent=2))
     return any(figure["value"] is None for figure in figures.values())
