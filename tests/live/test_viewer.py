@@ -11,6 +11,7 @@ import rospy
 from nav_msgs.msg import Odometry
 
 from applr_ros1.nodes.viewer.node import Viewer
+from applr_ros1.nodes.viewer.race import Drive, verdict
 from applr_ros1.robots import JACKAL
 from tests.support.fake_jackal import FakeJackal
 from tests.support.ros_harness import free_port, session, wait_for
@@ -66,7 +67,45 @@ def test_page_and_websocket_are_for_those_with_the_token_and_no_other_website(vi
 
 def state(viewer):
     viewer.draw()
-    return viewer.state.content
+    return viewer.text
+
+
+def drives(who, *seconds, touched=False):
+    """One in each world; nan for one that did not arrive."""
+    made = []
+    for k, took in enumerate(seconds):
+        ended = "gave up" if np.isnan(took) else "finished"
+        made.append(Drive(who, "generated:%d" % k, 0.0, True, ended=ended, seconds=took, touched=touched))
+    return made
+
+
+@pytest.mark.parametrize(
+    ("of_policy", "of_default", "says"),
+    [
+        ([10.0], [14.1], "policy 41 % faster than default parameters, both without contact"),
+        ([14.1], [10.0], "default parameters 41 % faster than policy, both without contact"),
+        (
+            [12.0],
+            [np.nan],
+            "policy ahead of default parameters, default parameters did not arrive, both without contact",
+        ),
+        ([np.nan], [np.nan], "nobody arrived"),
+        (
+            [10.0, 10.0, np.nan],
+            [20.0, 5.0, 9.0],
+            "default parameters 20 % slower than policy, ahead in 2 of 3 worlds, policy did not arrive 1 times, "
+            "both without contact",
+        ),
+    ],
+)
+def test_a_race_ends_with_who_was_best_by_how_much(of_policy, of_default, says):
+    assert verdict(drives("default parameters", *of_default) + drives("policy", *of_policy)) == says
+    assert verdict(drives("policy", *of_policy)) == ""
+
+
+def test_a_contact_weighs_more_than_time():
+    says = verdict(drives("policy", 10.0, touched=True) + drives("default parameters", 14.1))
+    assert says == "default parameters 29 % slower than policy, policy touched something"
 
 
 def by_hand(element, value):
@@ -100,7 +139,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
         wait_for(lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, 5.0, "the value in move_base")
         for costmap in ("local", "global"):
             assert rospy.get_param("/move_base/%s_costmap/inflater_layer/inflation_radius" % costmap) == 0.45
-        assert "parameters by **by hand**" in state(viewer)
+        assert "parameters by hand" in state(viewer)
         assert viewer.pilot.client.values()[at] == 0.45  # the applr node's last words have not undone it
         by_hand(viewer.panel._method, "best single set")
         best = viewer.pilot.space.theta0

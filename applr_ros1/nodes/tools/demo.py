@@ -57,7 +57,7 @@ def main():
     say("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     drive = None
     try:
-        with own_stack(passed) as stack:
+        with own_stack(passed, launch_file()) as stack:
             drive = _drive(stack, values, robot, world, result)
     except ApplrError as problem:
         say(result.setdefault("reason", str(problem)))
@@ -69,19 +69,19 @@ def main():
     return 0 if result["success"] else 1
 
 
-def launch_file():
-    """The file that the demo and the playground start."""
-    return roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", "jackal_applr.launch"])[0]
+def launch_file(name="jackal_applr.launch"):
+    """The path of a launch file of this package; the default is what the demo and the playground start."""
+    return roslaunch.rlutil.resolve_launch_arguments(["applr_ros1", name])[0]
 
 
 @contextlib.contextmanager
-def own_stack(words):
-    """A Stack of the launch file with these arguments, for this process alone; it ends with the block.
+def own_stack(words, file):
+    """A Stack of a launch file with these arguments, for this process alone; it ends with the block.
 
     What the nodes print goes to a folder that is kept where the block raises ApplrError, whose line says so.
     """
     folder = tempfile.mkdtemp(prefix="applr_")
-    stack, keep = Stack(launch_file(), words, _own_master(folder)), False
+    stack, keep = Stack(file, words, _own_master(folder)), False
     say(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
     try:
         with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log, contextlib.redirect_stdout(log):
@@ -163,7 +163,7 @@ def arguments(words, known):
 def with_folders(values):
     """Arguments {name: value} of the launch file with paths from the root: the nodes run in another folder."""
     found = {name: methods.absolute(value) if name == "method" else value for name, value in values.items()}
-    for name in {"robot", "world", "record", "policy"} & set(values):
+    for name in {"robot", "world", "record", "policy", "bag"} & set(values):
         if values[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(values[name])):
             found[name] = os.path.abspath(values[name])
     return found

@@ -1,7 +1,7 @@
 """The playground (./applr play): a simulated robot on a ROS master of its own, and a page in a browser to play with it.
 
-It starts jackal_applr.launch with viewer:=true, says where the page is, and ends every process at Ctrl-C. Where the
-page has put other arguments into PLAYED, such as another robot, everything starts anew with them.
+It starts jackal_applr.launch with viewer:=true, or replay.launch for a bag, says where the page is, and ends every
+process at Ctrl-C. Where the page has put other arguments into PLAYED, such as another robot, everything starts anew.
 """
 
 import argparse
@@ -15,9 +15,10 @@ import rospy
 
 from applr_ros1.common.progress import announced
 from applr_ros1.nodes.viewer import admission
-from applr_ros1.nodes.viewer.world import PLAYED
+from applr_ros1.nodes.viewer.recording import FOLDER, PLAYED
 
 from .demo import UP_WITHIN, arguments, launch_file, own_stack, say, with_folders
+from .replay import replayed
 
 
 def main():
@@ -38,14 +39,21 @@ def main():
         nargs="*",
         metavar="ARG:=VALUE",
         help="Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0. No goal is sent unless "
-        "goal:=auto is given.",
+        "goal:=auto is given. bag:=FILE plays a recorded drive instead of driving.",
     )
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
-    given.update(arguments(options.words, roslaunch.arg_dump.get_args([launch_file()])))
-    passed = [f"{name}:={value}" for name, value in with_folders(given).items()]
+    given.update(arguments(options.words, (*roslaunch.arg_dump.get_args([launch_file()]), "bag")))
+    given = with_folders(given)
+    passed, file = [f"{name}:={value}" for name, value in given.items()], launch_file()
+    words = [word for word in passed if not word.startswith("bag:=")]
+    if given.get("bag", "none") != "none":
+        replayed(given["bag"])
+        file, words = launch_file("replay.launch"), [f"bag:={given['bag']}", "rviz:=false"]
+        words += [f"{name}:={given[name]}" for name in ("robot", "viewer", "viewer_host", "tf_prefix") if name in given]
+    os.environ.setdefault(FOLDER, os.getcwd())
     os.environ[admission.TOKEN] = admission.token()  # an open page comes back after a start with other arguments
-    with own_stack(passed) as stack:
+    with own_stack(words, file) as stack:
         with announced("waiting for the page", say, first=10.0):
             stack.wait(lambda: rospy.get_param("/viewer/address", ""), UP_WITHIN, "the page does not come up")
         address = rospy.get_param("/viewer/address")

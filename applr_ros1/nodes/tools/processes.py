@@ -14,13 +14,12 @@ from applr_ros1.common.errors import ApplrError
 _SET_PARENT_DEATH_SIGNAL, _SET_CHILD_SUBREAPER = 1, 36  # linux/prctl.h
 
 
-def become(package, program, arguments):
-    """Replace this process by a program of another ROS package.
+def program_of(package, program):
+    """The path of a program of another ROS package, as for rosrun.
 
     Args:
         package: The ROS package, which is also the name of what has to be installed.
-        program: Its program, as for rosrun.
-        arguments: The command line.
+        program: Its program.
 
     Raises:
         ApplrError: There is no such program.
@@ -36,7 +35,13 @@ def become(package, program, arguments):
         raise ApplrError(
             f"{package} is not installed: apt-get install {package} (ros-noetic-{package} on Ubuntu 20.04)"
         )
-    os.execv(found[0], [found[0], *arguments])
+    return found[0]
+
+
+def become(package, program, arguments):
+    """Replace this process by a program of another ROS package with a command line. Raises as `program_of`."""
+    path = program_of(package, program)
+    os.execv(path, [path, *arguments])
 
 
 def free_port():
@@ -51,7 +56,8 @@ def adopt_orphans():
     ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
-def _leave_with_parent():
+def leave_with_parent():
+    """For Popen's preexec_fn: the child gets SIGINT if its parent dies."""
     ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGINT, 0, 0, 0)
 
 
@@ -64,7 +70,7 @@ def start(command, environment, output):
         stderr=subprocess.STDOUT,
         stdin=subprocess.DEVNULL,
         start_new_session=True,
-        preexec_fn=_leave_with_parent,
+        preexec_fn=leave_with_parent,
     )
 
 

@@ -24,7 +24,7 @@ from applr_ros1.srv import SetMethod
 
 from .listening import ANSWER, Listener, ask
 
-HAND = "by hand"
+HAND = "hand"
 METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "APPLD", "applr": "policy", HAND: HAND}
 PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
 SETTLED = 2.0  # wall seconds after which the applr node, switched off, sends its default parameters no more

@@ -1,34 +1,37 @@
-"""The viewer's tab Race: drives are timed and kept, and drive again as ghosts; the same course by several methods."""
+"""The viewer's tab Race: drives are timed and kept, and drive again as ghosts; several methods; a verdict."""
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from dataclasses import dataclass, field
-from typing import Any, Callable, Dict, List, Optional, Set, Tuple
+from typing import Any, Callable, Dict, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 import rospy
-from actionlib_msgs.msg import GoalStatus
 from std_msgs.msg import Bool
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.robots import Robot
 
 from .listening import Listener
-from .panel import WORDS, goal_status
+from .page import ACCENT
+from .panel import UNDER_WAY, WORDS
 from .pilot import METHODS, Pilot
 from .shapes import PALETTE, Lines, Model
 from .world import WorldTab
 
 COLLISION = "sim_bridge/collision"
-UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 LIMIT = 100.0  # s of ROS time for one drive of a race
-PATIENCE = 10.0  # wall seconds for each thing that a race waits for
+PATIENCE = 20.0  # wall seconds for each thing that a race waits for
 SETTLING = 1.0  # wall seconds between a reset and the next goal: the costmaps see the world again
 BREAK = 2.0  # wall seconds between two rounds of the ghosts
 TABLE = 12  # drives in the table
 NOBODY, THEN = "nobody", ", then "
+FINISHED = "finished", WORDS[3]
+SERIES = 5  # worlds
+ANCHORS = ("bottom-center", "top-center", "center-left", "center-right", "center-center")  # the first one's above it
 
 
 @dataclass
@@ -43,35 +46,80 @@ class Drive:
     ended: str = ""
     seconds: float = 0.0
     touched: bool = False
+    won: bool = False
+
+    @property
+    def how(self) -> str:
+        """How it ended."""
+        return self.ended + ", touched something" * self.touched + ", **winner**" * self.won
+
+    @property
+    def rank(self) -> Tuple[bool, bool, float]:
+        """Smallest for the best: one that arrived, without a contact, sooner."""
+        return self.ended not in FINISHED, self.touched, self.seconds
+
+
+def verdict(drives: Sequence[Drive]) -> str:
+    """Who was best by how much, in one sentence; "" without two. drives: of each method in the same worlds."""
+    of: Dict[str, Dict[str, Drive]] = {}
+    for drive in drives:
+        of.setdefault(drive.who, {})[drive.world] = drive
+    if len(of) < 2:
+        return ""
+    ranks = {who: np.sum([drive.rank for drive in found.values()], axis=0).tolist() for who, found in of.items()}
+    best, other = sorted(of, key=ranks.__getitem__)[:2]
+    pairs = [(of[best][world], of[other][world]) for world in of[best] if world in of[other]]
+    arrived = [(a.seconds, b.seconds) for a, b in pairs if not a.rank[0] and not b.rank[0]]
+    if ranks[best][0] == len(pairs):
+        return "nobody arrived"
+    text = f"{best} ahead of {other}"
+    if arrived:
+        share = np.divide(*np.sum(arrived, axis=0)[::-1]) - 1.0
+        text = f"{best} {abs(share):.0%} {'faster' if share > 0 else 'slower'} than {other}".replace("%", " %")
+    if len(pairs) > 1:
+        text += f", ahead in {sum(a.rank < b.rank for a, b in pairs)} of {len(pairs)} worlds"
+    for k, none, some in ((0, "", "did not arrive"), (1, "both without contact", "touched something")):
+        lines = [f"{who} {some}" + (f" {ranks[who][k]:.0f} times" if len(pairs) > 1 else "") for who in (best, other)]
+        found = [line for line, who in zip(lines, (best, other)) if ranks[who][k]] or [none]
+        text += ", " * bool(found[0]) + ", ".join(found)
+    return text
 
 
 class Ghost:
     """A drive that is driven again: robot, trail and time."""
 
     def __init__(self, scene: Any, robot: Robot, drive: Drive, name: str):
-        self.drive, self._rows = drive, np.array(drive.rows)
+        self.drive, self.won, self._rows = drive, drive.won, np.array(drive.rows)
         names = list(METHODS.values())
         colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
         self.remove = scene.add_frame(name, show_axes=False).remove
         self._model = Model(scene, name + "/robot", robot, colour, 0.4)
-        words = f"{drive.who} {drive.seconds:.1f} s"
-        scene.add_label(name + "/robot/label", words, position=(0.0, 0.0, 0.6))
+        words = f"{drive.who} {drive.seconds:.1f} s" + " - winner" * drive.won
+        self.label = scene.add_label(name + "/robot/label", words, position=(0.0, 0.0, 0.5))
         Lines(scene, name + "/trail", colour, 0.02).path(self._rows[:, 1:3], 0.01)
 
-    def put(self, seconds: float) -> None:
-        """Where it was at a time after its start."""
+    def put(self, seconds: float) -> float:
+        """Where it was at a time after its start. Returns how far it still was from its end [m]."""
         k = max(0, int(np.searchsorted(self._rows[:, 0], seconds, "right")) - 1)
         self._model.put(tuple(self._rows[k, 1:].tolist()))
+        return math.hypot(*(self._rows[-1, 1:3] - self._rows[k, 1:3]))
 
 
 class RaceTab:
     """Keeps this visit's drives. methods: {what the page calls it: method}, what there is for this robot."""
 
     def __init__(
-        self, server: Any, robot: Robot, listener: Listener, pilot: Pilot, world: WorldTab, methods: Dict[str, str]
+        self,
+        server: Any,
+        robot: Robot,
+        listener: Listener,
+        pilot: Pilot,
+        world: WorldTab,
+        methods: Dict[str, str],
+        say: Callable[[str], None],
     ):
         self._scene, self._robot, self._listener, self._pilot, self._world = server.scene, robot, listener, pilot, world
-        self._methods = methods
+        self._methods, self._say = methods, say
         self.drives: List[Drive] = []
         self._goals: Set[str] = set()  # ids of those that were timed
         self._ghosts: Dict[str, Ghost] = {}  # by who set the parameters
@@ -83,13 +131,17 @@ class RaceTab:
             gui.add_dropdown(place, (NOBODY, *names), initial_value=chosen)
             for place, chosen in (("first", names[0]), ("second", names[-2]), ("third", NOBODY))
         ]
-        gui.add_button("race").on_click(lambda _: self._begin())
-        gui.add_button("end the race").on_click(lambda _: self._end())
+        for words, count in (("race", 1), (f"series of {SERIES} worlds", SERIES)):
+            gui.add_button(words, color=ACCENT if count == 1 else None).on_click(
+                lambda _, count=count: self._begin(count)
+            )
+        gui.add_button("end the race").on_click(lambda _: self.end())
+        self._verdict = gui.add_markdown("")
         self._table = gui.add_markdown("No drive yet.")
 
-    def look(self, pose: Optional[Pose]) -> bool:
-        """Time the present drive and move the ghosts. Returns whether a new drive has begun."""
-        goal, now, who = goal_status(self._listener), rospy.get_time(), self._pilot.who
+    def look(self, pose: Optional[Pose], goal: Any) -> bool:
+        """Time the present drive and move the ghosts. goal: its status. Returns whether a new drive has begun."""
+        now, who = rospy.get_time(), self._pilot.who
         touched = any(message.data for message in self._listener.fresh(COLLISION, Bool))
         under_way = goal is not None and goal.status in UNDER_WAY
         begun = under_way and goal.goal_id.id not in self._goals
@@ -122,17 +174,24 @@ class RaceTab:
         drive, self._now = self._now, None
         if drive is None:
             return
-        drive.ended, self._ended = how + ", touched something" * drive.touched, time.monotonic()
+        drive.ended, self._ended = how, time.monotonic()
         self.drives.append(drive)
+        self._write()
+
+    def _write(self) -> None:
         lines = ["| world | parameters by | time | |", "|---|---|---:|---|"]
         for one in reversed(self.drives[-TABLE:]):  # the columns of the page's tables have no space between them
-            lines.append(f"| {one.world} | &nbsp;{one.who} | {one.seconds:.1f}&nbsp;s | &nbsp;{one.ended} |")
+            lines.append(f"| {one.world} | &nbsp;{one.who} | {one.seconds:.1f}&nbsp;s | &nbsp;{one.how} |")
         self._table.content = "\n".join(lines)
 
     def _move_ghosts(self) -> None:
         """The newest drive of each method in this world: beside the present drive, or all together."""
         newest = {one.who: one for one in self.drives if one.world == self._world.name and one.rows}
-        for who in [who for who, ghost in self._ghosts.items() if newest.get(who) is not ghost.drive]:
+        for who in [
+            who
+            for who, ghost in self._ghosts.items()
+            if newest.get(who) is not ghost.drive or ghost.won != ghost.drive.won
+        ]:
             self._ghosts.pop(who).remove()
         for who, drive in newest.items():
             if who not in self._ghosts:
@@ -140,37 +199,69 @@ class RaceTab:
                 self._ghosts[who] = Ghost(self._scene, self._robot, drive, name)
         longest = max((drive.seconds for drive in newest.values()), default=0.0) + BREAK
         at = self._now.seconds if self._now is not None else (time.monotonic() - self._ended) % longest
-        for ghost in self._ghosts.values():
-            ghost.put(at)
+        for ghost, anchor in zip(sorted(self._ghosts.values(), key=lambda ghost: ghost.put(at)), ANCHORS):
+            ghost.label.anchor = anchor
 
     # -- a race ------------------------------------------------------------------------------------
-    def _begin(self) -> None:
+    def _begin(self, count: int) -> None:
         if not self.running.is_set():
             self.running.set()
-            threading.Thread(target=self._race, daemon=True).start()
+            threading.Thread(target=self._run, args=(count,), daemon=True).start()
 
-    def _end(self) -> None:
+    def end(self) -> None:
+        """End a race and every drive."""
         self.running.clear()
         self._world.stop()
 
-    def _race(self) -> None:
-        """The chosen methods one after the other, each from the start; node.py draws and times meanwhile."""
+    def _run(self, count: int) -> None:
+        """A race in this world, or in `count` others. node.py draws and times meanwhile."""
         try:
-            for method in [self._methods[one.value] for one in self._choices if one.value != NOBODY]:
-                if not self._world.reset() or not self._pilot.choose(method):
+            drives: List[Drive] = []
+            for k, world in enumerate(self._world.choose(count) if count > 1 else [""]):
+                self._verdict.content = f"Race {k + 1} of {count}. {verdict(drives)}"
+                if world and not self._change(world):
                     return
-                if not self._wait(lambda: self._now is None, PATIENCE):
+                drives += self._race()
+                if not self.running.is_set():
                     return
-                time.sleep(SETTLING)
-                goal = self._world.drive_course()
-                if not goal or not self._wait(lambda goal=goal: goal in self._goals, PATIENCE):
-                    return
-                began = rospy.get_time()
-                if not self._wait(lambda began=began: self._now is None or rospy.get_time() - began > LIMIT):
-                    return
-                self._world.stop()
+                self._write()
+            self._verdict.content = f"**{verdict(drives)}**"
+            self._say(verdict(drives))
         finally:
             self.running.clear()
+
+    def _change(self, world: str) -> bool:
+        self._world.load(world)
+        return self._wait(lambda: self._world.name == world, PATIENCE)
+
+    def _race(self) -> List[Drive]:
+        """The chosen methods one after the other, each from the start; none where that could not be done."""
+        before = len(self.drives)
+        for method in [self._methods[one.value] for one in self._choices if one.value != NOBODY]:
+            if not self._drive(method):
+                self.running.clear()
+                return []
+        drives = self.drives[before:]
+        best = min(drives, key=lambda drive: drive.rank, default=None)
+        if best is not None and len(drives) > 1:
+            best.won = not best.rank[0]
+        return drives
+
+    def _drive(self, method: str) -> bool:
+        """From the start to the end of the course. Returns whether it was done."""
+        if not self._world.reset() or not self._pilot.choose(method):
+            return False
+        if not self._wait(lambda: self._now is None, PATIENCE):
+            return False
+        time.sleep(SETTLING)
+        goal = self._world.drive_course()
+        if not goal or not self._wait(lambda: goal in self._goals, PATIENCE):
+            return False
+        began = rospy.get_time()
+        if not self._wait(lambda: self._now is None or rospy.get_time() - began > LIMIT):
+            return False
+        self._world.stop()
+        return self._wait(lambda: self._now is None, PATIENCE)
 
     def _wait(self, condition: Callable[[], bool], seconds: float = float("inf")) -> bool:
         """Whether something becomes true before wall time is over and the race is ended."""

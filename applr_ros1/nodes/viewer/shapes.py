@@ -17,6 +17,7 @@ RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [
 
 PALETTE = ((47, 111, 222), (217, 72, 15), (43, 138, 62), (156, 54, 181))  # of curves and ghosts
 PALETTE += ((232, 89, 12), (12, 133, 153), (194, 37, 92), (92, 148, 13))
+SEEN = 5.0  # m of room ahead of the robot that count
 PERIOD = 0.5  # wall seconds between two pictures of a costmap
 
 
@@ -43,7 +44,7 @@ class Lines:
     def __init__(self, scene: Any, name: str, colour: Tuple[int, int, int], thickness: float):
         self._colour = np.array(colour, np.uint8)
         nothing = np.zeros((1, 2, 3)), np.zeros((1, 2, 3), np.uint8)
-        self._handle = scene.add_line_segments(name, *nothing, thickness=thickness, visible=False)
+        self.handle = scene.add_line_segments(name, *nothing, thickness=thickness, visible=False)
 
     def path(self, points: np.ndarray, z: float, shades: Optional[np.ndarray] = None) -> None:
         """Draw a line through points (n, 2) [m] at height z; shades: (n, 3) uint8 for each."""
@@ -53,10 +54,10 @@ class Lines:
 
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
         """Draw segments (n, 2, 3) [m]; shades: (n, 2, 3) uint8."""
-        self._handle.visible = len(points) > 0
+        self.handle.visible = len(points) > 0
         if len(points):
             shades = np.broadcast_to(self._colour, points.shape).copy() if shades is None else shades
-            self._handle.points, self._handle.colors = points, shades
+            self.handle.points, self.handle.colors = points, shades
 
 
 class Model:
@@ -95,7 +96,7 @@ class Costmap:
     def __init__(self, scene: Any, name: str, z: float):
         self._z = z
         self._cells, self._info, self._frame, self._drawn, self._changed = None, None, "", 0.0, False
-        self._handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
+        self.handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
 
     def take(self, message: Any) -> None:
         """A nav_msgs/OccupancyGrid."""
@@ -120,7 +121,8 @@ class Costmap:
         if not len(rows):
             return
         (y0, y1), (x0, x1) = (rows[0], rows[-1] + 1), (columns[0], columns[-1] + 1)
-        cell, corner, handle = self._info.resolution, self._info.origin.position, self._handle
+        cell, corner, handle = self._info.resolution, self._info.origin.position, self.handle
+        handle.visible = True
         handle.image = SHADES[self._cells[y0:y1, x0:x1]]
         handle.render_width, handle.render_height = (x1 - x0) * cell, (y1 - y0) * cell
         x, y = corner.x + (x0 + x1) / 2 * cell, corner.y + (y0 + y1) / 2 * cell

@@ -1,12 +1,15 @@
-"""The viewer's tab World: which robot and world, where to, what stands in the way, and how fast simulated time goes."""
+"""The viewer's tab World: what a click does, which world and robot, and how fast simulated time goes."""
 
 from __future__ import annotations
 
+import base64
 import contextlib
+import io
 import math
 import random
+import threading
 from functools import lru_cache
-from typing import Any, Callable, List
+from typing import Any, Callable, Dict, List
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -19,18 +22,21 @@ import worlds
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.nodes.tools.send_goal import course_goal, message
 from applr_ros1.robots import NAMES, Robot
+from worlds import draw
 from worlds.generator import COUNT
 from worlds.metrics import difficulty
 
 from .listening import Listener, ask, by_hand, tell
+from .page import sends
 
 CURRENT = "sim_bridge/current_world"
 TURN, GOAL, PUT, TAKE = "turns the view", "sets a goal", "puts an obstacle down", "takes an obstacle away"
-THIRD = COUNT // 3  # of `ranked`
-LEVELS = {"any": slice(None), "easy": slice(THIRD), "medium": slice(THIRD, 2 * THIRD), "hard": slice(2 * THIRD, None)}
+ANY, MOVING = "any", "moving"
+LEVELS = (ANY, "easy", "medium", "hard", MOVING)
+MOVING_WORLDS = 1000  # of dynamic:N
+TILES = 6  # pictures of worlds
 RADIUS = 0.075  # m, of an obstacle that is put down: that of BARN's cylinders, at the Jackal's scale
 FACTORS = (0.1, 5.0)  # of real time
-PLAYED = "/play/arguments"  # parameter: what ./applr play was called with; it starts anew with what is put there
 
 
 class WorldTab:
@@ -42,8 +48,16 @@ class WorldTab:
         course_goal: Id of the last goal that was sent for it.
     """
 
-    def __init__(self, gui: Any, robot: Robot, listener: Listener, odom: str, say: Callable[[str], None]):
-        self._robot, self._listener, self._odom, self._say = robot, listener, odom, say
+    def __init__(
+        self,
+        gui: Any,
+        robot: Robot,
+        listener: Listener,
+        odom: str,
+        say: Callable[[str], None],
+        restart: Callable[..., bool],
+    ):
+        self._robot, self._listener, self._odom, self._say, self._restart = robot, listener, odom, say, restart
         self.course: Any = None
         self.course_goal, self.name, self._spec, self._count = "", "", "", 0
         self._goal = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
@@ -51,15 +65,16 @@ class WorldTab:
         self._world = rospy.Publisher("sim_bridge/world", String, queue_size=1)
         self._factor = rospy.Publisher("sim_bridge/real_time_factor", Float64, queue_size=1)
         self._obstacle = rospy.Publisher("sim_bridge/change_obstacle", Marker, queue_size=10)
-        self._click = gui.add_dropdown("a click", (TURN, GOAL, PUT, TAKE), initial_value=GOAL)
-        gui.add_button("drive the course").on_click(lambda _: self.drive_course())
-        gui.add_button("stop").on_click(lambda _: self.stop())
+        self._click = gui.add_dropdown("a click", (GOAL, PUT, TAKE, TURN))
         gui.add_button("back to the start").on_click(lambda _: self.reset())
-        self._name = gui.add_text("world", "")
-        gui.add_button("load this world").on_click(lambda _: self._load(self._name.value))
-        level = gui.add_dropdown("difficulty", tuple(LEVELS))
-        another = gui.add_button("next world")
-        another.on_click(lambda _: self._load(random.choice(ranked()[LEVELS[level.value]])))
+        self.level = gui.add_dropdown("worlds", LEVELS)
+        by_hand(self.level, lambda _: self._offer())
+        self._tiles, self._offered = gui.add_html(""), {}  # type: Any, Dict[str, str]
+        self._pressed = gui.add_text("pressed", "", visible=False)  # a tile
+        by_hand(self._pressed, self.load)
+        gui.add_button("other worlds").on_click(lambda _: self._offer())
+        self._name = gui.add_text("world", "", hint="generated:N, fresh:N, dynamic:N, physical_course or a .world file")
+        gui.add_button("load this world").on_click(lambda _: self.load(self._name.value))
         given = str(rospy.get_param("~robot", robot.name))
         self._given = gui.add_dropdown("robot", tuple(dict.fromkeys((*NAMES, given))), initial_value=given)
         by_hand(self._given, lambda name: self._change_robot(name, given))
@@ -70,10 +85,14 @@ class WorldTab:
         factor = gui.add_slider("real-time factor", *FACTORS, 0.1, initial_value=1.0)
         by_hand(factor, lambda value: tell(say, self._factor, value))
 
-    def look(self) -> None:
-        """Take in which world is simulated."""
+    def look(self) -> bool:
+        """Take in which world is simulated. Returns whether it is another one."""
+        if not self._offered:
+            self._offered = {"": ""}
+            threading.Thread(target=self._offer, daemon=True).start()
         told = self._listener.newest(CURRENT, String)
-        if told is not None and told.data != self.name:
+        another = told is not None and told.data != self.name
+        if another:
             self.name = self._name.value = told.data
             self.course, self._spec = None, ""
             for spec in (str(rospy.get_param("sim_bridge/world", "")), self.name):
@@ -81,6 +100,30 @@ class WorldTab:
                     world = worlds.load(spec)
                     if world.name == self.name:
                         self.course, self._spec = worlds.scaled(world, self._robot.world_scale).course, spec
+            self._draw_tiles()
+        return another
+
+    def choose(self, count: int) -> Dict[str, str]:
+        """{spec of a world: how hard it is}, by chance from those that the page asks for."""
+        names, level = ranked(), self.level.value
+        levels = {name: LEVELS[1 + 3 * place // len(names)] for place, name in enumerate(names)}
+        known = [name for name in names if level in (ANY, levels[name])]
+        if level == MOVING:
+            known = [f"dynamic:{n}" for n in range(MOVING_WORLDS)]
+        return {name: levels.get(name, MOVING) for name in random.sample(known, count)}
+
+    def _offer(self) -> None:
+        self._offered = self.choose(TILES)
+        self._draw_tiles()
+
+    def _draw_tiles(self) -> None:
+        tiles = (
+            f'<div {sends(self._pressed, name)} title="{name}"{" class=now" if name == self.name else ""}>'
+            f"{drawing(name)}{level} {name.split(':')[-1]}</div>"
+            for name, level in self._offered.items()
+            if name
+        )
+        self._tiles.content = f'<div class="tiles">{"".join(tiles)}</div>'
 
     def clicked(self, ray: Any, pose: Any) -> None:
         """Do what the choice says where a click's ray meets the ground. pose: of the robot, in the fixed frame."""
@@ -128,8 +171,9 @@ class WorldTab:
         """Cancel all goals."""
         tell(self._say, self._cancel, GoalID())
 
-    def _load(self, spec: str) -> None:
+    def load(self, spec: str) -> None:
         """Change the simulated world; the robot stands at its start then."""
+        self._pressed.value = ""
         try:
             worlds.load(spec)
         except (ValueError, OSError) as problem:
@@ -140,11 +184,8 @@ class WorldTab:
 
     def _change_robot(self, name: str, present: str) -> None:
         """Have ./applr play start anew with another robot in this world; the page finds the new node by itself."""
-        words = rospy.get_param(PLAYED, None)
-        if words is not None:
-            spec = ["world:=" + self._spec] if self._spec else []
-            rospy.set_param(PLAYED, [*words, "robot:=" + name, *spec])
-        else:
+        spec = {"world": self._spec} if self._spec else {}
+        if not self._restart(name, robot=name, **spec):
             self._given.value = present
             self._say(f"another robot starts with ./applr play robot:={name}")
 
@@ -159,3 +200,19 @@ def ranked() -> List[str]:
     """All generated worlds, those with most room first: mean distance to the closest obstacle along the path."""
     names = [f"generated:{n}" for n in range(COUNT)]
     return sorted(names, key=lambda name: -difficulty(worlds.load(name))["closest_obstacle"])
+
+
+@lru_cache(maxsize=64)
+def drawing(spec: str) -> str:
+    """A small picture of a world from above, as HTML."""
+    from matplotlib.figure import Figure
+
+    figure, file = Figure((1.4, 1.4)), io.BytesIO()
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    world = worlds.load(spec)
+    draw.draw(axes, world)
+    if len(world.cylinders):  # the goal of BARN's courses lies far beyond the obstacles
+        axes.set_ylim(world.cylinders[:, 1].min() - 0.3, world.cylinders[:, 1].max() + 0.3)
+    axes.axis("off")
+    figure.savefig(file, format="png", dpi=100)
+    return f'<img alt="{spec}" src="data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}">'
