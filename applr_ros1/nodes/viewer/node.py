@@ -157,7 +157,8 @@ class Viewer:
         """Bring the bar and the notice of every page up to date."""
         silence = [] if self._replay else self.panel.silence()
         parts = {"doing": self.panel.doing(goal), "speed": f"{speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"}
-        parts["who"], parts["monitor"] = f"parameters by {self.pilot.who}", self.panel.monitor()
+        parts["who"] = f"parameters by {self.pilot.who}"
+        parts["monitor"] = self.panel.monitor() if driving else ""  # it stops whatever has no command
         if self._replay:  # a bag may lack them
             parts["doing"] = parts["doing"] if goal is not None else ""
             parts["who"] = parts["who"] if self.pilot.method else ""

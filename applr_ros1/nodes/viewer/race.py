@@ -229,6 +229,8 @@ class RaceTab:
             self._say(verdict(drives))
         finally:
             self.running.clear()
+            if self._verdict.content.startswith("Race"):
+                self._verdict.content = "The race ended early."
 
     def _change(self, world: str) -> bool:
         self._world.load(world)
