@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Dict, Optional
 
 from pydantic import Field, ValidationError
+from typing_extensions import Literal
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import description as sections
@@ -39,6 +40,7 @@ class RobotFile(Section):
     odometry: sections.OdometryErrors = sections.OdometryErrors()
     monitor: sections.Monitoring = sections.Monitoring()
     world_scale: float = real("", 0.05, 20.0)
+    method: Literal["applr", "dwa", "static"] = "applr"
     parameter_space: Optional[Dict[ParameterName, SpaceEntry]] = Field(
         default=None, min_length=1, max_length=MAX_PARAMETERS
     )

@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from typing import Callable, List, Sequence, TypeVar
 
 import numpy as np
-from scipy import stats
 
-LEVEL = 0.05  # of the one-sided paired t-test
-FEWEST = 5  # common trials before the test is asked
+from training.evaluation.score import LEVEL, clearly_worse
 
 Job = TypeVar("Job")
 
@@ -68,13 +66,3 @@ def race(
         if len(racing) == 1:
             break
     return Result(scores, racing + dropped)
-
-
-def clearly_worse(scores: np.ndarray, best: np.ndarray, level: float = LEVEL) -> bool:
-    """Whether the first scores (n,) are significantly larger than the second (n,) of the same n trials."""
-    difference = scores - best
-    if len(difference) < FEWEST or level <= 0.0:
-        return False
-    if np.ptp(difference) == 0.0:
-        return bool(difference[0] > 0.0)
-    return bool(stats.ttest_1samp(difference, 0.0, alternative="greater").pvalue < level)

@@ -6,7 +6,7 @@ import hashlib
 import os
 import time
 from contextlib import closing
-from typing import Any, Dict, Literal, Sequence, Tuple
+from typing import Any, Dict, Iterable, Literal, Optional, Sequence, Tuple
 
 from tqdm import tqdm
 
@@ -115,8 +115,14 @@ def _description(spec: str, options: EvaluationOptions) -> Dict[str, Any]:
     return {**method.describe(), "period_s": method.period}
 
 
-def drive(store: Store, options: EvaluationOptions) -> None:
-    """Drives the plan's trials that the store does not hold."""
+def drive(store: Store, options: EvaluationOptions, blocks: Optional[Iterable[Sequence[Trial]]] = None) -> None:
+    """Drives trials that the store does not hold: block after block, each asked for when the last one is done.
+
+    Args:
+        store: has the plan, and takes the results.
+        options: how to drive.
+        blocks: of trials of the plan; None: one, the whole plan.
+    """
     began = time.monotonic()
     done, wanted = len(store.results), len(store.plan)
     workers = min(options.workers, wanted - done)
@@ -125,7 +131,7 @@ def drive(store: Store, options: EvaluationOptions) -> None:
     arguments = {name: getattr(options, name) for name in ("simulator", "protocol", "monitor", "ground")}
     arguments["robot"] = options.robot.folder
     runner = RunnerSpec(options.runner, arguments)
-    bar = tqdm(total=wanted, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
+    bar = tqdm(total=wanted if blocks is None else None, initial=done, unit="trial", dynamic_ncols=True, smoothing=0.05)
 
     def show(trial: Trial, result: TrialResult) -> None:
         bar.update()
@@ -134,7 +140,8 @@ def drive(store: Store, options: EvaluationOptions) -> None:
 
     with bar, closing(RememberedTrials(runner, workers, options.ray_address, store)) as trials:
         try:
-            trials.run(store.plan, show)
+            for block in [store.plan] if blocks is None else blocks:
+                trials.run(block, show)
         finally:
             seconds = time.monotonic() - began
             store.finish(seconds, provenance(options.seed), workers=workers, trials=options.trials)

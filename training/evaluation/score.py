@@ -6,11 +6,14 @@ import math
 from typing import Any, Dict, Sequence
 
 import numpy as np
+from scipy import stats
 
 from training.actors.tasks import TrialResult
 from training.env.episode import TIME_LIMIT
 
 FAILURE_SECONDS = TIME_LIMIT  # what a failed trial counts as [s]
+LEVEL = 0.05  # of the one-sided paired t-test
+FEWEST = 5  # common trials before the test is asked
 CONTACT_SECONDS = 5.0  # what a contact adds to a trial's score where policies are compared [s]
 
 
@@ -33,6 +36,16 @@ def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any, least: f
     """
     optimal = np.maximum(route_m, 1e-9) / 2.0
     return success * np.logical_not(collided) * optimal / np.clip(time_s, least * optimal, 8.0 * optimal)
+
+
+def clearly_worse(scores: np.ndarray, best: np.ndarray, level: float = LEVEL) -> bool:
+    """Whether the first scores (n,) are significantly larger than the second (n,) of the same n trials."""
+    difference = scores - best
+    if len(difference) < FEWEST or level <= 0.0:
+        return False
+    if np.ptp(difference) == 0.0:
+        return bool(difference[0] > 0.0)
+    return bool(stats.ttest_1samp(difference, 0.0, alternative="greater").pvalue < level)
 
 
 def summary(results: Sequence[TrialResult], contact_seconds: float) -> Dict[str, Any]:

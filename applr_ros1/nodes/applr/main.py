@@ -1,6 +1,6 @@
 """Starts the applr node: reads its private parameters, joins method, inputs and topics, and runs until shutdown.
 
-Run by scripts/applr.py. What the node does is in node.py. Parameters: ~method (applr), ~robot (jackal; name or folder
+Run by scripts/applr.py. What the node does is in node.py. Parameters: ~method (auto), ~robot (jackal; name or folder
 of a description), ~seed, ~period [s] (0: the method's own), ~max_speed [m/s] (0: any), ~meter_scoring (auto, true or
 false: see meter_scoring.py) and ~move_base (its name). Services: ~enable (std_srvs/SetBool) and ~set_method
 (applr_ros1/SetMethod); docs/reference/topics.md
@@ -72,7 +72,7 @@ def main():
     slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # none: nothing to cap
     if 0 < max_speed < slowest:
         raise ApplrError(f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for any")
-    spec = str(rospy.get_param("~method", "applr"))
+    spec = str(rospy.get_param("~method", "auto"))
     meter_scoring = str(rospy.get_param("~meter_scoring", "auto")).lower()  # ROS reads true as a bool
     if meter_scoring not in CHOICES:
         raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")

@@ -139,8 +139,9 @@ def prepare(words, file):
     values = with_folders(values)
     robot = with_remarks(values["robot"])
     if values["policy"] != "none":
-        values = with_folders(dict(values, method=values["method"] + ":" + values["policy"]))
-    methods.make(values["method"], robot, commands=False)
+        kind = "applr" if values["method"] == "auto" else values["method"]
+        values = with_folders(dict(values, method=kind + ":" + values["policy"]))
+    values["method"] = methods.make(values["method"], robot, commands=False).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
     if values["goal"] != "auto":  # given in odom, whose origin is the start

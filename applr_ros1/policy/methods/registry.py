@@ -64,6 +64,10 @@ def _named(values: Dict[str, float], robot: Robot) -> Method:
 
 METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "dwa": (lambda robot: _named({}, robot), "the planner's default parameters, theta_0"),
+    "auto": (
+        lambda robot: METHODS[robot.method][0](robot),
+        "the one that the key `method` of `robot.yaml` names; without it applr",
+    ),
     "fast_dwa": (
         lambda robot: _named({"max_vel_x": 1.0, "vx_samples": 12}, robot),
         "theta_0 with max_vel_x 1.0 and 12 vx samples, as in the BARN Challenge",
@@ -107,7 +111,7 @@ def make(spec: str, robot: Robot = JACKAL, own: bool = True, commands: Optional[
     if commands is not None and commands != method.commands:
         what, file = ("velocities", "velocity_method") if method.commands else ("parameters", "jackal_applr")
         raise ApplrError("method %s chooses %s: start it with %s.launch" % (spec, what, file))
-    method.name = spec
+    method.name = robot.method if spec == "auto" else spec
     return method
 
 

@@ -1,0 +1,174 @@
+"""./applr try: the verdict by made-up results, when it ends, reasons of failures, the command with a toy."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from tests.support import ROOT
+from training import try_robot
+from training.actors.tasks import Trial, TrialResult
+from training.report import verdict as judging
+from training.report.verdict import Pairs
+
+ROBOT = "mine", "/home/me/mine", False
+
+
+def trials_of(world, seconds, trial=0):
+    """{Trial: TrialResult} of one course; seconds: {method: time [s], or the reason of a failure}."""
+    found = {}
+    for method, value in seconds.items():
+        failed = isinstance(value, str)
+        result = TrialResult(success=not failed, timeout=failed, time_s=100.0 if failed else value)
+        result = TrialResult(**{**vars(result), "reason": value if failed else "finished"})
+        found[Trial(world, method, trial, 1, world, method, "ours")] = result
+    return found
+
+
+def pairs_of(*courses, methods=("dwa", "applr")):
+    found = {}
+    for number, values in enumerate(courses):
+        found.update(trials_of(f"world{number}", dict(zip(methods, values))))
+    return Pairs(found, methods)
+
+
+def around(*middles, count=12):
+    draws = np.random.default_rng(1).normal(0.0, 1.0, (count, len(middles)))
+    return [tuple(map(float, np.array(middles) + draw)) for draw in draws - draws.mean(axis=0)]
+
+
+@pytest.mark.parametrize(
+    ("courses", "methods", "method", "second", "third"),
+    [
+        (around(30, 20), ("dwa", "applr"), "applr", "The policy pays on mine: it takes 10.0 s less", "Drive with it"),
+        (
+            around(20, 30),
+            ("dwa", "applr"),
+            "dwa",
+            "does not pay on mine: it takes 10.0 s more",
+            "Keep your parameters, or",
+        ),
+        (around(20, 20), ("dwa", "applr"), "dwa", "Whether the policy pays on mine is not clear", "more --minutes"),
+        (around(30, 25, 15), ("dwa", "applr", "static"), "static", "the best single set does", "static.yaml"),
+        (around(30, 15, 25), ("dwa", "applr", "static"), "applr", "The policy pays", "Drive with it"),
+    ],
+)
+def test_the_verdict_is_three_sentences_and_a_method(courses, methods, method, second, third):
+    pairs = pairs_of(*courses, methods=methods)
+    found = judging.verdict(pairs, *ROBOT)
+    assert (found.method, found.pays) == (method, method == "applr")
+    assert found.sentences[0].startswith("Of 12 courses mine finished 12 (100 %, 76 to 100 %) in ")
+    assert second in found.sentences[1]
+    assert third in found.sentences[2]
+
+
+def test_a_policy_that_is_faster_but_fails_more_often_does_not_pay():
+    courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
+    found = judging.verdict(pairs_of(*courses), *ROBOT)
+    assert (found.method, found.pays) == ("dwa", False)
+    assert "16 (100 %" in found.sentences[0]
+    assert "9 (56 %" in found.sentences[0]
+
+
+def test_it_ends_once_one_method_is_better_than_each_of_the_others():
+    assert pairs_of(*around(30, 20, count=8)).decided()
+    assert pairs_of(*around(20, 30, count=8)).decided()
+    assert not pairs_of(*around(20, 20, count=8)).decided()
+    assert not pairs_of(*around(30, 20, 20, count=8), methods=("dwa", "applr", "static")).decided()
+    assert pairs_of(*around(30, 20, 10, count=8), methods=("dwa", "applr", "static")).decided()
+
+
+def test_a_look_at_unequal_chances_is_stricter_than_one_test_would_be():
+    courses = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -2.0, 1.0, 1.5)]  # one-sided p = .043
+    assert not pairs_of(*courses).decided()
+
+
+def test_half_driven_courses_and_further_trials_of_a_world_are_no_pairs_of_their_own():
+    found = trials_of("a", {"dwa": 20.0, "applr": 10.0})
+    found.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
+    found.update(trials_of("b", {"dwa": 20.0}))
+    pairs = Pairs(found, ("dwa", "applr"))
+    assert (pairs.count, pairs.scores("dwa").tolist(), pairs.scores("applr").tolist()) == (2, [25.0], [15.0])
+
+
+def test_failures_are_named_by_their_reason_with_what_to_change():
+    control = "planner aborted: Failed to find a valid control. Even after executing recovery behaviors."
+    courses = [(control, control), (control, 20.0), ("time limit", 20.0), ("flipped", 20.0), ("flipped", 20.0)]
+    lines = judging.failures(pairs_of(*courses, ("strange", 20.0)))
+    assert len(lines) == 3
+    assert lines[0].startswith("failed: aborted: Failed to find a valid control. Even after executing")
+    assert "(2 with its own parameters, 1 with the policy): the local planner refused every velocity" in lines[0]
+    assert lines[1].startswith("failed: flipped (2 with its own parameters): it fell over")
+    assert lines[2].startswith("failed: time limit (1 with its own parameters)")
+
+
+def test_every_reason_for_which_move_base_aborts_has_a_remedy():
+    from applr_ros1.planner import state_machine
+
+    for text in (state_machine.NO_CONTROL, state_machine.NO_PATH, state_machine.OSCILLATING):
+        result = TrialResult(reason=f"planner aborted: {text}")
+        assert any(judging.reason(result).startswith(start) for start, _ in judging.REMEDIES), text
+
+
+class Fixed:
+    """A runner in which the policy takes 10 s less."""
+
+    gain = 10.0
+
+    def __init__(self, simulator, **options):
+        assert (simulator, options["monitor"]) == ("kinematic", True)
+
+    def run(self, task, policy):
+        from training.actors.tasks import Answer
+
+        seconds = 30.0 + task.seed % 7 - (self.gain + task.seed % 3) * (task.method == "applr")
+        return Answer(task, result=TrialResult(success=True, time_s=seconds, reason="finished", decisions=5))
+
+
+class Slower(Fixed):
+    gain = -10.0
+
+
+@pytest.mark.parametrize(("runner", "status", "method"), [("Fixed", 0, "applr"), ("Slower", 1, "dwa")])
+def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method, tmp_path, capsys):
+    words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:{runner}"]
+    assert try_robot.main(words) == status
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0].startswith("Of 8 courses turtlebot3_burger finished 8 (100 %")
+    assert printed[-1] == f"method: {method}"
+    assert (tmp_path / "verdict.png").stat().st_size > 1000
+    table = (tmp_path / "trials.csv").read_bytes()
+    assert table.count(b"\n") == 1 + 2 * 8
+    assert try_robot.main(words) == status
+    assert (tmp_path / "trials.csv").read_bytes() == table
+    assert capsys.readouterr().out.splitlines() == printed
+
+
+def test_when_the_time_is_spent_it_ends_after_the_courses_under_way(tmp_path, capsys):
+    words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:Fixed"]
+    assert try_robot.main([*words, "--minutes", "0.0001"]) == 1
+    assert "Whether the policy pays on turtlebot3_burger is not clear" in capsys.readouterr().out
+    assert (tmp_path / "trials.csv").read_text().count("\n") == 1 + 2
+
+
+def test_a_mistake_is_one_line():
+    done = subprocess.run(
+        [sys.executable, "-m", "training.try_robot", "no_such"], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
+    assert done.stderr.startswith("./applr try: robot is 'no_such': robot no_such: give husky")
+
+
+def test_the_method_of_a_robots_file_is_what_auto_makes(tmp_path):
+    import dataclasses
+
+    from applr_ros1.policy import methods
+    from training.evaluation.trials import content
+
+    robot = robots.load("turtlebot3_burger")
+    other = dataclasses.replace(robot, method="dwa")
+    assert [methods.make("auto", one).name for one in (robot, other)] == ["applr", "dwa"]
+    assert methods.make("auto", other).static
+    assert content(other) == content(robot)  # no trial depends on it

@@ -1,0 +1,107 @@
+"""Whether the included policy pays on a robot: drives courses in simulation and ends with a verdict.
+
+Started as `./applr try ROBOT` or `python -m training.try_robot ROBOT`. In each course the robot's own parameters, the
+policy and, where the robot's folder has static.json, the best single set drive with the same seed, until one of them is
+clearly better or the time is spent. What is printed ends with three sentences (arrivals and times with 95 % intervals;
+whether the policy pays; what to do next), the commonest reasons of failures with what to change, a picture, and the
+line for robot.yaml. The exit status is 0 only where the policy pays. A stopped run continues with the same command.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Iterator, List, Optional, Sequence
+
+from pydantic import Field
+
+from applr_ros1.common.errors import run_main
+from applr_ros1.policy import methods
+from training.actors.tasks import Trial
+from training.common.command_line import (
+    AnyRobot,
+    Seed,
+    SimulatorName,
+    Workers,
+    WorldNames,
+    continuable,
+    end_at_sigterm,
+    parsed,
+)
+from training.common.options import PLACE, Options, option
+from training.evaluation.run import EvaluationOptions, drive, settings
+from training.evaluation.store import Store
+from training.evaluation.trials import TRIAL_RUNNER, plan, world_list
+from training.report.verdict import LOOKS, OWN, POLICY, SET, Pairs, failures, picture, verdict
+
+TRIALS = 3  # of each method in each world, at most
+
+
+class TryOptions(Options):
+    """What to try."""
+
+    # fmt: off
+    robot: AnyRobot = Field(
+        description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
+    minutes: float = option(5.0, "Time [min] after which no more courses are begun.", gt=0, le=10_000)
+    worlds: WorldNames = "generated:validation"
+    simulator: SimulatorName = "kinematic"
+    workers: Workers
+    out: str = option("",
+        "Folder for trials.csv, driven paths and the picture; drives in it are continued. Default: try/ROBOT.")
+    seed: Seed
+    runner: str = option(TRIAL_RUNNER, "")  # tests give a toy
+    # fmt: on
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Exit status 0 where the policy pays; 1 where it does not, or with one line for a mistake; 130 after Ctrl-C."""
+    end_at_sigterm()
+    name = "./applr try"
+    return run_main(lambda: run(parsed(TryOptions, name, __doc__, arguments)), name)
+
+
+def run(options: TryOptions) -> int:
+    """Drives and prints the verdict; returns the exit status."""
+    began, robot = time.monotonic(), options.robot
+    names = [OWN, POLICY, *([SET] if os.path.exists(methods.shipped("static.json", robot)) else [])]
+    how = {name: getattr(options, name) for name in ("robot", "worlds", "simulator", "workers", "seed", "runner")}
+    out = options.out or os.path.join("try", robot.name)
+    evaluation = EvaluationOptions.model_construct(
+        **how, methods=",".join(names), trials=TRIALS, protocol="paper", planner="ours", monitor=True, out=out
+    )
+    worlds = world_list(options.worlds, evaluation.protocol, robot)
+    chosen = methods.parse(evaluation.methods, robot)
+    trials = plan([world[:2] for world in worlds], chosen, TRIALS, options.seed)
+    with continuable(), closing(Store(out, settings(evaluation, worlds, chosen), trials)) as store:
+        blocks = _blocks(store, names, max(1, options.workers), began + 60.0 * options.minutes)
+        drive(store, evaluation, blocks)
+        pairs, used_up = Pairs(store.results, names), len(store.results) == len(trials)
+    found = verdict(pairs, robot.name, robot.folder, used_up)
+    path = Path(out) / "verdict.png"
+    picture(pairs, robot.name, path)
+    print("\n".join([*found.sentences, *failures(pairs), f"picture: {path}", "line for robot.yaml:"]))
+    print(f"method: {found.method}")
+    return 0 if found.pays else 1
+
+
+def _blocks(store: Store, names: Sequence[str], pairs: int, until: float) -> Iterator[List[Trial]]:
+    """So many courses at a time with all methods, until it is clear which is best or the time is spent."""
+    looks = list(LOOKS)
+    for first in range(0, len(store.plan), pairs * len(names)):
+        count = first // len(names)
+        if looks and count >= looks[0]:
+            looks.pop(0)
+            if Pairs({trial: store.results[trial] for trial in store.plan[:first]}, names).decided():
+                return
+        block = list(store.plan[first : first + pairs * len(names)])
+        if first and time.monotonic() > until and not all(trial in store.results for trial in block):
+            return
+        yield block
+
+
+if __name__ == "__main__":
+    sys.exit(main())
