@@ -69,6 +69,7 @@ def test_method_policy_and_meter_scoring_reach_their_nodes():
     found = loaded("jackal_applr.launch", "method:=period:1:/own.py:Own", "meter_scoring:=true")["parameters"]
     assert (found["/applr/method"], found["/applr/meter_scoring"]) == ("period:1:/own.py:Own", "true")
     assert found["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
+    assert loaded("jackal_applr.launch")["parameters"]["/applr/method"] == "auto"
 
 
 def test_launch_files_clear_what_an_earlier_launch_left():

@@ -1,5 +1,6 @@
 """./applr try: the verdict by made-up results, when it ends, reasons of failures, the command with a toy."""
 
+import shutil
 import subprocess
 import sys
 
@@ -7,9 +8,12 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
+from applr_ros1.planner import state_machine
+from applr_ros1.policy import methods
 from tests.support import ROOT
 from training import try_robot
-from training.actors.tasks import Trial, TrialResult
+from training.actors.tasks import Answer, Trial, TrialResult
+from training.evaluation.trials import content
 from training.report import verdict as judging
 from training.report.verdict import Pairs
 
@@ -105,8 +109,6 @@ def test_failures_are_named_by_their_reason_with_what_to_change():
 
 
 def test_every_reason_for_which_move_base_aborts_has_a_remedy():
-    from applr_ros1.planner import state_machine
-
     for text in (state_machine.NO_CONTROL, state_machine.NO_PATH, state_machine.OSCILLATING):
         result = TrialResult(reason=f"planner aborted: {text}")
         assert any(judging.reason(result).startswith(start) for start, _ in judging.REMEDIES), text
@@ -121,8 +123,6 @@ class Fixed:
         assert (simulator, options["monitor"]) == ("kinematic", True)
 
     def run(self, task, policy):
-        from training.actors.tasks import Answer
-
         seconds = 30.0 + task.seed % 7 - (self.gain + task.seed % 3) * (task.method == "applr")
         return Answer(task, result=TrialResult(success=True, time_s=seconds, reason="finished", decisions=5))
 
@@ -162,13 +162,11 @@ def test_a_mistake_is_one_line():
 
 
 def test_the_method_of_a_robots_file_is_what_auto_makes(tmp_path):
-    import dataclasses
-
-    from applr_ros1.policy import methods
-    from training.evaluation.trials import content
-
     robot = robots.load("turtlebot3_burger")
-    other = dataclasses.replace(robot, method="dwa")
+    folder = shutil.copytree(robot.folder, tmp_path / robot.name)
+    with open(folder / "robot.yaml", "a", encoding="utf-8") as file:
+        file.write("\nmethod: dwa\n")
+    other = robots.load(folder)
     assert [methods.make("auto", one).name for one in (robot, other)] == ["applr", "dwa"]
     assert methods.make("auto", other).static
     assert content(other) == content(robot)  # no trial depends on it
