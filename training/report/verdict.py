@@ -122,8 +122,9 @@ def verdict(pairs: Pairs, robot: str, folder: str, used_up: bool) -> Verdict:
     saved = pairs.scores(OWN) - pairs.scores(POLICY)
     mean, low, high = over_worlds([saved, np.ones(len(saved))], ratio)
     how = f"it takes {abs(mean):.1f} s {'less' if mean > 0 else 'more'} per course than {WORDS[OWN]}"
-    how += f" (95 % interval of what it saves: {low:.1f} to {high:.1f} s), where a failed drive counts as "
-    how += f"{FAILURE_SECONDS:g} s and a contact as {CONTACT_SECONDS:g} s more"
+    if np.isfinite(low):
+        how += f" (95 % interval of what it saves: {low:.1f} to {high:.1f} s)"
+    how += f", where a failed drive counts as {FAILURE_SECONDS:g} s and a contact as {CONTACT_SECONDS:g} s more"
     train = f"python -m training.train --robot {folder} --recipe applr --init-from applr"
     if best == POLICY:
         judged = f"The policy pays on {robot}: {how}."
@@ -150,7 +151,8 @@ def _arrivals(worlds: Sequence[Sequence[TrialResult]]) -> str:
     text = f"{sum(int(f.sum()) for f in flags)} ({100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %)"
     times = [np.array([r.time_s for r in trials if r.success]) for trials in worlds]
     mean, low, high = over_worlds([np.array([t.sum() for t in times]), np.array([float(len(t)) for t in times])], ratio)
-    return text + (f" in {mean:.1f} s ({low:.1f} to {high:.1f} s)" if np.isfinite(mean) else "")
+    text += f" in {mean:.1f} s" if np.isfinite(mean) else ""
+    return text + (f" ({low:.1f} to {high:.1f} s)" if np.isfinite(low) else "")
 
 
 def failures(pairs: Pairs) -> List[str]:

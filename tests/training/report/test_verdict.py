@@ -84,8 +84,8 @@ def test_it_ends_once_one_method_is_better_than_each_of_the_others():
     assert pairs_of(*around(30, 20, 10, count=8), methods=("dwa", "applr", "static")).decided()
 
 
-def test_a_look_at_unequal_chances_is_stricter_than_one_test_would_be():
-    courses = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -2.0, 1.0, 1.5)]  # one-sided p = .043
+def test_a_difference_at_a_level_of_five_percent_is_not_yet_clear():
+    courses = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]  # one-sided p = .036
     assert not pairs_of(*courses).decided()
 
 
@@ -149,7 +149,9 @@ def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method,
 def test_when_the_time_is_spent_it_ends_after_the_courses_under_way(tmp_path, capsys):
     words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:Fixed"]
     assert try_robot.main([*words, "--minutes", "0.0001"]) == 1
-    assert "Whether the policy pays on turtlebot3_burger is not clear" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "Whether the policy pays on turtlebot3_burger is not clear" in printed
+    assert "nan" not in printed
     assert (tmp_path / "trials.csv").read_text().count("\n") == 1 + 2
 
 
