@@ -75,6 +75,10 @@ def convert(
             f"equal to the node's{_reasons(report.skipped)}"
         )
     if not any(b["transitions"] for b in read_bags):
+        store.close()
+        (Path(folder) / NAME).unlink()
+        if not any(Path(folder).iterdir()):
+            Path(folder).rmdir()
         raise BagError(f"no transition could be used{_reasons(skipped)}")
     if len(periods) == 1:
         source["decision_period"] = round(periods.pop(), 3)

@@ -57,6 +57,8 @@ class Actor:
 
     @classmethod
     def _of(cls, path, weights, metadata, space):
+        if "observation" in metadata:
+            raise ApplrError(f"{path}: it is for every robot: read it with GeneralActor.load, or actor.load")
         if space is None:
             space = _stated(path, metadata)
         robot = metadata.get("robot")

@@ -418,3 +418,10 @@ def test_the_robot_is_described_alike_on_both_sides():
     robot = robots.load("jackal")
     assert Layout(robot.laser.beams, robot.laser.first_angle, robot.laser.last_angle) == LAYOUT
     assert MonitorSettings.of(robot).body == ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))
+
+
+def test_an_actor_for_one_robot_is_not_read_from_the_policy_for_every_robot():
+    from applr_ros1.policy import actor, methods
+
+    with pytest.raises(ApplrError, match="it is for every robot: read it with GeneralActor.load"):
+        actor.Actor.load(methods.shipped())

@@ -334,9 +334,15 @@ def _stamp(message) -> int:
 
 
 def find(paths) -> List[Path]:
-    """The bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted; BagError for none."""
+    """The bags among files and folders: .bag files, ROS 2 folders, and lone .mcap files, sorted.
+
+    Raises:
+        BagError: A path does not exist, or there are no bags.
+    """
     found = []
     for path in map(Path, paths):
+        if not path.exists():
+            raise BagError(f"{path}: there is no such file or folder; give .bag or .mcap files or ROS 2 bag folders")
         if path.is_dir() and not (path / "metadata.yaml").exists():
             inside = sorted(path.rglob("*"))
             found += [

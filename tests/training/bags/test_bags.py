@@ -439,9 +439,11 @@ def test_mistakes_at_the_command_line_are_one_line(tmp_path, capsys):
         [bag, "--out", out, "--scan", "/other"],
     ):
         assert bags_to_dataset.main(arguments) == 1
-        error = capsys.readouterr().err
+        printed, error = capsys.readouterr()
         assert error.startswith("bags_to_dataset: "), error
         assert error.count("\n") == 1, error
+        assert "missing.bag" not in printed, printed
+        assert not (tmp_path / "out").exists(), arguments
     assert bags_to_dataset.main([bag, "--out", out, "__name:=x"]) == 0
     assert bags_to_dataset.main([bag, "--out", out]) == 1  # holds a dataset already
     assert "already" in capsys.readouterr().err
