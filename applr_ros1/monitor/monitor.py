@@ -54,6 +54,9 @@ class CollisionMonitor:
     yet, with an old one, or with one that cannot be believed (ScannerCheck), every command becomes a stop. Into space
     that no scan has shown the robot may creep; into what is remembered it never may.
 
+    Where there is room for it, a base that is told to slow down does so at `deceleration`, which its wheels give without
+    locking: behind locked wheels odometry is wrong, and what is remembered lies where the robot wants to go.
+
     Attributes:
         fastest: (v [m/s], w [rad/s]) from which the base stops within AHEAD, or within a full turn, if all is fresh.
         ages: of the newest scan, pose and twist at the last command [s].
@@ -84,6 +87,7 @@ class CollisionMonitor:
         self._stamp = None
         self._fault = "no scan has come yet"
         self.ages = (0.0, 0.0, 0.0)
+        self._given = -math.inf, 0.0  # when the base was last given a command [s], and its v [m/s]
 
     def see(self, scan):
         """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or ""."""
@@ -117,6 +121,23 @@ class CollisionMonitor:
             A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within AHEAD
             are reduced to it.
         """
+        verdict, gentle = None, self._gentle(now, command)
+        if gentle != command:
+            verdict = self._judge(now, pose, twist, gentle, ages)
+        if verdict is None or verdict.action != PASS:
+            verdict = self._judge(now, pose, twist, command, ages)
+        self._given = now, verdict.command[0]
+        return verdict
+
+    def _gentle(self, now, command):
+        """The command (v, w), with which v falls no faster than at `deceleration` since the base's last one."""
+        then, was = self._given
+        if was == 0.0 or not 0.0 <= now - then <= self.settings.reaction_time:
+            return command
+        left = was - math.copysign(self.settings.deceleration * (now - then), was)
+        return (max if was > 0.0 else min)(command[0], left), command[1]
+
+    def _judge(self, now, pose, twist, command, ages):
         self.ages = (0.0 if self._stamp is None else now - self._stamp, *ages)
         problem = self._problem(pose, twist, command)
         if problem:

@@ -57,6 +57,19 @@ def test_nothing_near_changes_no_command():
     assert monitor.filter(0.0, (0, 0, 0), (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_brakes_as_its_wheels_can_without_locking_unless_something_is_near(way):
+    for points, expected in ([(9.0, 0.0)], [1.8, 1.7, 1.6]), ([(way * 1.2, 0.0)], [0.0, 0.0, 0.0]):
+        monitor = seen_all_around(points, replace(SETTINGS, deceleration=2.0, memory_radius=8.0))
+        monitor._given = 0.0, 2.0 * way
+        asked = [0.5, 1.7, 1.6] if expected[0] else [0.0, 0.0, 0.0]
+        commands = [
+            monitor.filter(t, (0, 0, 0), (2.0 * way, 0.0), (way * v, 0.0)) for t, v in zip((0.1, 0.2, 0.25), asked)
+        ]
+        assert [way * verdict.command[0] for verdict in commands] == pytest.approx(expected)
+    assert monitor.filter(0.6, (0, 0, 0), (0.0, 0.0), (0.0, 0.0)).command == (0.0, 0.0), "the base has stood since"
+
+
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
 def test_drives_up_to_a_wall_and_stands_before_it(speed):
     """A base that accelerates at once and brakes as the settings promise never touches the wall, and gets near it."""
