@@ -54,8 +54,8 @@ class CollisionMonitor:
     yet, with an old one, or with one that cannot be believed (ScannerCheck), every command becomes a stop. Into space
     that no scan has shown the robot may creep; into what is remembered it never may.
 
-    Where there is room for it, a base that is told to slow down does so at `deceleration`, which its wheels give without
-    locking: behind locked wheels odometry is wrong, and what is remembered lies where the robot wants to go.
+    Where there is room for it, a base that is told to slow down does so at `deceleration`, which its wheels give
+    without locking: odometry does not see how far locked wheels slide.
 
     Attributes:
         fastest: (v [m/s], w [rad/s]) from which the base stops within AHEAD, or within a full turn, if all is fresh.
