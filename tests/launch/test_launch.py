@@ -230,6 +230,7 @@ def test_demo_reaches_the_goal(tmp_path):
     for part in ("simulator", "move_base", "applr"):
         assert any(part in line and "up after" in line for line in lines), out
     assert any("m to go" in line for line in lines), out
+    assert "m to the finish line at y = 10 m" in out
     assert (tmp_path / "drive.png").read_bytes().startswith(b"\x89PNG")
     with Image.open(tmp_path / "drive.gif") as animation:
         assert animation.n_frames >= 5  # as many as the simulation's speed leaves time for

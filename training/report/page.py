@@ -17,6 +17,7 @@ from training.common.provenance import sentences
 from training.evaluation.trials import PROTOCOLS
 from training.report import drives, figures
 from training.report.data import Results
+from training.report.summary import summary
 from training.report.tables import PAPER
 from training.report.tables_more import MORE
 
@@ -26,7 +27,9 @@ STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:11
 table{border-collapse:collapse;font-size:13px;margin:.6em 0}
 th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}td{white-space:nowrap}
 th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-child{text-align:left}
-#methods+table td,#methods+table th{text-align:left;white-space:normal}
+.wide{overflow-x:auto}h1,h2,p{overflow-wrap:anywhere}
+#methods+.wide td,#methods+.wide th{text-align:left;white-space:normal}
+.verdict{font-size:17px;max-width:900px}.drives{display:inline-block}.drives img{display:block;max-height:320px}
 .note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
 img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}h2{font-size:18px;margin-top:1.8em}"""
 
@@ -49,18 +52,27 @@ def write(folder, joined: Sequence[str] = ()) -> str:
     tables = [table for table in (make(results) for make in PAPER + MORE) if table.rows]
     for table in tables:
         write_bytes(out / f"{table.name}.csv", table.csv().encode())
-    body = [f"<h1>{html.escape(title)}</h1>", *(f"<p>{html.escape(fact)}</p>" for fact in _facts(results))]
+    pictures = _pictures(results, out)
+    shown = [_picture(*picture) for picture in pictures]
+    body = [f"<h1>{html.escape(title)}</h1>", *(f"<p class=verdict>{html.escape(s)}</p>" for s in summary(results))]
+    body += shown[:1]
     if drives.write(results, out, title):
-        link = f'<a href="{drives.FILE}">{drives.FILE}</a>'
-        body.append(f"<p>{link} shows the drives of all methods side by side, world by world, as an animation.</p>")
-    body += [table.html() for table in tables]
-    for file, caption in _pictures(results, out):
-        said = html.escape(caption)
-        body.append(f'<h2>{said}</h2><img src="{html.escape(file)}" alt="{said}">')
-    head = f"<meta charset=utf-8><title>{html.escape(title)}</title><style>{STYLE}</style>"
+        paths = next((file for file, _ in pictures if file.startswith("paths_")), "")
+        picture = f'<img src="{html.escape(paths)}" alt="driven paths">' if paths else ""
+        said = "The drives of all methods side by side, world by world, as an animation"
+        body.append(f'<h2>Drives</h2><a class=drives href="{drives.FILE}">{picture}{said}</a>')
+    body += [table.html() for table in tables] + shown[1:]
+    body += ["<h2>How it was measured</h2>", *(f"<p>{html.escape(fact)}</p>" for fact in _facts(results))]
+    view = '<meta name=viewport content="width=device-width,initial-scale=1">'
+    head = f"<meta charset=utf-8>{view}<title>{html.escape(title)}</title><style>{STYLE}</style>"
     page = ["<!doctype html><html lang=en><head>", head, "</head><body>", *body, "</body></html>\n"]
     write_bytes(out / "index.html", "\n".join(page).encode())
     return str(out / "index.html")
+
+
+def _picture(file: str, caption: str) -> str:
+    said = html.escape(caption)
+    return f'<h2>{said}</h2><img src="{html.escape(file)}" alt="{said}">'
 
 
 def _pictures(results: Results, out: Path) -> List[Tuple[str, str]]:

@@ -24,9 +24,17 @@ class Table:
     notes: Sequence[str] = ()
 
     @classmethod
-    def of(cls, name: str, title: str, rows: Sequence[Dict[str, str]], *notes: str) -> Table:
-        """A table of rows that name their columns, all the same ones in the same order."""
-        return cls(name, title, list(rows[0]) if rows else [], [list(row.values()) for row in rows], notes)
+    def of(
+        cls, name: str, title: str, rows: Sequence[Dict[str, str]], *notes: str, of_paper: Sequence[str] = ()
+    ) -> Table:
+        """A table of rows that name their columns, all the same ones in the same order.
+
+        Columns whose names begin with "paper", and the notes `of_paper`, are left out where no row has a value in them.
+        """
+        cited = [c for c in (rows[0] if rows else ()) if c.startswith("paper") and any(row[c] != NONE for row in rows)]
+        columns = [c for c in (rows[0] if rows else ()) if c in cited or not c.startswith("paper")]
+        shown = [[row[column] for column in columns] for row in rows]
+        return cls(name, title, columns, shown, [*notes, *(of_paper if cited else ())])
 
     def csv(self) -> str:
         """The table as CSV with a header line."""
@@ -35,7 +43,7 @@ class Table:
         return buffer.getvalue()
 
     def html(self) -> str:
-        """The table in HTML, its title above and its notes below."""
+        """The table in HTML, its title above and its notes below; a wide one scrolls in its own box."""
 
         def line(tag: str, row: Sequence[str]) -> str:
             return f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
@@ -43,7 +51,8 @@ class Table:
         head, body = line("th", self.columns), "".join(line("td", row) for row in self.rows)
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
         title = f"<h2 id={self.name}>{html.escape(self.title)}</h2>"
-        return f"{title}<table><thead>{head}</thead><tbody>{body}</tbody></table>{notes}"
+        table = f"<table><thead>{head}</thead><tbody>{body}</tbody></table>"
+        return f"{title}<div class=wide>{table}</div>{notes}"
 
 
 def number(value: float, digits: int = 2) -> str:

@@ -41,9 +41,11 @@ def table_1(results: Results) -> Table:
         rows,
         "Time: mean over the successful trials of all worlds. Faster: over all trials of the worlds that both have "
         "driven, a failed one counting as the limit. Intervals by bootstrap over worlds. In two-second decisions: "
-        "seconds / 2, as the paper's numbers are to be read.",
-        paper.UNIT,
-        f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
+        "seconds / 2.",
+        of_paper=(
+            paper.UNIT,
+            f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
+        ),
     )
 
 
@@ -110,7 +112,7 @@ def table_3(results: Results) -> Table:
         rows,
         f"Thirds of all training and test worlds of this evaluation, by {base}'s mean time over all trials "
         "(a failed one counts as the limit).",
-        "(*) " + paper.SWAP_SLIP,
+        of_paper=("(*) " + paper.SWAP_SLIP,),
     )
 
 
@@ -138,8 +140,8 @@ def table_4(results: Results) -> Table:
         "Table IV: traversal time on the physical course",
         rows,
         "A simulated course of cardboard boxes after the paper's description, not the authors' own; "
-        "mean and standard deviation over the successful trials. The paper's numbers are from the "
-        "real robot, five trials each.",
+        "mean and standard deviation over the successful trials.",
+        of_paper=("The paper's numbers are from the real robot, five trials each.",),
     )
 
 

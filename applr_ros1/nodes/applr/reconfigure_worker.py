@@ -14,7 +14,7 @@ from applr_ros1.nodes.applr.reconfigure_client import DEADLINE, ApplyReport, Rec
 
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
-PATIENCE = 5  # failed searches for the servers, a second apart, before they are reported: both nodes start together
+PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported: move_base takes its time
 
 
 class ReconfigureWorker:

@@ -86,7 +86,9 @@ class Observer:
         self._began = self.track[-1][0]
         self.track, self.contacts, self.views = self.track[-1:], [], []
         self.client.send_goal(send_goal.message(pose, self._frame))
-        say(f"goal sent   {self.world.course.length_m:.2f} m ahead")
+        course = self.world.course
+        line = f"to the finish line at y = {course.finish_y:g} m" if course.finish_y is not None else "ahead"
+        say(f"goal sent   {course.length_m:.2f} m {line}")
         told, heard, newest, ended = self._began, time.monotonic(), self._began, None
         while ended is None:
             time.sleep(0.01)

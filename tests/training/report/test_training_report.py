@@ -1,7 +1,10 @@
 """The report: statistics by hand, the paper's tables from made-up trials, every output."""
 
 import csv
+import html
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +19,7 @@ from training.evaluation import store as trial_store
 from training.evaluation import trials
 from training.report import data, paper, statistics, tables, tables_more, write
 from training.report.regions import clearance, region_of
+from training.report.summary import summary
 from training.report.table import Table
 
 METHODS = ("dwa", "applr", "applr-without-max_vel_x")
@@ -58,6 +62,10 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def results(folder):
     return data.Results(folder)
+
+
+def row_of(table, method, name="Test"):
+    return dict(zip(table.columns, next(r for r in table.rows if r[:2] == [name, method])))
 
 
 def column(table, name):
@@ -239,7 +247,11 @@ def test_report_is_whole(folder):
     assert "Wall time 01:15; base seed 0" in text
     assert "kinematic" in text
     assert "nan" not in text
-    assert text.count("<table>") == 9
+    assert text.count("<div class=wide><table>") == text.count("<table>") == 9
+    said = [html.unescape(text).index(s) for s in summary(data.Results(folder))]
+    assert said == sorted(said)
+    assert said[-1] < text.index("times.png") < text.index("<table>")
+    assert re.search('<a class=drives href="drives.html"><img src="paths_generated-20.png"', text)
     assert "Planner: ours." in text
     assert "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py" in text
 
@@ -250,7 +262,48 @@ def test_report_of_one_method_and_one_world(tmp_path):
     result = TrialResult(False, True, True, 100.0, 3.0, "time limit", *[math.nan] * 5, decisions=50)
     store.add(plan[0], result, trials.pack_trace(Trace))
     store.close()
-    assert write(tmp_path).endswith("index.html")
+    text = Path(write(tmp_path)).read_text(encoding="utf-8")
+    assert "mine takes 100.0 s" in text
+    assert "One world is no sample" in text
+    assert "paper [" not in text
+    assert "paper&#x27;s numbers" not in text
+
+
+def test_the_summary_is_that_of_table_1_and_counts_failures(results):
+    pace, ends, sample = summary(results)
+    test, table = results.of_set("Test"), tables.table_1(results)
+    row = row_of(table, "applr")
+    interval = row["95 % interval [%]"]
+    assert f"applr takes {row['faster [%]']} % less time than dwa (95 % interval {interval} %)" in pace
+    assert f"In {len(test)} test worlds" in pace
+    assert METHODS[2] not in pace  # which is an ablation's
+    for method in METHODS[:2]:
+        good = [int(n) for n in row_of(table, method)["successes"].split(" of ")]
+        assert f"{method} fails in {good[1] - good[0] or 'none'} of {good[1]} and touches something in none" in ends
+    assert f"The sample is {len(test)} worlds" in sample
+    assert "± %.0f %%" % ((float(interval.split(" to ")[1]) - float(interval.split(" to ")[0])) / 2) in sample
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [((30.0, 31.0, 32.0), "b takes 55.0 % more time"), ((20.0, 15.0, 26.0), "b cannot be told from dwa")],
+)
+def test_the_summary_tells_slower_from_unknown(times, said):
+    def cells(values):
+        made = [data.Cell(*[np.array([v])] * 12) for v in values]
+        return {w: replace(c, success=np.array([True]), collided=np.array([False])) for w, c in zip("xyz", made)}
+
+    made = SimpleNamespace(
+        baseline="dwa",
+        methods=["dwa", "b"],
+        worlds=list("xyz"),
+        settings={"methods": {}},
+        of_set=lambda name: [],
+        cells={"dwa": cells((20.0, 20.0, 20.0)), "b": cells(times)},
+        both=lambda *a: list("xyz"),
+        pooled=lambda m, w, f: np.concatenate([getattr(made.cells[m][x], f) for x in w]),
+    )
+    assert said in summary(made)[0]
 
 
 def test_nothing_to_report_is_one_line(tmp_path):
