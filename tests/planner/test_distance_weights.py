@@ -68,7 +68,7 @@ def test_a_compensated_drive_equals_one_that_needed_none():
     for weights, kind in (("per_cell", Episode), ("per_metre", Rescaled), ("per_metre", Episode)):
         parameters = robots.JACKAL.parameters()
         parameters["TrajectoryPlannerROS"]["meter_scoring"] = weights == "per_metre"
-        episode = kind(make("kinematic"), MoveBase(parameters), record=True)
+        episode = kind(make("kinematic"), MoveBase(parameters), period=2.0, record=True)
         episode.reset(worlds.load("generated:3"), 5)
         for theta in sets:
             assert np.array_equal(episode.decide(theta).theta, theta)

@@ -46,7 +46,7 @@ def test_learns_and_leaves_everything_behind(whole):
     files = {"config.json", "checkpoint.json", "replay.sqlite", "actor.safetensors", "best.safetensors", "curves.png"}
     assert {p.name for p in whole.iterdir()} >= files
     infos = Store(whole).infos()
-    assert [info["transitions"] for info in infos] == list(range(10, 801, 10))
+    assert [info["transitions"] for info in infos] == [10] * 80
     assert np.mean([info["return"] for info in infos[-20:]]) > np.mean([info["return"] for info in infos[:20]])
     best = (whole / "best.safetensors").read_bytes()
     assert unpack(best, "best")[1]["period_s"] == "0.5"  # nodes and evaluations decide as often
