@@ -19,7 +19,7 @@ from typing import Any, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.trees import merged
+from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robot_check.costmaps import WIDTH
 from applr_ros1.robots import from_parameters, from_urdf, robot_file
@@ -70,6 +70,11 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     values["monitor"] = _braking(values["base"])
     values["simulation"] = {"grip_limit": GRIP}
     odom = values["frames"].get("odom", "odom")
+    base_frame = values["frames"].get("base", "base_link")
+    for costmap in ("global_costmap", "local_costmap"):
+        if base_frame != branch(said.tree, costmap).get("robot_base_frame", "base_link"):  # move_base's own default
+            said.added.setdefault(costmap, {})["robot_base_frame"] = base_frame
+    said.tree = merged(said.tree, said.added)
     scale, problems = _scale(said, odom, values)
     copies = _copies(said)
     files = [{"file": copies[path], "namespace": name} if name else {"file": copies[path]} for path, name in said.files]

@@ -106,6 +106,16 @@ def fill(file):
     file.write_text(re.sub(r"^  # (\w+: \S+)", r"  \1", file.read_text(), flags=re.MULTILINE))
 
 
+def test_costmaps_get_the_base_frame_that_no_parameter_file_names(make):
+    chassis = ('<xacro:arg name="reach" default="1.5"/>' + TWO + RAYS).replace("base_link", "chassis")
+    common = COMMON.replace("robot_base_frame: base_footprint\n", "")
+    _, said, file = make(chassis, **{"costmap_common.yaml": common})
+    fill(file)
+    robot = robots.load(str(file.parent))
+    for costmap in ("global_costmap", "local_costmap"):
+        assert robot.parameters()[costmap]["robot_base_frame"] == robot.frames.base != "base_link", said
+
+
 def test_two_wheels_and_a_caster(make, capsys):
     status, said, file = make('<xacro:arg name="reach" default="1.5"/>' + TWO + RAYS, "reach:=1.4")
     assert status == 0, said
