@@ -248,7 +248,7 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
         wait_for(lambda: rospy.get_param("/viewer/address", ""), 60.0, "the page")
         with open_page(rospy.get_param("/viewer/address"), tmp_path, WIDTH, HEIGHT) as page:
             page.wait("Again", "0.50 m/s", seconds=60.0)
-            assert page.value("time [s]") == pytest.approx(10.0, abs=0.4)
+            wait_for(lambda: page.value("time [s]") == pytest.approx(10.0, abs=0.4), 30.0, "the end of the bag")
             for absent in ("Go", "Stop", "Take over", "World", "Race", "parameters by policy"):
                 assert absent not in page.text.splitlines(), absent
             press(page, "Again")
