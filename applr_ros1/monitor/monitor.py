@@ -132,7 +132,7 @@ class CollisionMonitor:
     def _gentle(self, now, command):
         """The command (v, w), with which v falls no faster than at `deceleration` since the base's last one."""
         then, was = self._given
-        if was == 0.0 or not 0.0 <= now - then <= self.settings.reaction_time:
+        if was == 0.0 or not math.isfinite(command[0]) or not 0.0 <= now - then <= self.settings.reaction_time:
             return command
         left = was - math.copysign(self.settings.deceleration * (now - then), was)
         return (max if was > 0.0 else min)(command[0], left), command[1]

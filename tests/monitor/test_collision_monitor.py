@@ -68,6 +68,9 @@ def test_brakes_as_its_wheels_can_without_locking_unless_something_is_near(way):
         ]
         assert [way * verdict.command[0] for verdict in commands] == pytest.approx(expected)
     assert monitor.filter(0.6, (0, 0, 0), (0.0, 0.0), (0.0, 0.0)).command == (0.0, 0.0), "the base has stood since"
+    monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, memory_radius=8.0))
+    monitor._given = 0.0, 2.0 * way
+    assert monitor.filter(0.1, (0, 0, 0), (2.0 * way, 0.0), (-way * math.inf, 0.0)).command == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
