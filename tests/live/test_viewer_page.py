@@ -1,24 +1,18 @@
-"""The viewer's page in a real browser, beside the whole stack: bar, sliders, clicks, obstacles, a race; a replay."""
+"""The viewer's page in a real browser, beside the whole stack: bar, sliders, clicks, obstacles, a race."""
 
 import math
 import time
 
-import genpy
 import pytest
-import rosbag
 import rospy
-from applr_ros1.msg import Decision
 from move_base_msgs.msg import MoveBaseActionGoal
-from nav_msgs.msg import Odometry
 from std_msgs.msg import Float64, String
-from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from tests.support.fake_jackal import _transform
 from tests.support.ros_harness import free_port, session, wait_for
 
 pytest.importorskip("viser")
-from tests.support.browser import PROGRAM, open_page  # noqa: E402, it needs what viser brings
+from tests.support.browser import PROGRAM, open_page, press  # noqa: E402, it needs what viser brings
 
 pytestmark = [
     pytest.mark.ros,
@@ -54,11 +48,6 @@ def page(tmp_path_factory, request):
         for name in NODES:
             rospy.delete_param("/" + name)
         rospy.set_param("/use_sim_time", False)
-
-
-def press(page, words):
-    """A button of the bar."""
-    page.click_on(words, kind="#buttons button")
 
 
 def rectangle(page, selector):
@@ -224,48 +213,3 @@ def test_the_page_serves_a_robot_with_another_planner(page):
     wait_for(lambda: max_vel_x("DWAPlannerROS") < 0.2, 10.0, "the parameter")
     page.turn_to("World", "load this world")
     assert page.evaluate("[...document.querySelectorAll('input')].some(e => e.value == '%s')" % WAFFLE)
-
-
-def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
-    """A bag of ten seconds: a robot that drives ahead at 0.5 m/s, and a decision each second."""
-    with rosbag.Bag(str(tmp_path / "drive.bag"), "w") as bag:
-        for k in range(101):
-            now = genpy.Time(100.0 + 0.1 * k)
-            odometry = Odometry()
-            odometry.header.stamp, odometry.twist.twist.linear.x = now, 0.5
-            bag.write("/odometry/filtered", odometry, now)
-            bag.write("/tf", TFMessage([_transform("odom", "base_link", (0.05 * k, 0.0, 0.0), now)]), now)
-            if k % 10 == 0:
-                decision = Decision()
-                decision.before.values, decision.after.values = [0.5], [0.5 + k]
-                bag.write("/applr/decision", decision, now)
-    ros = session()
-    rospy.set_param("/use_sim_time", True)
-    player = ros.python("applr_ros1/scripts/replay.py", str(tmp_path / "drive.bag"))
-    words = "_replay:=true", "_port:=%d" % free_port()
-    node = ros.python("applr_ros1/scripts/viewer.py", *words, APPLR_PLAY_FOLDER=str(tmp_path))
-    try:
-        wait_for(lambda: rospy.get_param("/viewer/address", ""), 60.0, "the page")
-        with open_page(rospy.get_param("/viewer/address"), tmp_path, WIDTH, HEIGHT) as page:
-            page.wait("Again", "0.50 m/s", seconds=60.0)
-            wait_for(lambda: page.value("time [s]") == pytest.approx(10.0, abs=0.4), 30.0, "the end of the bag")
-            for absent in ("Go", "Stop", "Take over", "World", "Race", "parameters by policy"):
-                assert absent not in page.text.splitlines(), absent
-            press(page, "Again")
-            page.wait("Pause")
-            press(page, "Pause")
-            page.wait("Play")
-            at = page.value("time [s]")
-            assert at < 9.0
-            page.look(1.0)
-            assert page.value("time [s]") == pytest.approx(at, abs=0.2)
-            page.slide("time [s]", 0.75)
-            wait_for(lambda: 7.0 < page.value("time [s]") < 9.9 and "Pause" in page.text, 20.0, "the new time")
-            page.turn_to("Bags", "record:=drive.bag")
-            assert page.evaluate("[...document.querySelectorAll('input')].some(e => e.value == 'drive.bag')")
-            assert page.look(0.1) == []
-    finally:
-        assert node.end() == 0, node.text
-        player.end()
-        rospy.delete_param("/viewer")
-        rospy.set_param("/use_sim_time", False)

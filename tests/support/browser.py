@@ -17,7 +17,7 @@ from urllib.request import urlopen
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tests.support.ros_harness import INTERRUPTED_WITH_US, wait_for
+from tests.support.ros_harness import INTERRUPTED_WITH_US, slowness, wait_for
 
 PROGRAM = shutil.which("chromium-headless-shell")
 OPTIONS = (
@@ -43,7 +43,7 @@ class Page:
         number = next(self._numbers)
         self._socket.send(json.dumps({"id": number, "method": method, "params": parameters}))
         while True:
-            message = self._take(30.0)
+            message = self._take(30.0 * slowness())
             if message.get("id") == number:
                 assert "error" not in message, (method, message["error"])
                 return message["result"]
@@ -168,7 +168,8 @@ def open_page(url, folder, width=1000, height=640):
         port = wait_for(lambda: _port(profile / "DevToolsActivePort"), 20.0, "the browser")
         with urlopen("http://127.0.0.1:%d/json/list" % port) as answer:
             target = next(page for page in json.load(answer) if page["type"] == "page")
-        with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None) as socket:
+        # without pings: a page that draws in software on a busy machine answers them too late
+        with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None, ping_interval=None) as socket:
             page = Page(socket)
             page.call("Page.navigate", url=url)
             yield page
@@ -177,6 +178,11 @@ def open_page(url, folder, width=1000, height=640):
     finally:
         os.killpg(browser.pid, signal.SIGKILL)  # the program is a script, whose children stay when it ends
         browser.wait(10.0)
+
+
+def press(page, words):
+    """A button of the viewer's bar."""
+    page.click_on(words, kind="#buttons button")
 
 
 def _port(file):
