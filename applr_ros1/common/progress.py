@@ -13,7 +13,7 @@ EVERY = 10.0  # s between further lines
 
 @contextlib.contextmanager
 def announced(what: str, say: Callable[[str], object], first: float = FIRST, every: float = EVERY) -> Iterator[None]:
-    """Around work that is usually quick: say what is going on once it takes long, and how long it took.
+    """Around work that is usually quick: say what is going on once it takes long, and how long it took if no error ended it.
 
     Args:
         what: The work, with how long it may take, such as "compiling kernels (about a minute the first time)".
@@ -34,12 +34,14 @@ def announced(what: str, say: Callable[[str], object], first: float = FIRST, eve
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)
     speaker.start()
+    whole = False
     try:
         yield
+        whole = True
     finally:
         done.set()
         speaker.join()
-        if spoken.is_set():
+        if whole and spoken.is_set():
             say(f"done {short}: took {time.monotonic() - began:.0f} s")
 
 

@@ -115,6 +115,16 @@ def test_fault_5_one_refusal_puts_the_others_back(client, server, fault):
     assert client.apply(SPACE.high).ok
 
 
+def test_a_node_without_servers_is_a_move_base_that_starts(connected):
+    """This test's own node has none; nobody is called /nobody."""
+    import rospy
+
+    for namespace, starting in ((rospy.get_name(), True), ("/nobody", False), ("/move_base", False)):
+        client = connected if namespace == connected.namespace else ReconfigureClient(namespace)
+        client.connect()
+        assert client.starting == starting, namespace
+
+
 def test_servers_that_are_gone_are_named(client, fake):
     fake.kill()
     report = client.apply(SPACE.high)

@@ -148,6 +148,7 @@ class ReconfigureClient:
         on_restart: Callable[[Server], None] = lambda server: None,
     ):
         self.namespace, self.space = namespace.rstrip("/"), space
+        self.starting = False  # whether the last `connect` found move_base's node, but none of its servers yet
         self._on_restart = on_restart
         self._servers: Dict[str, Server] = {}  # by their names in the space
         self.compensation = Compensation(space)  # what is sent instead of theta, and back
@@ -168,6 +169,8 @@ class ReconfigureClient:
         """Finds the servers. Returns "" when all are known, else one line saying what is missing."""
         try:
             found = find_reconfigure_services()
+            below = [name for name in found if (name + "/").startswith(self.namespace + "/")]
+            self.starting = not below and rospy.get_master().lookupNode(self.namespace)[0] == 1
         except Exception as problem:  # rosservice has errors of its own
             return f"no ROS master: {reason(problem)}"
         for wanted in [wanted for wanted in self.space.servers if wanted not in self._servers]:

@@ -14,7 +14,8 @@ from applr_ros1.nodes.applr.reconfigure_client import DEADLINE, ApplyReport, Rec
 
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
-PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported: move_base takes its time
+PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported; those while move_base starts,
+# which compiles kernels for a minute or two the first time, do not count
 
 
 class ReconfigureWorker:
@@ -83,7 +84,7 @@ class ReconfigureWorker:
                     self._work()
                     continue
                 trouble = self.client.connect()
-                failures += bool(trouble)
+                failures = 0 if self.client.starting else failures + 1
                 if not trouble:
                     self._on_trouble("")
                     continue

@@ -36,6 +36,7 @@ from .demo_drive import Observer
 from .processes import free_port
 
 UP_WITHIN = 900.0  # wall seconds for one part to come up: the first time it compiles kernels, maybe on a busy machine
+COMPILES = "waiting for {}, which compiles its kernels at its first start (about a minute)"
 OWN = {"picture": "applr_demo.png", "animation": "applr_demo.gif", "limit": "300"}  # arguments beside the launch file's
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
@@ -90,7 +91,8 @@ def own_stack(words, file):
                     stack.start()
                 yield stack
             finally:
-                stack.stop()
+                with contextlib.redirect_stderr(log):  # roslaunch's lines about nodes that take their time to end
+                    stack.stop()
     except ApplrError as problem:
         keep = True
         raise ApplrError(f"{problem}; what the nodes printed is in {folder}") from None
@@ -219,14 +221,19 @@ class Stack(roslaunch.pmon.ProcessListener):
         if self._ended or self._parent.pm.is_shutdown:
             raise ApplrError(self._ended or "the stack ended by itself")
 
-    def wait(self, condition, seconds, otherwise):
-        """Wait in wall time until condition() is true. Raises as check() does, and ApplrError(otherwise)."""
-        deadline = time.monotonic() + seconds
-        while not condition():
+    def wait(self, condition, seconds, otherwise, pause=0.02):
+        """Wait in wall time until condition() is true, and return it. Looks every `pause` seconds.
+
+        Raises as check() does, and ApplrError(otherwise).
+        """
+        deadline, found = time.monotonic() + seconds, None
+        while not found:
             self.check()
             if time.monotonic() > deadline:
                 raise ApplrError(f"{otherwise} within {seconds:g} s")
-            time.sleep(0.02)
+            time.sleep(pause)
+            found = condition()
+        return found
 
     def stop(self):
         """End all processes."""
@@ -240,7 +247,7 @@ def _drive(stack, values, robot, world, result):
     scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
     observer = Observer(robot, world, scan, frame_prefix(values["tf_prefix"]) + robot.frames.odom)
     for part, up in observer.parts():
-        with announced(f"waiting for {part}, which compiles its kernels at its first start", say, first=10.0):
+        with announced(COMPILES.format(part), say, first=10.0):
             stack.wait(up, UP_WITHIN, f"{part} does not come up")
         say(f"{part:12} up after {time.monotonic() - began:.1f} s")
     success, timeout, seconds, text = observer.drive(values["sent"], values["limit"], say, stack.check)

@@ -5,19 +5,20 @@ process at Ctrl-C. Where the page has put other arguments into PLAYED, such as a
 """
 
 import argparse
+import math
 import os
 import sys
-import time
 import webbrowser
 
 import roslaunch.arg_dump
 import rospy
+from dynamic_reconfigure import find_reconfigure_services
 
 from applr_ros1.common.progress import announced
 from applr_ros1.nodes.viewer import admission
 from applr_ros1.nodes.viewer.recording import FOLDER, PLAYED
 
-from .demo import UP_WITHIN, arguments, launch_file, own_stack, say, with_folders
+from .demo import COMPILES, UP_WITHIN, arguments, launch_file, own_stack, say, with_folders
 from .replay import replayed
 
 
@@ -61,9 +62,13 @@ def main():
         if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)
         rospy.set_param(PLAYED, passed)
-        wanted = passed
-        while wanted == passed:
-            stack.check()
-            time.sleep(0.2)
+
+        def other():
             wanted = rospy.get_param(PLAYED)
+            return wanted if wanted != passed else None
+
+        if given.get("bag", "none") == "none":
+            with announced(COMPILES.format("move_base"), say, first=10.0, every=60.0):
+                stack.wait(lambda: find_reconfigure_services() or other(), math.inf, "", pause=0.5)
+        wanted = stack.wait(other, math.inf, "", pause=0.2)
     os.execv(sys.executable, [sys.executable, sys.argv[0], "--no-browser", *wanted])

@@ -12,6 +12,10 @@ def test_quick_work_is_silent_and_an_error_passes_through():
     with pytest.raises(KeyError), announced("compiling", lines.append, first=5.0):
         raise KeyError
     assert lines == []
+    with pytest.raises(KeyError), announced("compiling", lines.append, first=0.02):
+        time.sleep(0.1)
+        raise KeyError
+    assert lines == ["compiling"]  # and not that it is done
 
 
 def test_long_work_is_announced_and_never_silent_for_long():
