@@ -13,7 +13,7 @@ EVERY = 10.0  # s between further lines
 
 @contextlib.contextmanager
 def announced(what: str, say: Callable[[str], object], first: float = FIRST, every: float = EVERY) -> Iterator[None]:
-    """Around work that is usually quick: say what is going on once it takes long, and how long it took if no error ended it.
+    """Around work that is usually quick: say what is going on once it takes long, and how long it took if it was done.
 
     Args:
         what: The work, with how long it may take, such as "compiling kernels (about a minute the first time)".

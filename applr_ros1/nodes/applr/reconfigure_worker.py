@@ -14,8 +14,7 @@ from applr_ros1.nodes.applr.reconfigure_client import DEADLINE, ApplyReport, Rec
 
 RETRY = 0.25  # s between attempts
 REFUSALS = 3  # attempts at a set that a server refuses; the next decision brings another set
-PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported; those while move_base starts,
-# which compiles kernels for a minute or two the first time, do not count
+PATIENCE = 15  # failed searches for the servers, a second apart, before they are reported; none while move_base starts
 
 
 class ReconfigureWorker:
