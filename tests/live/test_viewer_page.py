@@ -200,6 +200,8 @@ def test_a_race_ends_with_two_times(page):
     page.wait("% faster than default parameters", seconds=90.0)
     assert len(table(page)) == drives + 2
     assert "winner" in table(page)[0][3]
+    legend = page.evaluate("document.getElementById('legend').innerText").splitlines()
+    assert [("policy" in line, "winner" in line) for line in sorted(legend)] == [(False, False), (True, True)]
     second, first = table(page)[:2]
     assert [first[1], second[1]] == ["default parameters", "policy"]
     assert float(first[2].split()[0]) > float(second[2].split()[0]) > 3.0

@@ -22,6 +22,7 @@ from applr_ros1.policy.observation import ObservationError
 KEPT = 50  # messages of a topic between two looks
 TOUCHED = 0.5  # wall seconds for which an element that was changed stays as it is
 ANSWER = 1.0  # wall seconds that a service has to appear
+Say = Callable[[str], None]  # shows one line to everybody who looks
 
 
 class Listener:
@@ -107,14 +108,14 @@ def show(element: Any, value: Any) -> None:
         element.value = value
 
 
-def tell(say: Callable[[str], None], publisher: rospy.Publisher, message: Any) -> None:
+def tell(say: Say, publisher: rospy.Publisher, message: Any) -> None:
     """Publish a message; say so where nobody listens."""
     publisher.publish(message)
     if not publisher.get_num_connections():
         say(f"nobody listens on {publisher.resolved_name}")
 
 
-def ask(say: Callable[[str], None], name: str, kind: Any, *request: Any) -> bool:
+def ask(say: Say, name: str, kind: Any, *request: Any) -> bool:
     """Call a service. Returns whether it did what was asked; says why not."""
     name = rospy.resolve_name(name)
     try:

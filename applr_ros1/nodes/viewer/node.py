@@ -35,6 +35,7 @@ HINT = (
     "<b>Click on the ground: the robot drives there.</b> A slider makes you the one who sets its parameters.<br>"
     "Keys: G go, S stop, H hand over, V view."
 )
+STARTS = "The first start on a computer compiles kernels, about a minute. "
 
 
 class Viewer:
@@ -58,7 +59,6 @@ class Viewer:
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._pages: Dict[Any, Page] = {}
-        self._views: Dict[int, str] = {}  # by page, one of scene.VIEWS
         self._ready, self._leaving, self._now = False, "", 0.0
         tabs, self.text = gui.add_tab_group(), ""
         if replay:
@@ -71,8 +71,7 @@ class Viewer:
                 odom = prefix + robot.frames.odom
                 self._world = world.WorldTab(gui, robot, self.listener, odom, self.say, self.restart)
             with tabs.add_tab("Race"):
-                known = self.pilot, self._world, self.panel.methods, self.say
-                self._race = race.RaceTab(self.server, robot, self.listener, *known)
+                self._race = race.RaceTab(self.server, self._world, self.pilot, self.panel.methods)
             self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
         with tabs.add_tab("View"):
             for name, layer in self.scene.layers.items():
@@ -81,36 +80,30 @@ class Viewer:
         if FOLDER in os.environ:
             with tabs.add_tab("Bags"):
                 self._bags = recording.Bags(gui, os.environ[FOLDER], self.restart, replay, self.say)
-        self._commands = self._add_commands()
-
-    def _add_commands(self) -> Dict[str, Any]:
-        """What the bar's buttons and the keys do."""
-        work = {"view": ("V", self._turn)}
-        if self._replay:
-            work["play or pause"] = ("P", lambda _: self._recording.play())
+        works: Dict[str, Any] = {"view": ("V", self._turn)}  # of the bar's buttons and the keys
+        if replay:
+            works["play or pause"] = "P", lambda _: self._recording.play()
         else:
-            work["go"] = ("G", lambda _: self._world.drive_course())
-            work["stop"] = ("S", lambda _: self._race.end())
-            work["hand over"] = ("H", lambda _: self._hand_over())
-        commands = {}
-        for name, (key, call) in work.items():
-            commands[name] = self.server.gui.add_command(name, hotkey=key)  # type: ignore[arg-type]
-            commands[name].on_trigger(call)
-        return commands
+            works["go"] = "G", lambda _: self._world.drive_course()
+            works["stop"] = "S", lambda _: self._race.end()
+            works["hand over"] = "H", lambda _: self.pilot.choose("applr" if self._by_hand else pilot.HAND)
+        self._commands = {name: gui.add_command(name, hotkey=key) for name, (key, _) in works.items()}
+        for name, (_, work) in works.items():
+            self._commands[name].on_trigger(work)
 
-    def _hand_over(self) -> None:
-        self.pilot.choose("applr" if self.pilot.method == pilot.HAND else pilot.HAND)
+    @property
+    def _by_hand(self) -> bool:
+        return self.pilot.method == pilot.HAND
 
     def _turn(self, event: Any) -> None:
         """The next of scene.VIEWS for the page that asks."""
-        views = list(scene.VIEWS)
-        view = views[(views.index(self._views[event.client_id]) + 1) % len(views)]
-        self._views[event.client_id] = view
-        self.scene.look(event.client, view)
+        page, views = self._pages[event.client_id], list(scene.VIEWS)
+        page.view = views[(views.index(page.view) + 1) % len(views)]
+        self.scene.look(page.client, page.view)
 
     def say(self, text: str) -> None:
         """Show one line to everybody who looks."""
-        rospy.logwarn("viewer: %s", text)
+        rospy.loginfo("viewer: %s", text)
         for client in self.server.get_clients().values():
             client.add_notification("applr_ros1", text, auto_close_seconds=8.0, color="orange")
 
@@ -156,46 +149,45 @@ class Viewer:
     def _write(self, goal: Any, speed: float, driving: bool) -> None:
         """Bring the bar and the notice of every page up to date."""
         silence = [] if self._replay else self.panel.silence()
-        parts = {"doing": self.panel.doing(goal), "speed": f"{speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"}
-        parts["who"] = f"parameters by {self.pilot.who}"
+        whole = not self._replay  # a bag may lack what was done
+        parts = {"doing": self.panel.doing(goal) if whole or goal is not None else ""}
+        parts["speed"] = f"{speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"
+        parts["who"] = f"parameters by {self.pilot.who}" if whole or self.pilot.method else ""
         parts["monitor"] = self.panel.monitor() if driving else ""  # it stops whatever has no command
-        if self._replay:  # a bag may lack them
-            parts["doing"] = parts["doing"] if goal is not None else ""
-            parts["who"] = parts["who"] if self.pilot.method else ""
-        self.text = "\n".join([*parts.values(), *silence])
+        self.text, notice = "\n".join([*parts.values(), *silence]), self._leaving
         self._ready = self._ready or (self.scene.pose is not None and not silence)
-        starts = "the recording" if self._replay else html.escape("; ".join(silence) or "where the robot is")
-        notice = (
-            ""
-            if self._ready
-            else f"<b>{html.escape(self._robot.name)} starts</b>, SECONDS s. Waiting for it: {starts}."
-        )
         if self._ready:
             parts["trouble"] = "".join(silence[:1])
-        state = "".join(f'<span class="{name}">{html.escape(part)}</span>' for name, part in parts.items())
-        title = f"{self._robot.name}{'' if self._replay else ' in ' + self._world.name} - applr_ros1"
-        common = {"state": state, "title": title, "notice": self._leaving or notice}
+        elif not notice:
+            missing = ", ".join(line.split(":")[0] for line in silence) or "no transform of the robot"
+            notice = f"<b>{html.escape(self._robot.name)} starts</b>, SECONDS s. {STARTS if whole else ''}"
+            notice += f"So far: {html.escape(missing)}."
+        world, ghosts = (self._world.name, self._race.legend) if whole else ("", "")
+        common = {"notice": notice, "hint": HINT if whole else ""}
+        common["title"] = f"{self._robot.name}{' in ' * bool(world)}{world} - applr_ros1"
+        common["legend"] = ghosts if self.scene.layers["ghosts"].visible else ""
+        common["state"] = "".join(f'<span class="{name}">{html.escape(part)}</span>' for name, part in parts.items())
         clients = self.server.get_clients()
         self._pages = {key: self._pages.get(key) or Page(client) for key, client in clients.items()}
-        for key, page in self._pages.items():
-            view = self._views.setdefault(key, "behind")
-            self.scene.follow(clients[key], view)
-            page.show(**common, buttons=self._buttons(driving, view), hint="" if self._replay else HINT)
+        for page in self._pages.values():
+            self.scene.follow(page.client, page.view)
+            page.show(**common, buttons=self._buttons(driving, page.view))
 
     def _buttons(self, driving: bool, view: str) -> str:
         """The bar's buttons as HTML. The accent is on what to press next."""
+        labels: Dict[str, Any] = {}
         if self._replay:
-            shown = [("play or pause", self._recording.next, True)]
+            labels["play or pause"] = self._recording.next, True
         else:
-            hand = self.pilot.method == pilot.HAND
-            shown = [("go", "Go", not driving)] if self._world.course else []
-            shown += [("stop", "Stop", driving)]
-            shown += [("hand over", "Hand back" if hand else "Take over", False)] if self.pilot.method else []
-        shown += [("view", "View: " + view, False)]
+            labels["go"] = "Go" if self._world.course else "", not driving
+            labels["stop"] = "Stop", driving
+            labels["hand over"] = "Hand back" if self._by_hand else "Take over" if self.pilot.method else "", False
+        labels["view"] = "View: " + view, False
         return "".join(
             f'<button {sends(self._commands[name])} data-key="{self._commands[name].hotkey}"'
             f"{' class=next' if accent else ''}>{label}</button>"
-            for name, label, accent in shown
+            for name, (label, accent) in labels.items()
+            if label
         )
 
     def restart(self, what: str, **values: str) -> bool:

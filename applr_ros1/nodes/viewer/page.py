@@ -30,6 +30,8 @@ STYLE = """
   max-width: min(30em, calc(100% - 24px)); box-sizing: border-box;
   padding: 10px 14px; z-index: 40; background: #fffffff0; border-left: 4px solid var(--accent); color: #343a40;
   font-size: 14px; box-shadow: 0 1px 6px #0003; pointer-events: none } #notice:empty { display: none }
+#legend { position: fixed; top: 10px; left: 12px; padding: 6px 10px; z-index: 30; background: #ffffffd0; color: #343a40;
+  font-size: 14px; border-radius: 4px; pointer-events: none } #legend:empty { display: none }
 .tiles { display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px; padding: 0 10px 8px; font-size: 12px }
 .tiles div { cursor: pointer; text-align: center; border: 1px solid #dee2e6; border-radius: 4px; padding: 4px 2px }
 .tiles div:hover, .tiles .now { border-color: var(--accent) } .tiles img { width: 100%; display: block }
@@ -45,7 +47,7 @@ SCRIPT = """
   const at = name => document.getElementById(name);
   if (!at("bar")) {
     document.body.insertAdjacentHTML("beforeend",
-      "<div id=bar><div id=state></div><div id=buttons></div></div><div id=notice></div>");
+      "<div id=bar><div id=state></div><div id=buttons></div></div><div id=notice></div><div id=legend></div>");
     document.head.append(Object.assign(document.createElement("style"), {textContent: STYLE}));
     document.addEventListener("click", event => {
       const pressed = event.target.closest("[data-send]");
@@ -69,7 +71,7 @@ SCRIPT = """
       const applr = window.applr;
       applr.heard = Date.now();
       if ((parts.notice || "") !== (applr.now.notice || "") && "notice" in parts) applr.since = Date.now();
-      for (const name of ["state", "buttons"]) if (name in parts) at(name).innerHTML = parts[name];
+      for (const name of ["state", "buttons", "legend"]) if (name in parts) at(name).innerHTML = parts[name];
       if (parts.title) document.title = parts.title;
       Object.assign(applr.now, parts);
     };
@@ -88,15 +90,15 @@ def sends(element: Any, value: Any = None) -> str:
 
 
 class Page:
-    """One open page. client: viser's."""
+    """One open page. client: viser's; view: of its camera, one of scene.VIEWS."""
 
     def __init__(self, client: Any):
-        self._client = client
+        self.client, self.view = client, "behind"
         self._shown: Dict[str, str] = {}
         self._run(SCRIPT)
 
     def show(self, **parts: str) -> None:
-        """Bring parts of the page up to date: title, state and buttons (HTML of the bar), notice and hint (HTML)."""
+        """Bring parts of the page up to date: title, and HTML: state and buttons of the bar, notice, hint, legend."""
         news = {name: part for name, part in parts.items() if self._shown.get(name) != part}
         self._shown.update(news)
         self._run(f"applr({json.dumps(news)})")
@@ -104,4 +106,4 @@ class Page:
     def _run(self, script: str) -> None:
         from viser._messages import RunJavascriptMessage
 
-        self._client.gui._websock_interface.queue_message(RunJavascriptMessage(script))
+        self.client.gui._websock_interface.queue_message(RunJavascriptMessage(script))

@@ -55,9 +55,7 @@ class Panel:
         self._robot, self._listener, self._pilot = robot, listener, pilot
         space, targets = pilot.space, pilot.space.targets
         self.titles = {name: described(targets[name][0], name) for name in space.names}
-        self._history: Deque[Any] = deque(
-            maxlen=int(SPAN * 10.0)
-        )  # (ROS time, whether changed, speed, clearance, theta)
+        self._history: Deque[Any] = deque(maxlen=int(SPAN * 10.0))  # (ROS time, changed, speed, clearance, theta)
         self._plotted = 0.0
         there = [name for name in METHODS if name not in FILES or os.path.exists(shipped(FILES[name], robot))]
         self.methods = {METHODS[name]: name for name in there}
@@ -93,7 +91,9 @@ class Panel:
         return chosen, plot
 
     def _scales(self, curve: str) -> Dict[str, Any]:
-        return {"x": {"time": False, "range": (-SPAN, 0.0)}, "y": {"range": self._curves[curve]}}
+        low, high = self._curves[curve]
+        room = 0.1 * (high - low)  # so that the labels at the ends are whole
+        return {"x": {"time": False, "range": (-SPAN, 0.0)}, "y": {"range": (low - room, high + room)}}
 
     def look(self, speed: float, clearance: Optional[float]) -> None:
         """Bring everything up to date. speed [m/s]; clearance [m] to the next obstacle ahead, None where unknown."""

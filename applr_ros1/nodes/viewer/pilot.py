@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from typing import Any, Callable, Optional
+from typing import Any, Optional
 
 import numpy as np
 import rospy
@@ -22,7 +22,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
 
-from .listening import ANSWER, Listener, ask
+from .listening import ANSWER, Listener, Say, ask
 
 HAND = "hand"
 METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "APPLD", "applr": "policy", HAND: HAND}
@@ -38,7 +38,7 @@ class Pilot:
         trouble: One line about what does not answer; "" where nothing is wrong.
     """
 
-    def __init__(self, robot: Robot, listener: Listener, say: Callable[[str], None]):
+    def __init__(self, robot: Robot, listener: Listener, say: Say):
         self.space, self.method, self.trouble = space_of(robot), "", ""
         self._listener, self._say = listener, say
         self._status = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+import contextlib
+import html
 import threading
 import time
 from dataclasses import dataclass, field
@@ -15,7 +16,6 @@ from std_msgs.msg import Bool
 from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.robots import Robot
 
-from .listening import Listener
 from .page import ACCENT
 from .panel import UNDER_WAY, WORDS
 from .pilot import METHODS, Pilot
@@ -31,7 +31,6 @@ TABLE = 12  # drives in the table
 NOBODY, THEN = "nobody", ", then "
 FINISHED = "finished", WORDS[3]
 SERIES = 5  # worlds
-ANCHORS = ("bottom-center", "top-center", "center-left", "center-right", "center-center")  # the first one's above it
 
 
 @dataclass
@@ -85,46 +84,47 @@ def verdict(drives: Sequence[Drive]) -> str:
     return text
 
 
+class Over(Exception):
+    """A race that does not go on."""
+
+
 class Ghost:
-    """A drive that is driven again: robot, trail and time."""
+    """A drive that is driven again: robot and trail, in a colour of who set the parameters."""
 
     def __init__(self, scene: Any, robot: Robot, drive: Drive, name: str):
-        self.drive, self.won, self._rows = drive, drive.won, np.array(drive.rows)
+        self.drive, self._rows = drive, np.array(drive.rows)
         names = list(METHODS.values())
-        colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
+        self._colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
         self.remove = scene.add_frame(name, show_axes=False).remove
-        self._model = Model(scene, name + "/robot", robot, colour, 0.4)
-        words = f"{drive.who} {drive.seconds:.1f} s" + " - winner" * drive.won
-        self.label = scene.add_label(name + "/robot/label", words, position=(0.0, 0.0, 0.5))
-        Lines(scene, name + "/trail", colour, 0.02).path(self._rows[:, 1:3], 0.01)
+        self._model = Model(scene, name + "/robot", robot, self._colour, 0.6)
+        Lines(scene, name + "/trail", self._colour, 0.02).path(self._rows[:, 1:3], 0.01)
 
-    def put(self, seconds: float) -> float:
-        """Where it was at a time after its start. Returns how far it still was from its end [m]."""
+    def put(self, seconds: float) -> None:
+        """Where it was at a time after its start."""
         k = max(0, int(np.searchsorted(self._rows[:, 0], seconds, "right")) - 1)
         self._model.put(tuple(self._rows[k, 1:].tolist()))
-        return math.hypot(*(self._rows[-1, 1:3] - self._rows[k, 1:3]))
+
+    @property
+    def label(self) -> str:
+        """Its line of the legend, as HTML."""
+        text = html.escape(f"{self.drive.who} {self.drive.seconds:.1f} s" + ", winner" * self.drive.won)
+        return f'<div><span style="color: rgb{self._colour}">&#9679;</span> {text}</div>'
 
 
 class RaceTab:
-    """Keeps this visit's drives. methods: {what the page calls it: method}, what there is for this robot."""
+    """Keeps this visit's drives. methods: {what the page calls it: method}, what there is for this robot.
 
-    def __init__(
-        self,
-        server: Any,
-        robot: Robot,
-        listener: Listener,
-        pilot: Pilot,
-        world: WorldTab,
-        methods: Dict[str, str],
-        say: Callable[[str], None],
-    ):
-        self._scene, self._robot, self._listener, self._pilot, self._world = server.scene, robot, listener, pilot, world
-        self._methods, self._say = methods, say
+    Attributes:
+        legend: Who the ghosts are, as HTML.
+    """
+
+    def __init__(self, server: Any, world: WorldTab, pilot: Pilot, methods: Dict[str, str]):
+        self._scene, self._world, self._pilot, self._methods = server.scene, world, pilot, methods
         self.drives: List[Drive] = []
         self._goals: Set[str] = set()  # ids of those that were timed
         self._ghosts: Dict[str, Ghost] = {}  # by who set the parameters
         self._now: Optional[Drive] = None
-        self._ended = 0.0
+        self._ended, self.legend = 0.0, ""
         self.running = threading.Event()
         gui, names = server.gui, list(methods)
         self._choices = [
@@ -142,7 +142,7 @@ class RaceTab:
     def look(self, pose: Optional[Pose], goal: Any) -> bool:
         """Time the present drive and move the ghosts. goal: its status. Returns whether a new drive has begun."""
         now, who = rospy.get_time(), self._pilot.who
-        touched = any(message.data for message in self._listener.fresh(COLLISION, Bool))
+        touched = any(message.data for message in self._world.listener.fresh(COLLISION, Bool))
         under_way = goal is not None and goal.status in UNDER_WAY
         begun = under_way and goal.goal_id.id not in self._goals
         if begun:
@@ -166,7 +166,7 @@ class RaceTab:
 
     def _is_done(self, pose: Optional[Pose]) -> bool:
         """Whether the robot is at the end of the course."""
-        place, course = self._listener.place("world"), self._world.course
+        place, course = self._world.listener.place("world"), self._world.course
         at = transform_point(inverse(place), *pose[:2]) if place and pose else None
         return at is not None and course is not None and course.done(*at)
 
@@ -187,20 +187,16 @@ class RaceTab:
     def _move_ghosts(self) -> None:
         """The newest drive of each method in this world: beside the present drive, or all together."""
         newest = {one.who: one for one in self.drives if one.world == self._world.name and one.rows}
-        for who in [
-            who
-            for who, ghost in self._ghosts.items()
-            if newest.get(who) is not ghost.drive or ghost.won != ghost.drive.won
-        ]:
+        for who in [who for who, ghost in self._ghosts.items() if newest.get(who) is not ghost.drive]:
             self._ghosts.pop(who).remove()
         for who, drive in newest.items():
             if who not in self._ghosts:
-                name = f"/ghosts/{self.drives.index(drive)}"
-                self._ghosts[who] = Ghost(self._scene, self._robot, drive, name)
+                self._ghosts[who] = Ghost(self._scene, self._world.robot, drive, f"/ghosts/{self.drives.index(drive)}")
         longest = max((drive.seconds for drive in newest.values()), default=0.0) + BREAK
         at = self._now.seconds if self._now is not None else (time.monotonic() - self._ended) % longest
-        for ghost, anchor in zip(sorted(self._ghosts.values(), key=lambda ghost: ghost.put(at)), ANCHORS):
-            ghost.label.anchor = anchor
+        for ghost in self._ghosts.values():
+            ghost.put(at)
+        self.legend = "".join(ghost.label for ghost in self._ghosts.values())
 
     # -- a race ------------------------------------------------------------------------------------
     def _begin(self, count: int) -> None:
@@ -215,59 +211,48 @@ class RaceTab:
 
     def _run(self, count: int) -> None:
         """A race in this world, or in `count` others. node.py draws and times meanwhile."""
-        try:
-            drives: List[Drive] = []
+        before, text = len(self.drives), "The race ended early."
+        with contextlib.suppress(Over):
             for k, world in enumerate(self._world.choose(count) if count > 1 else [""]):
-                self._verdict.content = f"Race {k + 1} of {count}. {verdict(drives)}"
-                if world and not self._change(world):
-                    return
-                drives += self._race()
-                if not self.running.is_set():
-                    return
-                self._write()
-            self._verdict.content = f"**{verdict(drives)}**"
-            self._say(verdict(drives))
-        finally:
-            self.running.clear()
-            if self._verdict.content.startswith("Race"):
-                self._verdict.content = "The race ended early."
+                self._verdict.content = f"Race {k + 1} of {count}. {verdict(self.drives[before:])}"
+                self._race(world)
+            text = verdict(self.drives[before:]) or "Nobody to compare with."
+        self.running.clear()
+        self._verdict.content = f"**{text}**"
+        self._world.say(text)
 
-    def _change(self, world: str) -> bool:
-        self._world.load(world)
-        return self._wait(lambda: self._world.name == world, PATIENCE)
-
-    def _race(self) -> List[Drive]:
-        """The chosen methods one after the other, each from the start; none where that could not be done."""
+    def _race(self, world: str) -> None:
+        """The chosen methods one after the other, each from the start, in another world where one is given."""
+        if world:
+            self._world.load(world)
+            self._wait(lambda: self._world.name == world, PATIENCE)
         before = len(self.drives)
-        for method in [self._methods[one.value] for one in self._choices if one.value != NOBODY]:
-            if not self._drive(method):
-                self.running.clear()
-                return []
-        drives = self.drives[before:]
-        best = min(drives, key=lambda drive: drive.rank, default=None)
-        if best is not None and len(drives) > 1:
-            best.won = not best.rank[0]
-        return drives
+        for choice in self._choices:
+            if choice.value != NOBODY:
+                self._drive(self._methods[choice.value])
+        drives = sorted(self.drives[before:], key=lambda drive: drive.rank)
+        if len(drives) > 1:
+            drives[0].won = not drives[0].rank[0]
+        self._write()
 
-    def _drive(self, method: str) -> bool:
-        """From the start to the end of the course. Returns whether it was done."""
+    def _drive(self, method: str) -> None:
+        """From the start to the end of the course."""
         if not self._world.reset() or not self._pilot.choose(method):
-            return False
-        if not self._wait(lambda: self._now is None, PATIENCE):
-            return False
+            raise Over
+        self._wait(lambda: self._now is None, PATIENCE)
         time.sleep(SETTLING)
         goal = self._world.drive_course()
-        if not goal or not self._wait(lambda: goal in self._goals, PATIENCE):
-            return False
+        self._wait(lambda: goal in self._goals, PATIENCE if goal else 0.0)
         began = rospy.get_time()
-        if not self._wait(lambda: self._now is None or rospy.get_time() - began > LIMIT):
-            return False
+        self._wait(lambda: self._now is None or rospy.get_time() - began > LIMIT)
         self._world.stop()
-        return self._wait(lambda: self._now is None, PATIENCE)
+        self._wait(lambda: self._now is None, PATIENCE)
 
-    def _wait(self, condition: Callable[[], bool], seconds: float = float("inf")) -> bool:
-        """Whether something becomes true before wall time is over and the race is ended."""
+    def _wait(self, condition: Callable[[], bool], seconds: float = float("inf")) -> None:
+        """Until something is true. Raises Over when wall time is over or the race is ended before."""
         until = time.monotonic() + seconds
-        while not condition() and self.running.is_set() and not rospy.is_shutdown() and time.monotonic() < until:
+        while self.running.is_set() and not rospy.is_shutdown() and time.monotonic() < until:
+            if condition():
+                return
             time.sleep(0.05)
-        return condition() and self.running.is_set()
+        raise Over

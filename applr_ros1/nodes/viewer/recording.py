@@ -14,7 +14,7 @@ from std_srvs.srv import SetBool
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools.replay import DECISIONS, LENGTH, PAUSE, RATE, SEEK, START, replayed
 
-from .listening import TOUCHED, ask, by_hand, show, tell
+from .listening import TOUCHED, Say, ask, by_hand, show, tell
 
 PLAYED = "/play/arguments"  # parameter: what ./applr play was called with; it starts anew with what is put there
 FOLDER = "APPLR_PLAY_FOLDER"  # environment variable: where ./applr play was called
@@ -30,7 +30,7 @@ class Replay:
         next: What the button does next: Pause, Play or Again.
     """
 
-    def __init__(self, gui: Any, say: Callable[[str], None]):
+    def __init__(self, gui: Any, say: Say):
         while not rospy.has_param(LENGTH) and not rospy.is_shutdown():
             time.sleep(0.1)
         self._say, self._start, self._length = say, rospy.get_param(START), rospy.get_param(LENGTH)
@@ -76,7 +76,7 @@ class Replay:
 class Bags:
     """The bags of a folder. restart: as Viewer.restart; replay: whether one is played now; say: shows a line."""
 
-    def __init__(self, gui: Any, folder: str, restart: Callable[..., bool], replay: bool, say: Callable[[str], None]):
+    def __init__(self, gui: Any, folder: str, restart: Callable[..., bool], replay: bool, say: Say):
         self._folder, self._restart, self._say, self._looked = folder, restart, say, 0.0
         gui.add_markdown(f"Bags in `{folder}`. Record one with `./applr play record:=drive.bag`.")
         self._bags = gui.add_dropdown("bag", ("",))

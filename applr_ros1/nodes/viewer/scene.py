@@ -34,7 +34,7 @@ STEP = 0.03  # m between two of them
 JUMP = 0.5  # m between two points that belong to different trajectories, or drives
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
 SIDES = 20  # of a drawn cylinder
-VIEWS = {"behind": (3.5, 2.5, 1.0), "above": (1e-3, 14.0, 0.0), "free": None}  # m back, up, and looked at ahead
+VIEWS = {"behind": (3.5, 2.5, 1.0), "above": (1e-3, 9.0, 0.0), "free": None}  # m back, up, and looked at ahead
 
 
 class Scene:

@@ -26,7 +26,7 @@ from worlds import draw
 from worlds.generator import COUNT
 from worlds.metrics import difficulty
 
-from .listening import Listener, ask, by_hand, tell
+from .listening import Listener, Say, ask, by_hand, tell
 from .page import sends
 
 CURRENT = "sim_bridge/current_world"
@@ -46,18 +46,11 @@ class WorldTab:
         name: Of the simulated world, "" where there is none.
         course: Its worlds.Course; None where it is not known here.
         course_goal: Id of the last goal that was sent for it.
+        robot, listener, say: As given: the description, what is heard, and what shows a line.
     """
 
-    def __init__(
-        self,
-        gui: Any,
-        robot: Robot,
-        listener: Listener,
-        odom: str,
-        say: Callable[[str], None],
-        restart: Callable[..., bool],
-    ):
-        self._robot, self._listener, self._odom, self._say, self._restart = robot, listener, odom, say, restart
+    def __init__(self, gui: Any, robot: Robot, listener: Listener, odom: str, say: Say, restart: Callable[..., bool]):
+        self.robot, self.listener, self.say, self._odom, self._restart = robot, listener, say, odom, restart
         self.course: Any = None
         self.course_goal, self.name, self._spec, self._count = "", "", "", 0
         self._goal = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
@@ -90,7 +83,7 @@ class WorldTab:
         if not self._offered:
             self._offered = {"": ""}
             threading.Thread(target=self._offer, daemon=True).start()
-        told = self._listener.newest(CURRENT, String)
+        told = self.listener.newest(CURRENT, String)
         another = told is not None and told.data != self.name
         if another:
             self.name = self._name.value = told.data
@@ -99,7 +92,7 @@ class WorldTab:
                 with contextlib.suppress(ValueError, OSError):
                     world = worlds.load(spec)
                     if world.name == self.name:
-                        self.course, self._spec = worlds.scaled(world, self._robot.world_scale).course, spec
+                        self.course, self._spec = worlds.scaled(world, self.robot.world_scale).course, spec
             self._draw_tiles()
         return another
 
@@ -133,21 +126,21 @@ class WorldTab:
         x, y = x - z / dz * dx, y - z / dz * dy
         if self._click.value == GOAL:
             yaw = math.atan2(y - pose[1], x - pose[0]) if pose else 0.0
-            self._send((x, y, yaw), self._listener.fixed)
+            self._send((x, y, yaw), self.listener.fixed)
         else:
             self._change_obstacle(x, y)
 
     def _change_obstacle(self, x: float, y: float) -> None:
-        place = self._listener.place("world")
+        place = self.listener.place("world")
         if place is None:
-            self._say("no simulated world: obstacles stay as they are")
+            self.say("no simulated world: obstacles stay as they are")
             return
         marker = Marker(action=Marker.ADD if self._click.value == PUT else Marker.DELETE, type=Marker.CYLINDER)
         marker.header.frame_id = "world"
         marker.pose.position.x, marker.pose.position.y = transform_point(inverse(place), x, y)
         marker.pose.orientation.w = 1.0
-        marker.scale.x = marker.scale.y = 2.0 * RADIUS * self._robot.world_scale
-        tell(self._say, self._obstacle, marker)
+        marker.scale.x = marker.scale.y = 2.0 * RADIUS * self.robot.world_scale
+        tell(self.say, self._obstacle, marker)
 
     def _send(self, pose: Any, frame: str) -> str:
         """Send a goal (x, y, yaw) [m, m, rad] in a frame. Returns its id."""
@@ -156,20 +149,20 @@ class WorldTab:
         goal = MoveBaseActionGoal(goal=message(pose, frame))
         goal.header.stamp = now
         goal.goal_id = GoalID(now, f"{rospy.get_name()}-{self._count}-{now.to_sec():.3f}")
-        tell(self._say, self._goal, goal)
+        tell(self.say, self._goal, goal)
         return goal.goal_id.id
 
     def drive_course(self) -> str:
         """Send the course's goal. Returns its id, "" where no course is known."""
         if self.course is None:
-            self._say("no course of this world is known: set a goal by a click")
+            self.say("no course of this world is known: set a goal by a click")
             return ""
         self.course_goal = self._send(course_goal(self.course), self._odom)
         return self.course_goal
 
     def stop(self) -> None:
         """Cancel all goals."""
-        tell(self._say, self._cancel, GoalID())
+        tell(self.say, self._cancel, GoalID())
 
     def load(self, spec: str) -> None:
         """Change the simulated world; the robot stands at its start then."""
@@ -177,22 +170,22 @@ class WorldTab:
         try:
             worlds.load(spec)
         except (ValueError, OSError) as problem:
-            self._say(str(problem))
+            self.say(str(problem))
             return
         self._cancel.publish(GoalID())
-        tell(self._say, self._world, spec)
+        tell(self.say, self._world, spec)
 
     def _change_robot(self, name: str, present: str) -> None:
         """Have ./applr play start anew with another robot in this world; the page finds the new node by itself."""
         spec = {"world": self._spec} if self._spec else {}
         if not self._restart(name, robot=name, **spec):
             self._given.value = present
-            self._say(f"another robot starts with ./applr play robot:={name}")
+            self.say(f"another robot starts with ./applr play robot:={name}")
 
     def reset(self) -> bool:
         """Put the robot back to the start. Returns whether it stands there."""
         self._cancel.publish(GoalID())
-        return ask(self._say, "sim_bridge/reset", Empty)
+        return ask(self.say, "sim_bridge/reset", Empty)
 
 
 @lru_cache(maxsize=1)
