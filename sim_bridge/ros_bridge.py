@@ -38,7 +38,7 @@ from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.robots import load
+from applr_ros1.robot_check import usable
 
 from . import make
 from .real_time_rate import RealTimeRate
@@ -70,7 +70,8 @@ class Bridge:
         self.base_time = BASE_TIME
         self.others = tuple(OtherRobot(name, self.sim_time) for name in str(rospy.get_param("~others", "")).split())
         self.makes_clock = bool(rospy.get_param("~clock", True))
-        robot = load(str(rospy.get_param("~robot", "jackal")))
+        with_map = bool(rospy.get_param("~map", False))
+        robot = usable(str(rospy.get_param("~robot", "jackal")), with_map)
         self.scale = robot.world_scale
         world = self._load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, **dict(options, robot=robot))
@@ -91,7 +92,7 @@ class Bridge:
         if not rospy.get_param("~paused", False):
             self.running.set()
         prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
-        self.topics = BridgeTopics(robot, prefix, self.makes_clock, bool(rospy.get_param("~map", False)))
+        self.topics = BridgeTopics(robot, prefix, self.makes_clock, with_map)
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         if rospy.get_param("~gazebo", False):

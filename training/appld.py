@@ -18,18 +18,21 @@ import numpy as np
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
 from applr_ros1.policy import appld as runtime
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training.bags.reader import BagOptions, find
-from training.baselines.appld import classifier as appld_classifier
-from training.baselines.appld import fit as appld_fit
-from training.baselines.appld import segmentation as contexts
-from training.baselines.appld.demonstration import Demonstration, read
 from training.common.command_line import Seed, parsed
 from training.common.folders import make_folder
 from training.common.options import argument, option
+
+with extra(__name__):
+    from training.bags.reader import BagOptions, find
+    from training.baselines.appld import classifier as appld_classifier
+    from training.baselines.appld import fit as appld_fit
+    from training.baselines.appld import segmentation as contexts
+    from training.baselines.appld.demonstration import Demonstration, read
 
 
 class AppldOptions(BagOptions):

@@ -12,16 +12,19 @@ from pathlib import Path
 from typing import Any, Dict, List, Optional, Set
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
+from applr_ros1.common.extras import extra
 from applr_ros1.policy.observation import sizes_of
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.episodes import BagReport, trajectories
-from training.bags.reader import BagError, BagOptions, TopicNames, find, read
 from training.common.command_line import parsed
 from training.common.folders import make_folder
 from training.common.options import argument, checked, option
 from training.env.reward import Reward
 from training.replay.store import NAME, Store
 from training.replay.trajectory import MAX_NAME, Layout, TrajectoryError
+
+with extra(__name__):
+    from training.bags.episodes import BagReport, trajectories
+    from training.bags.reader import BagError, BagOptions, TopicNames, find, read
 
 
 def convert(

@@ -22,13 +22,16 @@ import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.extras import extra
 from applr_ros1.robots import GROUNDS, Robot, on_ground
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from sim_bridge.scenes import small_world
-from training.bags.reader import TopicNames, hear
 from training.common.command_line import AnyRobot, parsed
 from training.common.options import Options, argument, option
 from training.report.figures import canvas
+
+with extra(__name__):
+    from training.bags.reader import TopicNames, hear
 
 COLUMNS = ("t", "cmd_v", "cmd_w", "x", "y", "yaw")
 WHEELS = ("wheel_v", "wheel_w")

@@ -11,12 +11,15 @@ import sys
 import sim_bridge
 import worlds
 from applr_ros1.common.errors import ApplrError, run_main
-from training.bags.reader import TopicNames
-from training.bags.writer import BagWriter
-from training.baselines.appld.scripted_driver import NAME, Demonstrator
+from applr_ros1.common.extras import extra
 from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
 from training.common.options import Options, argument, option
 from training.env.episode import CONTROL_PERIOD
+
+with extra(__name__):
+    from training.bags.reader import TopicNames
+    from training.bags.writer import BagWriter
+    from training.baselines.appld.scripted_driver import NAME, Demonstrator
 
 
 def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said=None) -> dict:

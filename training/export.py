@@ -11,14 +11,17 @@ import sys
 from typing import List, Optional, Union
 
 import numpy as np
-import onnxruntime
-import torch
 
 from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.actor import Actor, GeneralActor, load
 from training.common.command_line import parsed
 from training.common.options import Options, argument
+
+with extra(__name__):
+    import onnxruntime
+    import torch
 
 LARGEST_DIFFERENCE = 1e-5
 Policy = Union[Actor, GeneralActor]

@@ -20,12 +20,12 @@ import yaml
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, reason, run_main
+from applr_ros1.common.extras import extra
 from applr_ros1.common.files import read_json, write_bytes, write_json
 from applr_ros1.common.trees import branch
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import Robot
 from training.actors.tasks import RunnerSpec
-from training.baselines.set_search import SearchOptions, SetTrials, choose, explore, finalists
 from training.common.command_line import (
     AnyRobot,
     Monitor,
@@ -43,6 +43,9 @@ from training.evaluation.remembered import RememberedTrials
 from training.evaluation.store import TrialTable
 from training.evaluation.trials import TRIAL_RUNNER, content, world_list
 from worlds.loading import FORMS
+
+with extra(__name__):
+    from training.baselines.set_search import SearchOptions, SetTrials, choose, explore, finalists
 
 
 class StaticOptions(SearchOptions):

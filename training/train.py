@@ -12,8 +12,11 @@ import sys
 from typing import List, Optional
 
 from applr_ros1.common.errors import run_main
-from training.learner.config import parse
-from training.learner.run import TrainingRun
+from applr_ros1.common.extras import extra
+
+with extra(__name__):
+    from training.learner.config import parse
+    from training.learner.run import TrainingRun
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

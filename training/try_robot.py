@@ -19,6 +19,7 @@ from typing import Iterator, List, Optional, Sequence
 from pydantic import Field
 
 from applr_ros1.common.errors import run_main
+from applr_ros1.common.extras import absent
 from applr_ros1.policy import methods
 from training.actors.tasks import Trial
 from training.common.command_line import (
@@ -81,9 +82,10 @@ def run(options: TryOptions) -> int:
         drive(store, evaluation, blocks)
         pairs, used_up = Pairs(store.results, names), len(store.results) == len(trials)
     found = verdict(pairs, robot.name, robot.folder, used_up)
-    path = Path(out) / "verdict.png"
-    picture(pairs, robot.name, path)
-    print("\n".join([*found.sentences, *failures(pairs), f"picture: {path}", "line for robot.yaml:"]))
+    path, missing = Path(out) / "verdict.png", absent("matplotlib")
+    if not missing:
+        picture(pairs, robot.name, path)
+    print("\n".join([*found.sentences, *failures(pairs), f"picture: {missing or path}", "line for robot.yaml:"]))
     print(f"method: {found.method}")
     return 0 if found.pays else 1
 

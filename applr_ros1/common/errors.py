@@ -10,6 +10,8 @@ import sys
 import traceback
 from typing import Any, Callable, Iterable, Optional
 
+from applr_ros1.common.extras import absent
+
 MEANT = "did you mean"
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
 
@@ -58,7 +60,8 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     """Runs a command and returns its exit status.
 
     ApplrError and OSError become one line "PROGRAM: ..." on stderr and the error's exit status, Ctrl-C becomes 130
-    (with the text of the KeyboardInterrupt, if it has one). Other exceptions are defects and pass through.
+    (with the text of the KeyboardInterrupt, if it has one), a package of an extra that is missing becomes one line too.
+    Other exceptions are defects and pass through.
 
     Args:
         main: the command; returns an exit status, or None for 0.
@@ -72,6 +75,10 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
         status, text = error.exit_status, "\\n".join(str(error).splitlines())  # a path may hold newlines
     except OSError as error:
         status, text = 1, _with_file(error)
+    except ModuleNotFoundError as error:
+        status, text = 1, absent(error.name)
+        if not text:
+            raise
     print(f"{program}: {text}", file=sys.stderr)
     return status
 

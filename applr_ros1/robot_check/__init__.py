@@ -2,7 +2,7 @@
 
 `errors` are lines about what the robot cannot drive with, `remarks` about what it will not drive well with; each names
 file, key, value, and what to give. check_robot.py prints all of them. Commands that drive a robot take it from
-`with_remarks`, the node move_base from `usable`; they stop at errors. Values that are given beside a robot's folder, on
+`with_remarks`, the nodes from `usable`; they stop at errors. Values that are given beside a robot's folder, on
 ROS's parameter server, are checked by planner.parameters.check alone, which allows what the C++ node allows.
 """
 

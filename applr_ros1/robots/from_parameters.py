@@ -69,14 +69,12 @@ def read(paths: Sequence[str]) -> Parameters:
     """
     said = Parameters()
     for path in paths:
-        given = yaml_file.read(path)
+        given = yaml_file.read_parameters(path)
         inserted = re.search(r"\$\([^)]*\)", str(given))
         if inserted:
             raise ApplrError(
                 f"{path} holds {inserted[0]}, which roslaunch replaces: write the value in a copy of the file"
             )
-        if list(given) == ["move_base"]:
-            raise ApplrError(f"{path} holds all below move_base: give a copy without that level")
         namespaces = _namespaces(os.path.basename(path), given)
         limits = _limits(given)
         said.limits.update(limits)

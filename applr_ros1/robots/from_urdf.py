@@ -26,6 +26,7 @@ _OMNI = re.compile(r"mecanum|omni_?wheel|planar_move|force_based_move", re.IGNOR
 _LASER = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 _OURS = "the planners and simulators here are for four wheels on two axles (skid steer) and for two on one axle"
+_SIDEWAYS = " is of an omni base, which also drives sideways"
 Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
 
 
@@ -209,7 +210,8 @@ class _Reader:
         said = Description({"base": {}, "body": {}, "laser": {}, "topics": {}, "frames": {"base": self.base}})
         wheels = self._wheels()
         base = said.values["base"]
-        base.update(self._drive(wheels, said.notes))
+        found, ahead = self._drive(wheels)
+        base.update(found)
         driven = {joint.name for joint, _ in wheels.values()}
         suspension = {j.name for joint, _ in wheels.values() for j in self.moving[joint.child]} - driven
         rest = [name for name in self.links if not driven & {j.name for j in self.moving[name]}]
@@ -224,6 +226,14 @@ class _Reader:
             loose = [name for name in loose if not swivels & {joint.name for joint in self.moving[name]}]
         self._body(said, rest, rigid, loose)
         self._laser(said, laser_frame)
+        if abs(ahead) > 0.01:
+            where = "ahead of" if ahead > 0 else "behind"
+            said.notes.append(
+                f"the wheels' middle lies {abs(ahead):.3f} m {where} {self.base}: the simulators drive as if above it, "
+                "so base.casters and body.com count from the wheels' middle"
+            )
+            for place in [*base.get("casters", []), said.values["body"].get("com", [0.0])]:
+                place[0] -= ahead
         if self.lost:
             said.notes.append(
                 f"meshes that are not there, and are left out of the outline: {', '.join(sorted(self.lost))}"
@@ -233,7 +243,9 @@ class _Reader:
     def _wheels(self) -> Dict[str, Tuple[Any, Box]]:
         """Joints of the driven wheels and boxes around these, by link."""
         match = _OMNI.search(ElementTree.tostring(self.xml, "unicode"))
-        omni = match[0] if match else ""
+        if match:
+            raise ApplrError(f"{self.path}: {match[0]}{_SIDEWAYS}: {_OURS}")
+        wrong: Dict[str, str] = {}
         found: Dict[str, Tuple[Any, Box]] = {}
         for joint in self.urdf.robot.joints:
             carriers, axis = self.moving.get(joint.child, [])[1:], self.axis(joint)
@@ -243,18 +255,20 @@ class _Reader:
             boxes = self.boxes(parts) or self.boxes(parts, "visuals")
             steering = [j.name for j in carriers if abs(self.axis(j)[2]) > 0.7]
             if steering:
-                raise ApplrError(f"{self.path}: {steering[0]} steers the wheel of {joint.name}: {_OURS}")
-            if abs(axis[1]) < 0.95:
-                omni = omni or f"{joint.name}, which turns about an axis not across the robot,"
-            elif boxes:
+                wrong[joint.child] = f"{steering[0]} steers the wheel of {joint.name}"
+            elif abs(axis[1]) < 0.95:
+                wrong[joint.child] = f"{joint.name}, which turns about an axis not across the robot,{_SIDEWAYS}"
+            if boxes:
                 found[joint.child] = (joint, around(boxes))
-        if omni:
-            raise ApplrError(f"{self.path}: {omni} is of an omni base, which also drives sideways: {_OURS}")
         lowest = min((box[0, 2] for _, box in found.values()), default=0.0)
-        return {name: (j, box) for name, (j, box) in found.items() if box[0, 2] < lowest + (box[1, 2] - box[0, 2]) / 4}
+        found = {name: (j, box) for name, (j, box) in found.items() if box[0, 2] < lowest + (box[1, 2] - box[0, 2]) / 4}
+        for name in found:  # what turns above the ground, such as a gripper, is no wheel
+            if name in wrong:
+                raise ApplrError(f"{self.path}: {wrong[name]}: {_OURS}")
+        return found
 
-    def _drive(self, wheels: Dict[str, Tuple[Any, Box]], notes: List[str]) -> Dict[str, Any]:
-        """Kind of the drive and measures of the wheels."""
+    def _drive(self, wheels: Dict[str, Tuple[Any, Box]]) -> Tuple[Dict[str, Any], float]:
+        """Kind of the drive and measures of the wheels, and how far their middle lies ahead of the base frame [m]."""
         if not wheels:
             lost = f" (there is no {sorted(self.lost)[0]})" if self.lost else ""
             raise ApplrError(
@@ -268,11 +282,6 @@ class _Reader:
         pairs = (len(wheels), int(front.sum()), int(left.sum()), int(left[front].sum()))
         if pairs not in ((4, 2, 2, 1), (2, 0, 1, 0)):
             raise ApplrError(f"{self.path}: the driven wheels are {', '.join(sorted(wheels))}: {_OURS}")
-        if abs(ahead) > 0.01:
-            where = "ahead of" if ahead > 0 else "behind"
-            notes.append(
-                f"the wheels' middle lies {abs(ahead):.3f} m {where} {self.base}: the simulators drive as if above it"
-            )
         found: Dict[str, Any] = {
             "drive": "two_wheel" if len(wheels) == 2 else "skid_steer",
             "wheel_radius": radius,
@@ -292,7 +301,7 @@ class _Reader:
             own = np.mean([self._inertia([name])[2] for name in wheels], axis=0)
             if own.min() > 1e-9:
                 found["wheel_inertia"] = own.tolist()
-        return {name: value for name, value in found.items() if value is not None}
+        return {name: value for name, value in found.items() if value is not None}, ahead
 
     def _inertia(self, names: Iterable[str]) -> Tuple[float, np.ndarray, np.ndarray]:
         """Mass, (3,) centre of mass, and (3,) moments about x, y, z through it, of some links together."""

@@ -57,7 +57,8 @@ def setup(given: MoveBaseSection, folder: str) -> MoveBaseSetup:
 
 
 def _loaded(group: FileGroup, folder: str) -> Tuple[LoadedFile, ...]:
-    files = (LoadedFile(one.file, one.namespace, yaml_file.read(os.path.join(folder, one.file))) for one in group.files)
+    trees = [yaml_file.read_parameters(os.path.join(folder, one.file)) for one in group.files]
+    files = (LoadedFile(one.file, one.namespace, tree) for one, tree in zip(group.files, trees))
     return (*files, LoadedFile(FILE, "", group.parameters))
 
 

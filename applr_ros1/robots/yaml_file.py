@@ -22,3 +22,14 @@ def read(path: str) -> Dict[str, Any]:
     if not isinstance(found or {}, dict):
         raise ApplrError(f"{path}: holds no mapping; give lines such as name: value")
     return found or {}
+
+
+def read_parameters(path: str) -> Dict[str, Any]:
+    """The parameters of move_base in a YAML file, without the level move_base of one that is loaded beside the node.
+
+    Raises:
+        ApplrError: As `read` does.
+    """
+    found = read(path)
+    inner = found.get("move_base")
+    return inner if len(found) == 1 and isinstance(inner, dict) else found

@@ -4,6 +4,8 @@ import ast
 import builtins
 import math
 import os
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from applr_ros1.common import angles, files, user_module
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
+from applr_ros1.common.extras import EXTRAS
 from tests.support import ROOT
 
 PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
@@ -178,3 +181,52 @@ def test_a_topic_that_a_shutdown_closes_is_no_error(monkeypatch, raised):
         publish()
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
     publish()
+
+
+def test_extras_are_those_of_pyproject():
+    tomllib = pytest.importorskip("tomllib")
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    imported = {"pillow": "PIL"}
+    brought = {(imported.get(package, package), name) for name, packages in extras.items() for package in packages}
+    assert brought | {("lz4", "train")} == set(EXTRAS.items()) | {("matplotlib", "train")}
+
+
+WITHOUT_EXTRAS = """
+import runpy, sys
+from importlib.machinery import PathFinder
+import applr_ros1
+assert not {"numpy", "numba", "pydantic", "yaml"} & set(sys.modules), "import applr_ros1 brings more than itself"
+from applr_ros1.common.extras import EXTRAS
+class NotInstalled(PathFinder):
+    @staticmethod
+    def find_spec(name, *more):
+        return None if name.partition(".")[0] in EXTRAS else PathFinder.find_spec(name, *more)
+sys.meta_path[sys.meta_path.index(PathFinder)] = NotInstalled
+applr_ros1.load_policy("jackal")
+from training import evaluate
+words = "--worlds generated:7 --methods applr --trials 1 --simulator kinematic --workers 0 --out results"
+assert evaluate.main(words.split()) == 0
+for command in sys.argv[1:]:
+    sys.argv[1:] = []
+    try:
+        runpy.run_module("training." + command, run_name="__main__")
+    except SystemExit as end:
+        print("ended with:", end)
+"""
+
+
+def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_one_line(tmp_path):
+    pytest.importorskip("training.evaluate")
+    extras = dict.fromkeys(
+        ("appld", "bags_to_dataset", "compare_recording", "demonstrate", "static_search", "train"), "train"
+    )
+    program = [sys.executable, "-c", WITHOUT_EXTRAS, *extras, "export"]
+    environment = dict(os.environ, PYTHONPATH=str(ROOT))
+    done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    said = done.stdout.splitlines()
+    assert "the report is without pictures: Python's matplotlib is not installed" in said[-9]
+    assert (tmp_path / "results/report/table_1.csv").exists()
+    for extra, line in zip([*extras.values(), "export"], said[-7:]):
+        assert line.startswith("ended with: Python's "), line
+        assert line.endswith(f"pip install '.[{extra}]'"), line

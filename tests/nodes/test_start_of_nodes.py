@@ -1,7 +1,9 @@
 """Nodes that are started without a ROS master or with words that are no parameters, or stopped at once, say so in one
 line."""
 
+import importlib
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,6 +11,7 @@ import time
 
 import pytest
 
+from applr_ros1.robots import RobotError
 from tests.support import ros_harness
 
 pytest.importorskip("rospy")
@@ -60,6 +63,23 @@ def test_a_missing_python_package_is_one_line_with_the_remedy():
     text = ended(start("-c", begin + "sys.argv[1:] = ['--help']; run_script('applr_ros1.nodes.move_base.node')"), 1)
     assert "numba" in text
     assert "./applr packages" in text
+
+
+@pytest.mark.parametrize(
+    "module", ["applr_ros1.nodes.applr.main", "applr_ros1.nodes.monitor.node", "sim_bridge.ros_bridge"]
+)
+def test_nodes_refuse_a_robot_with_the_errors_that_move_base_refuses(module, tmp_path, monkeypatch):
+    shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
+    with open(tmp_path / "mine" / "planner.yaml", "a") as file:
+        file.write("\ninflation_radus: 0.3\n")
+    node = importlib.import_module(module)
+    given = {"robot": str(tmp_path / "mine")}
+    monkeypatch.setattr(node, "init_node", lambda name: None)
+    monkeypatch.setattr(
+        node.rospy, "get_param", lambda name, default: given if name == "~" else given.get(name[1:], default)
+    )
+    with pytest.raises(RobotError, match="inflation_radus"):
+        node.main()
 
 
 class Searching:

@@ -10,7 +10,9 @@ import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import applr_ros1
 import worlds
+from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import PICKLES, unpack
 from applr_ros1.policy import actor as actor_module
@@ -425,3 +427,26 @@ def test_an_actor_for_one_robot_is_not_read_from_the_policy_for_every_robot():
 
     with pytest.raises(ApplrError, match="it is for every robot: read it with GeneralActor.load"):
         actor.Actor.load(methods.shipped())
+
+
+@pytest.mark.parametrize("name", ["jackal", "turtlebot3_waffle_pi"])
+def test_a_loaded_policy_predicts_what_its_method_decides(name):
+    gymnasium = pytest.importorskip("gymnasium")
+    from training.env import ID
+
+    policy = applr_ros1.load_policy(name)
+    environment = gymnasium.make(ID, worlds="generated:7", **policy.environment)
+    seen, _ = environment.reset(seed=1)
+    action, state = policy.predict(seen, state=("kept",), episode_start=np.ones(1, bool), deterministic=False)
+    assert environment.action_space.contains(action)
+    assert state == ("kept",)
+    np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-6)
+    method = methods.make("applr", robots.load(name))
+    method.reset(0)
+    decided = method.theta(environment.unwrapped.episode.context())
+    np.testing.assert_allclose(environment.unwrapped.ruler.form.theta(action), decided, rtol=1e-6)
+    assert environment.unwrapped.episode.period == method.period
+    with pytest.raises(ApplrError, match=r"observation has shape \(3,\): \(\d+,\) or \(k, \d+\) needed"):
+        policy.predict(np.zeros(3))
+    with pytest.raises(ApplrError, match="holds NaN or inf"):
+        policy.predict(np.full(seen.shape, np.nan))

@@ -157,8 +157,18 @@ def test_two_wheels_and_a_caster(make, capsys):
     assert "DWAPlannerROS, 20 commands per second, with and without a map" in capsys.readouterr().out
 
 
+def test_masses_and_casters_stand_as_far_from_the_wheels_as_in_the_urdf(make):
+    ahead = TWO.replace('"0 .12 0"', '".1 .12 0"').replace('"0 -.12 0"', '".1 -.12 0"')
+    _, said, file = make('<xacro:arg name="reach" default="1.5"/>' + ahead + RAYS)
+    found = yaml.safe_load(file.read_text())
+    assert "middle lies 0.100 m ahead of base_footprint" in said
+    assert (found["base"]["casters"], found["body"]["com"]) == ([[-0.25, 0.0]], [-0.14, 0.0, 0.11933])
+    assert found["body"]["centre"] == [-0.05, 0.0]
+
+
 def test_parameter_files_below_the_names_at_which_move_base_reads_them(make):
-    more = {"costmap_common.yaml": COMMON.replace("base_foot", "/base_foot"), "amcl.yaml": AMCL, "navfn.yaml": NAVFN}
+    beside = "move_base: {" + NAVFN.strip() + "}\n"  # as a launch file loads it beside the node
+    more = {"costmap_common.yaml": COMMON.replace("base_foot", "/base_foot"), "amcl.yaml": AMCL, "navfn.yaml": beside}
     _, said, file = make(TWO + RAYS.replace("$(arg reach)", "1.5"), **more)
     found = yaml.safe_load(file.read_text())["move_base"]
     assert [(entry["file"], entry.get("namespace", "")) for entry in found["files"]] == [
@@ -195,6 +205,7 @@ def test_four_wheels_on_rockers_a_mesh_and_the_limits_of_a_controller(make, tmp_
         urdf += link(side, '<box size=".2 .02 .02"/>') + joint(side, f"0 {y} 0", kind="revolute")
         urdf += wheel(side + "_front", ".15 0 0", parent=side) + wheel(side + "_rear", "-.13 0 0", parent=side)
     urdf += link("arm", '<box size="1 .1 .1"/>') + joint("arm", "0 0 .2", kind="revolute", axis="0 0 1")
+    urdf += wheel("gripper", ".1 0 .3", parent="arm")  # turns as a wheel does, above the ground
     urdf += link("scanner") + joint("scanner", ".1 0 .2", turn="3.14159265 0 .5")
     rays = RAYS.replace("$(arg reach)", "1.2")
     status, said, file = make(
@@ -235,7 +246,7 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         ("<joint/>", {}, "cannot be read as URDF"),
         (link("base_footprint", '<box size="1 1 1"/>'), {}, "has no wheels"),
         (TWO + wheel("third", "-.1 0 0"), {}, "driven wheels are left, right, third"),
-        (TWO + wheel("side", ".1 0 0", axis="1 0 0", turn="0 0 0"), {}, "side_joint.* omni base"),
+        (TWO + wheel("side", ".1 0 0", turn="0 1.5707963 0"), {}, "side_joint.* omni base"),
         (TWO.replace('"roller"', '"omni_wheel"'), {}, "omni_wheel is of an omni base"),
         (
             TWO.replace('name="swivel_joint" type="continuous"', 'name="swivel_joint" type="revolute"'),
@@ -246,7 +257,6 @@ def test_a_robot_without_laser_is_asked_for_one(make):
         (TWO + "<xacro:lms/>", {}, "xacro refuses it: unknown macro name: xacro:lms"),
         (TWO, {"costmap_common.yaml": "robot_base_frame: hull\n"}, "has no link hull"),
         (TWO, {"dwa.yaml": "max_vel_x: $(arg fast)\n"}, r"dwa.yaml holds \$\(arg fast\)"),
-        (TWO, {"dwa.yaml": "move_base: {}\n"}, "holds all below move_base"),
     ],
 )
 def test_what_is_wrong_is_one_line(make, urdf, more, line):

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
@@ -30,6 +28,9 @@ log = logging.getLogger(__name__)
 
 def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.0), **more):
     """(figure, axes array) without pyplot: no window, no global state."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **more)

@@ -11,6 +11,7 @@ from typing import List, Sequence, Tuple
 
 from tqdm import tqdm
 
+from applr_ros1.common.extras import absent
 from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
 from training.common.provenance import sentences
@@ -52,7 +53,10 @@ def write(folder, joined: Sequence[str] = ()) -> str:
     tables = [table for table in (make(results) for make in PAPER + MORE) if table.rows]
     for table in tables:
         write_bytes(out / f"{table.name}.csv", table.csv().encode())
-    pictures = _pictures(results, out)
+    missing = absent("matplotlib")
+    if missing:
+        print(f"the report is without pictures: {missing}")
+    pictures = [] if missing else _pictures(results, out)
     shown = [_picture(*picture) for picture in pictures]
     body = [f"<h1>{html.escape(title)}</h1>", *(f"<p class=verdict>{html.escape(s)}</p>" for s in summary(results))]
     body += shown[:1]

@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from training.actors.tasks import Trial, TrialResult
 from training.evaluation.score import CONTACT_SECONDS, FAILURE_SECONDS, clearly_worse, trial_seconds
@@ -180,6 +178,9 @@ def reason(result: TrialResult) -> str:
 
 def picture(pairs: Pairs, robot: str, path: Path) -> None:
     """Draws each course's score with the robot's own parameters against that with the others, into a PNG file."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(6, 6), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()

@@ -29,7 +29,8 @@ from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.ages import Ages
 from applr_ros1.nodes.sensors import Sensors
-from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.robot_check import usable
+from applr_ros1.robots import JACKAL, Robot
 
 from .other_publishers import OtherPublishers
 
@@ -182,7 +183,7 @@ def settings_from(parameters: dict, robot: Robot) -> MonitorSettings:
         ApplrError: with one line, for an unknown parameter or a value that cannot be used.
     """
     known = {f.name for f in fields(MonitorSettings)}
-    unknown = ", ".join(sorted(set(parameters) - known - {"robot", "tf_prefix", "transform_tolerance"}))
+    unknown = ", ".join(sorted(set(parameters) - known - {"robot", "map", "tf_prefix", "transform_tolerance"}))
     if unknown:
         raise ApplrError(f"no such parameter: {unknown}; give some of {', '.join(sorted(known))}")
     chosen = {name: parameters[name] for name in known & set(parameters)}
@@ -195,7 +196,7 @@ def main() -> int:
     """The command. Raises ApplrError, one line, for parameters that cannot be used."""
     init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
-    robot = load(str(parameters.get("robot", JACKAL.name)))
+    robot = usable(str(parameters.get("robot", JACKAL.name)), bool(parameters.get("map", False)))
     prefix = frame_prefix(str(parameters.get("tf_prefix", "")))
     tolerance = number_within("transform_tolerance", parameters.get("transform_tolerance", 0.3), 0.0, 10.0)
     node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, tolerance)
