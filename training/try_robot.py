@@ -47,7 +47,7 @@ class TryOptions(Options):
     # fmt: off
     robot: AnyRobot = Field(
         description="Folder with robot.yaml, or the name of an included robot.", json_schema_extra=PLACE)
-    minutes: float = option(5.0, "Time [min] after which no more courses are begun.", gt=0, le=10_000)
+    minutes: float = option(5.0, "Time [min] after the first course in which others are begun.", gt=0, le=10_000)
     worlds: WorldNames = "generated:validation"
     simulator: SimulatorName = "kinematic"
     workers: Workers
@@ -67,7 +67,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def run(options: TryOptions) -> int:
     """Drives and prints the verdict; returns the exit status."""
-    began, robot = time.monotonic(), options.robot
+    robot = options.robot
     names = [OWN, POLICY, *([SET] if os.path.exists(methods.shipped("static.json", robot)) else [])]
     how = {name: getattr(options, name) for name in ("robot", "worlds", "simulator", "workers", "seed", "runner")}
     out = options.out or os.path.join("try", robot.name)
@@ -78,7 +78,7 @@ def run(options: TryOptions) -> int:
     chosen = methods.parse(evaluation.methods, robot)
     trials = plan([world[:2] for world in worlds], chosen, TRIALS, options.seed)
     with continuable(), closing(Store(out, settings(evaluation, worlds, chosen), trials)) as store:
-        blocks = _blocks(store, names, max(1, options.workers), began + 60.0 * options.minutes)
+        blocks = _blocks(store, names, max(1, options.workers), 60.0 * options.minutes)
         drive(store, evaluation, blocks)
         pairs, used_up = Pairs(store.results, names), len(store.results) == len(trials)
     found = verdict(pairs, robot.name, robot.folder, used_up)
@@ -90,9 +90,12 @@ def run(options: TryOptions) -> int:
     return 0 if found.pays else 1
 
 
-def _blocks(store: Store, names: Sequence[str], pairs: int, until: float) -> Iterator[List[Trial]]:
-    """So many courses at a time with all methods, until it is clear which is best or the time is spent."""
-    looks = list(LOOKS)
+def _blocks(store: Store, names: Sequence[str], pairs: int, seconds: float) -> Iterator[List[Trial]]:
+    """So many courses at a time with all methods, until it is clear which is best or the time is spent.
+
+    The time begins after the first, in which kernels may be compiled.
+    """
+    looks, until = list(LOOKS), 0.0
     for first in range(0, len(store.plan), pairs * len(names)):
         count = first // len(names)
         if looks and count >= looks[0]:
@@ -103,6 +106,7 @@ def _blocks(store: Store, names: Sequence[str], pairs: int, until: float) -> Ite
         if first and time.monotonic() > until and not all(trial in store.results for trial in block):
             return
         yield block
+        until = until or time.monotonic() + seconds
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,6 +132,16 @@ class Slower(Fixed):
     gain = -10.0
 
 
+class Clocked(Fixed):
+    """The first drive takes the time in which kernels are compiled, the others a second."""
+
+    clock = [0.0]
+
+    def run(self, task, policy):
+        self.clock[0] += 1.0 if self.clock[0] else 600.0
+        return super().run(task, policy)
+
+
 @pytest.mark.parametrize(("runner", "status", "method"), [("Fixed", 0, "applr"), ("Slower", 1, "dwa")])
 def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method, tmp_path, capsys):
     words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:{runner}"]
@@ -146,13 +157,14 @@ def test_the_command_ends_when_it_is_clear_and_continues(runner, status, method,
     assert capsys.readouterr().out.splitlines() == printed
 
 
-def test_when_the_time_is_spent_it_ends_after_the_courses_under_way(tmp_path, capsys):
-    words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:Fixed"]
-    assert try_robot.main([*words, "--minutes", "0.0001"]) == 1
+def test_when_the_time_after_the_first_course_is_spent_it_ends_after_the_one_under_way(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(try_robot, "time", SimpleNamespace(monotonic=lambda: Clocked.clock[0]))
+    words = ["turtlebot3_burger", "--workers", "0", "--out", str(tmp_path), "--runner", f"{__name__}:Clocked"]
+    assert try_robot.main([*words, "--minutes", "0.05"]) == 1
     printed = capsys.readouterr().out
     assert "Whether the policy pays on turtlebot3_burger is not clear" in printed
     assert "nan" not in printed
-    assert (tmp_path / "trials.csv").read_text().count("\n") == 1 + 2
+    assert (tmp_path / "trials.csv").read_text().count("\n") == 1 + 2 * 3
 
 
 def test_a_mistake_is_one_line():
