@@ -203,7 +203,7 @@ class NotInstalled(PathFinder):
         return None if name.partition(".")[0] in EXTRAS else PathFinder.find_spec(name, *more)
 sys.meta_path[sys.meta_path.index(PathFinder)] = NotInstalled
 applr_ros1.load_policy("jackal")
-from training import evaluate
+from training import evaluate, try_robot
 words = "--worlds generated:7 --methods applr --trials 1 --simulator kinematic --workers 0 --out results"
 assert evaluate.main(words.split()) == 0
 for command in sys.argv[1:]:
