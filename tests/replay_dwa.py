@@ -8,11 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from applr_ros1.planner.dwa.critics import CRITICS
-from applr_ros1.planner.dwa.local_plan import LocalPlan
-from applr_ros1.planner.dwa.local_planner import DRIVING, NO_PLAN, DWALocalPlanner
+from applr_ros1.planner.dwa.critics import ALL
+from applr_ros1.planner.dwa.local_planner import DRIVING, NO_PLAN, STOPPING, TURNED, TURNING, DWALocalPlanner, LocalPlan
 from applr_ros1.planner.dwa.planner import DWAPlanner
-from applr_ros1.planner.dwa.stop_rotate import STOPPING, TURNED, TURNING
 
 FORMAT = "planner-golden-2-dwa"
 GRIDS = ("path_dist", "goal_dist", "goal_front_dist", "alignment_dist")
@@ -67,7 +65,7 @@ def dwa(scenario):
     yield "end", every.ends, scenario.array("end")
     yield "critics", every.critics[:, :6], scenario.array("critics")
     yield "cost", every.costs, scenario.array("cost")
-    yield "cut", np.where(every.ended == CRITICS, THROUGH, every.ended), scenario.array("cut")
+    yield "cut", np.where(every.ended == ALL, THROUGH, every.ended), scenario.array("cut")
     if "stored" in scenario:
         yield "stored", every.stored, scenario.array("stored")
     counts = [len(every.counts), (every.counts > 0).sum(), (every.costs >= 0).sum()]

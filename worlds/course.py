@@ -17,8 +17,8 @@ import numpy as np
 from applr_ros1.common import files
 from applr_ros1.common.errors import reason
 
-from . import barn_grid, dynabarn, occupancy, search
-from .sdf_xml import numbers
+from . import barn, dynabarn, occupancy, search
+from .sdf import numbers
 from .world import Course, WorldError
 
 NAMESPACE = "applr"  # of our own elements: {applr}course, {applr}waypoints
@@ -84,45 +84,43 @@ def read_path_file(file: str) -> np.ndarray:
 
 def _on_barns_grid(file: str, cylinders: np.ndarray) -> Course:
     cells = read_path_file(file)
-    outside = np.any((cells < 0) | (cells >= (barn_grid.ROWS, barn_grid.COLS)), axis=1)
+    outside = np.any((cells < 0) | (cells >= (barn.ROWS, barn.COLS)), axis=1)
     if outside.any():
         raise WorldError(
-            f"{file} has the cell {tuple(int(v) for v in cells[outside][0])} outside BARN's {barn_grid.ROWS} x "
-            f"{barn_grid.COLS} field; put the world's own path file there"
+            f"{file} has the cell {tuple(int(v) for v in cells[outside][0])} outside BARN's {barn.ROWS} x "
+            f"{barn.COLS} field; put the world's own path file there"
         )
     if np.abs(np.diff(cells, axis=0)).max() > 1:
         raise WorldError(f"{file} jumps between cells that are not neighbours; put the world's own path file there")
-    clear = search.free_space(barn_grid.fill_of(cylinders), 1)
+    clear = search.free_space(barn.fill_of(cylinders), 1)
     shut = ~clear[cells[:, 0], cells[:, 1]]
     if shut.any():
         raise WorldError(
             f"{file} runs into an obstacle at cell {tuple(int(v) for v in cells[shut][0])}: no passage there; put the "
             "world's own path file there or clear the way"
         )
-    return barn_grid.paper_course(barn_grid.to_xy(cells))
+    return barn.paper_course(barn.to_xy(cells))
 
 
 def _is_barns(cylinders: np.ndarray, boxes: np.ndarray) -> bool:
     """Whether these are cylinders on BARN's cells, between BARN's two walls."""
     if len(boxes) or not len(cylinders):
         return False
-    cells = barn_grid.to_cells(cylinders[:, :2])
-    on_grid = np.abs(barn_grid.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * barn_grid.CELL
-    return bool(
-        on_grid and set(cells[:, 0]) <= set(range(barn_grid.ROWS)) and barn_grid.fill_of(cylinders)[[0, -1]].all()
-    )
+    cells = barn.to_cells(cylinders[:, :2])
+    on_grid = np.abs(barn.to_xy(cells) - cylinders[:, :2]).max() < 0.25 * barn.CELL
+    return bool(on_grid and set(cells[:, 0]) <= set(range(barn.ROWS)) and barn.fill_of(cylinders)[[0, -1]].all())
 
 
 def _searched_on_barns_grid(path: str, cylinders: np.ndarray) -> Course:
-    free = search.free_space(barn_grid.fill_of(cylinders), barn_grid.CLEARANCE)
-    ends = [(r, c) for c in (0, barn_grid.COLS - 1) for r in range(barn_grid.ROWS)]
-    cells = search.shortest_path(free, ends[: barn_grid.ROWS], ends[barn_grid.ROWS :])
+    free = search.free_space(barn.fill_of(cylinders), barn.CLEARANCE)
+    ends = [(r, c) for c in (0, barn.COLS - 1) for r in range(barn.ROWS)]
+    cells = search.shortest_path(free, ends[: barn.ROWS], ends[barn.ROWS :])
     if cells is None:
         raise WorldError(
-            f"{path} has no passage of {barn_grid.CELL * (2 * barn_grid.CLEARANCE + 1):.2f} m through its field; "
+            f"{path} has no passage of {barn.CELL * (2 * barn.CLEARANCE + 1):.2f} m through its field; "
             "clear a way or give another world"
         )
-    return barn_grid.paper_course(barn_grid.to_xy(cells))
+    return barn.paper_course(barn.to_xy(cells))
 
 
 def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
@@ -155,7 +153,7 @@ def _searched(path: str, cylinders: np.ndarray, boxes: np.ndarray) -> Course:
         start=(float(points[0, 0]), float(points[0, 1]), math.pi / 2),
         goal=(float(points[-1, 0]), float(points[-1, 1]), math.pi / 2),
         finish_y=None,
-        goal_tolerance=barn_grid.GOAL_TOLERANCE,
+        goal_tolerance=barn.GOAL_TOLERANCE,
         path=points,
     )
 

@@ -22,10 +22,10 @@ from typing import Dict, List, Optional, Tuple, Union
 
 from applr_ros1.common.errors import ApplrError, run_main
 
-from . import movers_table
+from . import dynabarn
+from .dynabarn import Animation
 from .loading import folder_files
-from .movers_table import Animation
-from .sdf_xml import FAR, parse
+from .sdf import FAR, parse
 from .world import WorldError
 
 TIMEOUT = 60.0  # [s] for objdump, which takes .02 s for a plugin of DynaBARN
@@ -103,7 +103,7 @@ def animation(load: str, constants: Dict[int, int], path: str) -> Animation:
         if len(frame) != 4 or not all(abs(v) <= FAR for v in frame) or abs(frame[3]) > OFF_THE_GROUND:
             raise WorldError(f"{path} has the key frame {frame}; it must be a time and a place on the ground")
     ordered = sorted((frame[:3] for frame in frames), key=lambda frame: frame[0])  # as CreateKeyFrame sorts them in
-    return movers_table.checked(*heads[0], [tuple(frame) for frame in ordered], f"key frames of {path}")
+    return dynabarn.checked(*heads[0], [tuple(frame) for frame in ordered], f"key frames of {path}")
 
 
 def _objdump(*arguments: str) -> str:
@@ -147,12 +147,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m worlds.dynabarn_table", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("worlds", metavar="WORLDS_DIR", help="Folder of .world files.")
     parser.add_argument("plugins", metavar="PLUGINS_DIR", help="Folder of the .so files that the worlds name.")
-    parser.add_argument("--out", metavar="TABLE", help=f"File to write. Default: WORLDS_DIR/{movers_table.NAME}.")
+    parser.add_argument("--out", metavar="TABLE", help=f"File to write. Default: WORLDS_DIR/{dynabarn.NAME}.")
     arguments = parser.parse_args()
-    out = arguments.out or os.path.join(arguments.worlds, movers_table.NAME)
+    out = arguments.out or os.path.join(arguments.worlds, dynabarn.NAME)
     animations, problems = collect(arguments.worlds, arguments.plugins)
     if animations:
-        movers_table.write(out, animations)
+        dynabarn.write_table(out, animations)
     for problem in problems:
         print(f"not understood: {problem}", file=sys.stderr)
     found = f"{len(animations)} plugins with {sum(len(a.frames) for a in animations.values())} key frames"

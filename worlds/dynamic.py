@@ -11,8 +11,7 @@ from typing import List
 import numpy as np
 
 from .dynabarn import arena_course
-from .mover import KeyFrame, Mover
-from .world import World
+from .world import KeyFrame, Mover, World
 
 SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers from 100 on are free for training
 SPEEDS = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # of the three kinds [m/s]

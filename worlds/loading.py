@@ -12,11 +12,11 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
-from . import builtin, dynamic, generator, physical_course, sdf_reader
+from . import barn, dynamic, physical_course, sdf_reader
 from .world import World, WorldError
 
 FORMS = (
-    f"generated:N (0-{generator.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
+    f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world "
     "file, a folder of them, or FOLDER:choose and FOLDER:report for the halves of BARN's training worlds in it"
 )
@@ -34,11 +34,11 @@ class _Recipe(NamedTuple):
 
 def _fresh(number: int) -> World:
     """More worlds of the generator's recipe, made on the spot."""
-    return dataclasses.replace(generator.generate(generator.COUNT + number), name=f"fresh:{number}")
+    return dataclasses.replace(barn.generate(barn.COUNT + number), name=f"fresh:{number}")
 
 
 _RECIPES = {
-    "generated": _Recipe(builtin.world, builtin.SPLITS, generator.COUNT),
+    "generated": _Recipe(barn.world, barn.SPLITS, barn.COUNT),
     "fresh": _Recipe(_fresh, {}, 10**9),
     "dynamic": _Recipe(dynamic.generate, dynamic.SPLITS, 10**9),
 }
@@ -143,7 +143,7 @@ def barn_half(folder: str, half: str) -> List[str]:
 
     WorldError where there is none.
     """
-    numbers = [n for n in builtin.TRAIN if n % 2 == HALVES[half]]
+    numbers = [n for n in barn.TRAIN if n % 2 == HALVES[half]]
     files = [os.path.join(folder, "world_%d.world" % n) for n in numbers]
     found = [file for file in files if os.path.isfile(file)]
     if not found:

@@ -11,7 +11,9 @@ from typing import Dict, Tuple
 import numpy as np
 from scipy import ndimage
 
-from . import barn_grid, search
+from applr_ros1.common.angles import outside_box
+
+from . import barn, search
 from .world import World, WorldError
 
 NAMES = ("closest_obstacle", "visibility", "dispersion", "dimension", "tortuosity")
@@ -43,13 +45,13 @@ def difficulty(world: World) -> Dict[str, float]:
     Raises:
         WorldError: the world has boxes, moving obstacles or a reference path that is not within the grid.
     """
-    path = barn_grid.to_cells(world.course.path)
-    inside = len(path) and path.min() >= 0 and (path < (barn_grid.ROWS, barn_grid.COLS)).all()
+    path = barn.to_cells(world.course.path)
+    inside = len(path) and path.min() >= 0 and (path < (barn.ROWS, barn.COLS)).all()
     if not inside or len(world.boxes) or world.movers:
         raise WorldError(
             f"{world.name} is not on BARN's grid, so its difficulty cannot be measured; give generated worlds or BARN's"
         )
-    return grid_difficulty(barn_grid.fill_of(world.cylinders), path)
+    return grid_difficulty(barn.fill_of(world.cylinders), path)
 
 
 def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
@@ -65,7 +67,7 @@ def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
 
     As in BARN's files, the path's first cell counts twice in every mean (its path files repeat it).
     """
-    free = search.free_space(filled, barn_grid.CLEARANCE)
+    free = search.free_space(filled, barn.CLEARANCE)
     distance = ndimage.distance_transform_edt(free)
     cells = [(int(r), int(c)) for r, c in path]
     cells.insert(0, cells[0])
@@ -109,3 +111,17 @@ def _meets_wall(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) 
             return True
         gone += 2 if 2 in move else 1
     return False
+
+
+def clearance(world: World, points: np.ndarray, time: float = 0.0) -> np.ndarray:
+    """(n,) distance [m] from each point (n, 2) to the nearest obstacle's surface; moving ones at `time` [s].
+
+    Inside a cylinder it is negative, inside a box 0; without obstacles it is inf.
+    """
+    moving = [(*mover.position(time), mover.radius) for mover in world.movers]
+    cylinders = np.vstack([world.cylinders, np.array(moving).reshape(-1, 3)])
+    x, y = points[:, :1], points[:, 1:]
+    nearest = np.min(np.hypot(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 2], axis=1, initial=np.inf)
+    for bx, by, yaw, size_x, size_y in world.boxes:
+        nearest = np.minimum(nearest, np.hypot(*outside_box(x[:, 0] - bx, y[:, 0] - by, yaw, size_x, size_y)))
+    return nearest

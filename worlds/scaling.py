@@ -11,8 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import physical_course
-from .mover import Mover
-from .world import Course, Pose, World
+from .world import Course, Mover, Pose, World
 
 RECIPES = ("generated:", "fresh:", "dynamic:")  # how the names of their worlds begin
 

@@ -12,10 +12,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from . import course, dynabarn, sdf_geometry
-from .movers_table import Animation
-from .sdf_frames import IDENTITY, WORLD, Scope, frame_of, pose_of
-from .sdf_xml import numbers, parse
+from . import course, dynabarn, sdf
+from .dynabarn import Animation
+from .sdf import IDENTITY, WORLD, Scope, frame_of, numbers, parse, pose_of
 from .world import Mover, World, WorldError
 
 MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
@@ -173,14 +172,14 @@ class _Reader:
             circle = rectangle = None
             if shape.tag == "cylinder":
                 radius = self._size(shape, "radius", what) * float(max(scale[:2]))
-                circle, rectangle = sdf_geometry.cylinder(pose, radius, self._size(shape, "length", what) * scale[2])
+                circle, rectangle = sdf.cylinder(pose, radius, self._size(shape, "length", what) * scale[2])
             elif shape.tag == "sphere":
-                circle = sdf_geometry.sphere(pose, self._size(shape, "radius", what) * float(max(scale)))
+                circle = sdf.sphere(pose, self._size(shape, "radius", what) * float(max(scale)))
             elif shape.tag == "box":
                 size = numbers(shape.findtext("size"), 3, "size, " + what)
                 if min(size) <= 0.0:
                     raise WorldError(f"size, {what} is {size}; it must be above 0")
-                rectangle = sdf_geometry.box(pose, np.array(size) * scale)
+                rectangle = sdf.box(pose, np.array(size) * scale)
             elif shape.tag not in NOTHING_THERE:
                 raise WorldError(
                     f"{what} is a {shape.tag!r}; only box, cylinder, sphere and plane are read, replace it"

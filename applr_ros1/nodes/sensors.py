@@ -12,9 +12,11 @@ import threading
 from collections import deque
 from typing import Any, Callable, Deque, Dict, Mapping, Optional, Tuple
 
+import numpy as np
 import rospy
 import tf2_ros
 from nav_msgs.msg import Odometry
+from rospy.rostime import is_wallclock
 from sensor_msgs.msg import LaserScan as ScanMessage
 from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
@@ -25,6 +27,37 @@ from applr_ros1.common.errors import reason
 from . import conversions
 from .conversions import MessageError, Pose
 from .transforms import MAX_AHEAD
+
+ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
+
+
+def jumped_back(last: rospy.Time, now: rospy.Time) -> bool:
+    """Whether ROS time has jumped back since `last`: a simulated clock at all, a wall clock by more than ADJUSTMENT."""
+    return now < last and (not is_wallclock() or (last - now).to_sec() > ADJUSTMENT)
+
+
+COMMANDS = 600  # that the figures are of: half a minute at 20 Hz
+
+
+class Ages:
+    """The ages [s] of scan, pose and twist at the newest commands."""
+
+    def __init__(self) -> None:
+        self._known: Dict[str, Deque[float]] = {}
+
+    def add(self, ages: Mapping[str, float]) -> None:
+        """A command was made from what is {name: age [s]} old (Sensors.ages)."""
+        for name, age in ages.items():
+            self._known.setdefault(name, deque(maxlen=COMMANDS)).append(age)
+
+    def values(self) -> Dict[str, str]:
+        """{"scan_age_s": "median .., 99 % .., largest .."}, as /diagnostics shows it."""
+        shown = {}
+        for name, ages in self._known.items():
+            median, most = np.percentile(ages, (50, 99))
+            shown[name + "_age_s"] = f"median {median:.3f}, 99 % {most:.3f}, largest {max(ages):.3f}"
+        return shown
+
 
 WAITING = 20  # scans kept until their transform comes
 AHEAD = 1.0  # s by which the stamp of a scan or of odometry may be ahead of the clock

@@ -11,7 +11,7 @@ from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.grid import FREE, UNKNOWN
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.sources import Source
+from applr_ros1.planner.costmap.scan import Source
 from applr_ros1.planner.costmap.static_layer import StaticParameters
 from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner

@@ -65,6 +65,13 @@ class LocalPlanner(abc.ABC):
         """Choose among all velocities again, if it was backing out: the way back is blocked."""
         return  # a planner that does not back out has nothing to do
 
+    def refusals(self, costmap) -> Dict[str, int]:
+        """Why the last cycle's samples gave no command: how many there were, and how many each critic refused.
+
+        Empty where there was a command, or nothing was sampled. costmap: as that cycle saw it.
+        """
+        return {}
+
     @property
     @abc.abstractmethod
     def local_plan(self) -> np.ndarray:

@@ -26,8 +26,7 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
-from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Moment, Parts, Pose, StateMachine, Twist
-from applr_ros1.planner.timer import Timer
+from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Moment, Parts, Pose, StateMachine, Timer, Twist
 from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"

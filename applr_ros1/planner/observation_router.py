@@ -10,8 +10,7 @@ from typing import Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.scan import LaserScan, Observation, moved, observe
-from applr_ros1.planner.costmap.sources import ObservationBuffer
+from applr_ros1.planner.costmap.scan import LaserScan, Observation, ObservationBuffer, moved, observe
 
 Sensed = Union[Observation, Mapping[str, Observation]]
 

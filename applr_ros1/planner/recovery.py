@@ -10,8 +10,8 @@ import math
 from typing import Optional, Tuple
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES, RECOVERY_TYPES
+from applr_ros1.planner.sampling_planner import angle_difference
 
 PATIENCE = 4.0  # a rotation that takes this many times its unhindered time is over (C++ would turn for ever)
 

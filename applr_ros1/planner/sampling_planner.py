@@ -1,6 +1,8 @@
-"""What the two planners that sample velocities share: the check of new parameters, and the display of a cycle's costs.
+"""What the two planners that sample velocities share.
 
-Called by trajectory/planner.py and dwa/planner.py.
+Called by trajectory/ and dwa/: angles as C++ ROS handles them, to the last bit; the check of new parameters; the heap
+in which samples wait, the one with the least bound of its cost on top and of equal ones the first sampled; and the
+display of a cycle's costs.
 """
 
 from __future__ import annotations
@@ -10,7 +12,35 @@ from typing import Any, Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.parameters.parameter import ParameterError
+
+LARGEST_TURN = 0.5  # [rad] a step for closed forms: the chord's formula fails near a full turn
+
+
+@kernel
+def through_quaternion(yaw):
+    """An angle after its way through a quaternion: in (-pi, pi], last bits may differ."""
+    z = math.sin(yaw / 2)
+    w = math.cos(yaw / 2)
+    return math.atan2(2 * (w * z), w * w - z * z)
+
+
+@kernel
+def angle_difference(a, b):
+    """The angle from a to b, in (-pi, pi]."""
+    r = np.fmod(b - a + math.pi, 2.0 * math.pi)
+    return r + math.pi if r <= 0.0 else r - math.pi
+
+
+@kernel
+def small_turn(a):
+    """(cos a, sin a) by their series, for |a| <= .25 good to about 1e-15."""
+    t = a * a
+    return (
+        1 - t / 2 * (1 - t / 12 * (1 - t / 30 * (1 - t / 56))),
+        a * (1 - t / 6 * (1 - t / 20 * (1 - t / 42 * (1 - t / 72)))),
+    )
 
 
 def updated(
@@ -71,3 +101,23 @@ def cost_cloud(
     cloud[:, 5] = cells[column, row]
     cloud[:, 6] = weights[0] * path.T[column, row] + weights[1] * goal.T[column, row] + weights[2] * cells[column, row]
     return cloud
+
+
+@kernel
+def sift_down(heap, keys, count, i):
+    """Restore the heap of sample numbers, least (key, number) on top, after the key of heap[i] grew."""
+    sample = heap[i]
+    while 2 * i + 1 < count:
+        child = 2 * i + 1
+        if child + 1 < count and _before(keys, heap[child + 1], heap[child]):
+            child += 1
+        if not _before(keys, heap[child], sample):
+            break
+        heap[i] = heap[child]
+        i = child
+    heap[i] = sample
+
+
+@kernel
+def _before(keys, a, b):
+    return keys[a] < keys[b] or (keys[a] == keys[b] and a < b)

@@ -15,7 +15,7 @@ from typing import List
 from applr_ros1.common.errors import MEANT
 from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.robot_check import body, costmaps, local_planner
-from applr_ros1.robot_check.setup import Setup
+from applr_ros1.robot_check.parameters import Setup
 from applr_ros1.robots import NAMES, Robot, load
 from applr_ros1.robots.problems import refuse
 

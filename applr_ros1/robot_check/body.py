@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Iterator
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robot_check.setup import Setup
+from applr_ros1.robot_check.parameters import Setup
 from sim_bridge.mechanics import mechanics
 
 

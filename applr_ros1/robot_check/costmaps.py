@@ -7,7 +7,7 @@ from typing import Any, Dict, Iterator
 import numpy as np
 
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, STATIC_LAYER
-from applr_ros1.robot_check.setup import Setup
+from applr_ros1.robot_check.parameters import Setup
 
 UNITS = 10.0  # a length that is so many times another one is in centimetres or millimetres
 WIDTH = 0.53  # of the Jackal's padded footprint [m], for which the recipe of the worlds was made

@@ -7,11 +7,11 @@ from typing import Iterator
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.grid import INSCRIBED
-from applr_ros1.planner.dwa.generator import SLACK
+from applr_ros1.planner.dwa.samples import SLACK
 from applr_ros1.planner.parameters.check import warnings
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robot_check.setup import Setup
+from applr_ros1.robot_check.parameters import Setup
 from applr_ros1.robots.description import find
 
 DWA = "DWAPlannerROS"

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import ks_2samp
 
 import worlds
-from worlds import barn_grid, metrics
+from worlds import barn, metrics
 
 
 def measure(spec):
@@ -18,7 +18,7 @@ def measure(spec):
     found = worlds.load_all(spec)
     rows = [metrics.difficulty(world) for world in found]
     table = {name: np.array([row[name] for row in rows]) for name in metrics.NAMES}
-    return {"fill": np.array([barn_grid.fill_of(world.cylinders).mean() for world in found]), **table}
+    return {"fill": np.array([barn.fill_of(world.cylinders).mean() for world in found]), **table}
 
 
 def main():

@@ -12,7 +12,7 @@ from nav_msgs.msg import Odometry
 
 from applr_ros1.nodes.viewer.node import Viewer
 from applr_ros1.nodes.viewer.race import Drive, verdict
-from applr_ros1.robots import JACKAL
+from applr_ros1.robots import JACKAL, load
 from tests.support.fake_jackal import FakeJackal
 from tests.support.ros_harness import free_port, session, wait_for
 
@@ -148,6 +148,19 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
         wait_for(lambda: state(viewer) and slider.value != 0.45, 5.0, "the slider follows")
     finally:
         applr.kill()
+        move_base.kill()
+
+
+def test_a_robot_with_another_planner_has_its_sliders(ros):
+    move_base = ros.python("tests/support/fake_move_base.py", "--robot", "turtlebot3_waffle_pi")
+    made = Viewer(load("turtlebot3_waffle_pi"), "", "odom", "127.0.0.1", free_port())
+    try:
+        wait_for(lambda: state(made) and made.pilot.client.connected, 20.0, "the servers")
+        assert list(made.panel.sliders) == list(made.pilot.space.names)
+        by_hand(made.panel.sliders["max_vel_x"], 0.1)
+        wait_for(lambda: rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.1, 5.0, "the value in move_base")
+    finally:
+        made.close()
         move_base.kill()
 
 

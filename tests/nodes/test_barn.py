@@ -19,7 +19,8 @@ from applr_ros1.nodes.tools import barn, barn_results
 from applr_ros1.nodes.tools.barn_checkout import Overlay
 from tests.support import ROOT
 from tests.support.worlds_sdf import as_barn, moving, sdf
-from worlds import builtin, movers_table
+from worlds import dynabarn
+from worlds.barn import fields
 
 pytestmark = pytest.mark.ros
 
@@ -40,10 +41,10 @@ def checkout(tmp_path):
     shutil.copy(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch", helper / "launch")
     (helper / "launch" / "gazebo_launch.launch").write_text("<launch><!-- starts Gazebo --></launch>")
     (static / "world_2.world").write_text(as_barn(worlds.load("generated:2")))
-    np.save(static / "path_files" / "path_2.npy", builtin.fields()[2][1])
+    np.save(static / "path_files" / "path_2.npy", fields()[2][1])
     (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1")))
     frames = ((0.0, -5.0, 7.0), (10.0, 5.0, 7.0))
-    movers_table.write(str(dynamic / movers_table.NAME), {"easylibobs_1": movers_table.Animation(10.0, True, frames)})
+    dynabarn.write_table(str(dynamic / dynabarn.NAME), {"easylibobs_1": dynabarn.Animation(10.0, True, frames)})
     return root
 
 

@@ -42,3 +42,24 @@ def test_feedback_states_a_pose_that_is_known(pose):
     MoveBaseNode._cycle(node, NOW, NOW)
     told = [(call.args[0].pose.position.x, call.args[0].pose.position.y) for call in node.goals.feedback.mock_calls]
     assert told == ([] if pose is None else [(1.0, 2.0)])
+
+
+def test_diagnostics_say_which_critics_refused_the_samples():
+    node, refused = MagicMock(), {"samples": 3, "obstacle": 3}
+    node._locate.return_value = (1.0, 2.0, 0.5), None
+    node.move_base.step.return_value = Cycle(controlled=True)
+    node.move_base.local_planner.refusals.side_effect = [{}, refused]
+    node.watchdog.is_lost.return_value = False
+    node._displays.post.side_effect = lambda publish: publish()
+    node._ages.values.return_value, node._refusals = {}, {}
+    reports = []
+    for cycles in (1, 2, 0):
+        for _ in range(cycles):  # once there are reasons, they stay until they are reported
+            MoveBaseNode._cycle(node, NOW, NOW)
+        node._report_from = 0.0
+        node._diagnostics.publish.reset_mock()
+        MoveBaseNode._report(node, NOW)
+        status = node._diagnostics.publish.mock_calls[1].args[0].status[0]
+        reports.append((status.level, status.message, {v.key: v.value for v in status.values}))
+    fine = (0, "", {})
+    assert reports == [fine, (1, "no legal command", {"samples": "3", "obstacle": "3"}), fine]

@@ -123,7 +123,7 @@ def test_ages_are_those_of_what_was_used(robot):
 
 
 def test_ages_as_diagnostics_show_them():
-    from applr_ros1.nodes.ages import Ages
+    from applr_ros1.nodes.sensors import Ages
 
     ages = Ages()
     for k in range(101):

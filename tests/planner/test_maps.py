@@ -14,8 +14,16 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, SensorCloud, moved, observe, project
-from applr_ros1.planner.costmap.sources import ObservationBuffer, Source
+from applr_ros1.planner.costmap.scan import (
+    LaserScan,
+    ObservationBuffer,
+    PointCloud,
+    SensorCloud,
+    Source,
+    moved,
+    observe,
+    project,
+)
 from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters, interpretation
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import ObservationRouter

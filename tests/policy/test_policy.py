@@ -24,7 +24,7 @@ from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
 from tests.support.weights import make_weights
 from training.evaluation import trials
-from worlds import builtin
+from worlds import barn
 
 PLANNER, INFLATION = "TrajectoryPlannerROS", ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
@@ -401,7 +401,7 @@ def test_shipped_policy_says_what_made_it_and_drives():
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200
-    assert not {"generated:%d" % n for n in builtin.TEST} & set(trained_in)
+    assert not {"generated:%d" % n for n in barn.TEST} & set(trained_in)
     runner = trials.TrialRunner("kinematic")
     times = {}
     for task in trials.plan([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):

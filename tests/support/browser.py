@@ -28,6 +28,11 @@ OPTIONS = (
     "--force-device-scale-factor=0.5",  # a quarter of the pixels to draw
     "--remote-debugging-port=0",
 )
+# drawn in software, sixty frames a second would keep the cores from the robot
+TEN_FRAMES_A_SECOND = """
+window.requestAnimationFrame = draw => setTimeout(() => draw(performance.now()), 100);
+window.cancelAnimationFrame = clearTimeout;
+"""
 
 
 class Page:
@@ -171,6 +176,7 @@ def open_page(url, folder, width=1000, height=640):
         # without pings: a page that draws in software on a busy machine answers them too late
         with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None, ping_interval=None) as socket:
             page = Page(socket)
+            page.call("Page.addScriptToEvaluateOnNewDocument", source=TEN_FRAMES_A_SECOND)
             page.call("Page.navigate", url=url)
             yield page
     except ConnectionClosed:

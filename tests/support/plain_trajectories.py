@@ -5,9 +5,9 @@ Used by test_trajectory_planner.py. Every sample is rolled out and scored in ord
 
 import math
 
-from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.costmap.footprint import footprint_cost, line_cost
 from applr_ros1.planner.costmap.grid import map_to_world, world_to_map
+from applr_ros1.planner.sampling_planner import angle_difference
 
 HUGE = 1.7976931348623157e308
 

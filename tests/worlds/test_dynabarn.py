@@ -11,7 +11,7 @@ import pytest
 import worlds
 from tests.support import ROOT
 from tests.support.worlds_sdf import moving, put, sdf
-from worlds import dynabarn_table, movers_table
+from worlds import dynabarn, dynabarn_table
 from worlds.world import WorldError
 
 FRAMES = [(0.0, 9.0, 10.0), (3.87, 7.78, 4.32), (5.5, 0.0, 0.0), (8.0, -7.0, -10.0)]
@@ -107,8 +107,8 @@ def test_command_makes_the_table_and_names_what_it_does_not_understand(tmp_path)
 
 
 def table(folder, *rows):
-    path = folder / movers_table.NAME
-    path.write_text("\n".join((",".join(movers_table.COLUMNS),) + rows) + "\n")
+    path = folder / dynabarn.NAME
+    path.write_text("\n".join((",".join(dynabarn.COLUMNS),) + rows) + "\n")
     return str(path)
 
 
@@ -155,7 +155,7 @@ def test_wrong_tables_are_refused_in_a_line(tmp_path, rows, words):
     assert path in str(caught.value)
     Path(path).write_text("plugin;time\n")
     with pytest.raises(WorldError, match="must begin with the line plugin,length"):
-        movers_table.read(path)
+        dynabarn.read_table(path)
 
 
 def test_course_is_the_challenges_whatever_lies_beside(tmp_path):

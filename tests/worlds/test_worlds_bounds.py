@@ -7,7 +7,8 @@ import pytest
 
 import worlds
 from applr_ros1.common.limits import MAX_CELLS
-from worlds import metrics, top_view
+from worlds import metrics
+from worlds.draw import top_view
 from worlds.dynabarn import arena_course
 from worlds.occupancy import occupancy
 
@@ -18,7 +19,7 @@ TINY = replace(OPEN, movers=())
 
 @pytest.mark.parametrize("world", [OPEN, TINY], ids=["movers", "nothing"])
 def test_a_world_without_standing_obstacles_has_a_picture(world):
-    picture = top_view.top_view(world, world.course.start)
+    picture = top_view(world, world.course.start)
     assert picture.shape[2] == 3
     assert picture.shape[1] > picture.shape[0]  # as long as the course, a metre to each side
     assert picture.min() < 255

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import worlds
-from worlds import barn_grid, builtin, generator, metrics, search
+from worlds import barn, metrics, search
 
 PUBLISHED = {  # medians of BARN's 300 worlds
     "closest_obstacle": 2.13,
@@ -17,20 +17,20 @@ PUBLISHED = {  # medians of BARN's 300 worlds
 
 def test_kinds_follow_barns_numbering():
     kinds = {0: (0.15, 2), 24: (0.15, 2), 25: (0.15, 3), 75: (0.20, 2), 150: (0.25, 2), 299: (0.30, 4)}
-    assert {number: generator.kind(number) for number in kinds} == kinds
+    assert {number: barn.kind(number) for number in kinds} == kinds
 
 
 @pytest.mark.parametrize("number", [7, 190])
 def test_built_in_worlds_are_the_generators(number):
-    filled, path = generator.generate_field(number)
-    stored_filled, stored_path = builtin.fields()[number]
+    filled, path = barn.generate_field(number)
+    stored_filled, stored_path = barn.fields()[number]
     assert np.array_equal(filled, stored_filled)
     assert np.array_equal(path, stored_path)
 
 
 def test_every_built_in_world_has_room_along_its_path():
-    for number, (_, path) in builtin.fields().items():
-        world = builtin.world(number)
+    for number, (_, path) in barn.fields().items():
+        world = barn.world(number)
         distance = np.hypot(*(world.course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
         assert (distance - world.cylinders[:, 2]).min() >= 0.375 - 1e-9, number
         steps = np.diff(path, axis=0)
@@ -60,16 +60,16 @@ def test_cylinders_are_barns():
     assert world.cylinders.shape[1] == 3
     assert (world.cylinders[:, 2] == 0.075).all()
     assert world.boxes.shape == (0, 5)
-    filled, _ = builtin.fields()[7]
+    filled, _ = barn.fields()[7]
     assert len(world.cylinders) == filled.sum() + 30 + 2 * 33
-    assert np.array_equal(barn_grid.fill_of(world.cylinders), filled)
+    assert np.array_equal(barn.fill_of(world.cylinders), filled)
     assert world.cylinders[:, 0].min() == pytest.approx(-4.425)
     assert world.cylinders[:, 1].min() == pytest.approx(0.075)
 
 
 def test_fill_and_difficulty_agree_with_barns_figures():
-    built_in = [builtin.world(n) for n in range(300)]
-    low, middle, high = np.quantile([barn_grid.fill_of(w.cylinders).mean() for w in built_in], (0.05, 0.5, 0.95))
+    built_in = [barn.world(n) for n in range(300)]
+    low, middle, high = np.quantile([barn.fill_of(w.cylinders).mean() for w in built_in], (0.05, 0.5, 0.95))
     assert [low, middle, high] == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
     ours = [metrics.difficulty(w) for w in built_in]
     for name, median in PUBLISHED.items():  # medians within what 300 worlds leave to chance
@@ -171,7 +171,7 @@ def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
 
 
 def test_validation_worlds_are_training_worlds_that_learning_leaves_out():
-    names = {split: {w.name for w in worlds.load_all("generated:" + split)} for split in builtin.SPLITS}
+    names = {split: {w.name for w in worlds.load_all("generated:" + split)} for split in barn.SPLITS}
     assert names["validation"] | names["learn"] == names["train"]
     assert not names["validation"] & names["learn"]
     assert not names["train"] & names["test"]
@@ -182,8 +182,8 @@ def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
     from worlds import loading
 
     made = []
-    generate = generator.generate
-    monkeypatch.setattr(loading.generator, "generate", lambda number: made.append(number) or generate(number))
+    generate = barn.generate
+    monkeypatch.setattr(loading.barn, "generate", lambda number: made.append(number) or generate(number))
     some = worlds.Worlds("generated:3, fresh:0-9999")
     assert len(some) == 10_001
     assert made == []

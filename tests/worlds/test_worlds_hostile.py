@@ -10,7 +10,7 @@ import pytest
 import worlds
 from applr_ros1.common.errors import ApplrError
 from tests.support.worlds_sdf import as_barn, cylinder, put, sdf
-from worlds import builtin, sdf_writer, sdf_xml
+from worlds import barn, sdf_writer
 
 EXTERNAL = (
     "<!DOCTYPE sdf [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><sdf><world name='w'><model name='&x;'/></world></sdf>"
@@ -58,7 +58,7 @@ def test_deep_and_endless_files(tmp_path, monkeypatch):
         deep = f"<{tag} name='m'>" * 1500 + f"</{tag}>" * 1500
         for text in (deep, f"<state>{deep}</state>", f"<state><model name='m'>{deep}</model></state>"):
             refused(put(tmp_path, sdf(text + cylinder(0, 0)), "w.world"), "100 levels")
-    monkeypatch.setattr(sdf_xml, "MAX_TAGS", 1000)
+    monkeypatch.setattr("worlds.sdf.MAX_TAGS", 1000)
     refused(put(tmp_path, sdf("<a/>" * 1000), "w.world"), "1000 tags")
 
 
@@ -87,7 +87,7 @@ def test_a_hundred_thousand_cylinders(tmp_path):
 
 def test_sealed_worlds_have_no_passage(tmp_path):
     world = worlds.load("generated:7")
-    _, path = builtin.fields()[7]
+    _, path = barn.fields()[7]
     row = "".join(cylinder(-4.425 + 0.15 * r, 7.425, name="seal_%d" % r) for r in range(30))
     sealed = as_barn(world).replace("</world>", row + "</world>")
     refused(put(tmp_path, sealed), "no passage")

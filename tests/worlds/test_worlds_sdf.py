@@ -7,12 +7,12 @@ import pytest
 
 import worlds
 from tests.support.worlds_sdf import as_barn, cylinder, put, sdf
-from worlds import builtin, sdf_writer
+from worlds import barn, sdf_writer
 
 
 def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
-    _, path = builtin.fields()[7]
+    _, path = barn.fields()[7]
     read = worlds.load(put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path])))  # first point doubled
     assert read.name == "world_7"
     assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)

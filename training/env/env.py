@@ -24,7 +24,7 @@ from training.env import drawn_robots, privileged, protocols
 from training.env.episode import Episode, counting_cells, laser_pose
 from training.env.reward import Reward, failed
 from training.env.ruler import DIMENSIONLESS, OBSERVATIONS, PAPER, Ruler
-from worlds.top_view import top_view
+from worlds.draw import top_view
 
 
 class ApplrEnv(gymnasium.Env):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
-from worlds import World, WorldError, barn_grid
+from worlds import World, WorldError, barn
 
 
 class Protocol(NamedTuple):
@@ -37,8 +37,8 @@ def under(protocol: str, world: World) -> World:
     """
     if protocol == PAPER or (world.movers and not len(world.cylinders)):
         return world
-    if not barn_grid.fill_of(world.cylinders)[[0, -1]].all():
+    if not barn.fill_of(world.cylinders)[[0, -1]].all():
         raise WorldError(
             f"{world.name} is no BARN world: --protocol {protocol} needs one; give generated:N or a BARN file"
         )
-    return dataclasses.replace(world, course=barn_grid.challenge_course(world.course.path))
+    return dataclasses.replace(world, course=barn.challenge_course(world.course.path))

@@ -20,7 +20,7 @@ from applr_ros1.policy.parameter_space import Space
 from training.evaluation.score import FAILURE_SECONDS
 from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, flag, read_rows, read_trace
 from training.evaluation.trials import COLUMNS, KEY, MEASURES
-from worlds import builtin
+from worlds import barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
@@ -196,5 +196,5 @@ def set_of(world: str) -> str:
     """Training or Test by BARN's split, for the built-in worlds and for BARN's own files, going by the name."""
     match = re.match(r"^(?:generated:|world_)(\d+)$", world)
     if match and int(match.group(1)) < 300:
-        return "Test" if int(match.group(1)) in builtin.TEST else "Training"
+        return "Test" if int(match.group(1)) in barn.TEST else "Training"
     return "Physical course" if world == "physical_course" else "Other"

@@ -19,8 +19,7 @@ from training.evaluation.trials import PROTOCOLS
 from training.report import drives, figures
 from training.report.data import Results
 from training.report.summary import summary
-from training.report.tables import PAPER
-from training.report.tables_more import MORE
+from training.report.tables import MORE, PAPER
 
 FOLDER = "report"
 

@@ -17,7 +17,7 @@ from applr_ros1.common.progress import Throttled
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
-from applr_ros1.nodes.clock import jumped_back
+from applr_ros1.nodes.sensors import jumped_back
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.distance_weights import Compensation
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe

@@ -27,8 +27,7 @@ from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.ages import Ages
-from applr_ros1.nodes.sensors import Sensors
+from applr_ros1.nodes.sensors import Ages, Sensors
 from applr_ros1.robot_check import usable
 from applr_ros1.robots import JACKAL, Robot
 

@@ -30,9 +30,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import Throttled, announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes import conversions
-from applr_ros1.nodes.ages import Ages
 from applr_ros1.nodes.conversions import MapMessage, MapUpdateMessage, MessageError
-from applr_ros1.nodes.sensors import Sensors
+from applr_ros1.nodes.sensors import Ages, Sensors
 from applr_ros1.planner.move_base import COSTMAPS, INVALID_GOAL, NO_PLAN, MoveBase
 from applr_ros1.planner.parameters.check import check, warnings
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
@@ -77,12 +76,13 @@ class MoveBaseNode:
             self.thread.wake,
             robot.laser.no_return if robot else None,
         )
-        self._ages, self._report_ages_from = Ages(), 0.0  # time.monotonic()
+        self._ages, self._report_from = Ages(), 0.0  # time.monotonic()
+        self._refusals = {}  # of the first cycle without a legal command since the last report
         self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
         self._report_missed_from = 0.0  # time.monotonic()
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
-        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
+        self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
@@ -145,6 +145,8 @@ class MoveBaseNode:
         if cycle.command is not None:
             self._send(*cycle.command)
             self._ages.add(self.sensors.ages(rospy.get_rostime()))
+        if cycle.controlled and not self._refusals:
+            self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
             rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
             self.goals.finish(*cycle.result, stamp)
@@ -157,7 +159,7 @@ class MoveBaseNode:
         if self.watchdog.is_lost(now):
             self._back_to_start_up()
         self._report_missed()
-        self._report_ages(stamp)
+        self._report(stamp)
 
     def _locate(self, stamp):
         """(pose in the local frame, pose of the local frame in the global one); (None, None) if one is not known.
@@ -246,12 +248,18 @@ class MoveBaseNode:
             )
             self.thread.missed = 0
 
-    def _report_ages(self, stamp) -> None:
-        if time.monotonic() > self._report_ages_from:
-            self._report_ages_from = time.monotonic() + 1.0
-            name, values = rospy.get_name().lstrip("/") + ": age of what commands are made from", self._ages.values()
-            message = conversions.diagnostics(name, DiagnosticStatus.OK, "", values, stamp)
-            self._displays.post(lambda: self._diagnostics.publish(message))
+    def _report(self, stamp) -> None:
+        if time.monotonic() > self._report_from:
+            self._report_from = time.monotonic() + 1.0
+            name, refused = rospy.get_name().lstrip("/"), self._refusals
+            blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
+            for what, level, text, values in (
+                ("age of what commands are made from", DiagnosticStatus.OK, "", self._ages.values()),
+                ("samples that critics refused", *blocked, refused),
+            ):
+                message = conversions.diagnostics(f"{name}: {what}", level, text, values, stamp)
+                self._displays.post(partial(self._diagnostics.publish, message))
+            self._refusals = {}
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work, cost=0.0):

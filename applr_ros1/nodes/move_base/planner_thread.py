@@ -18,7 +18,7 @@ import rospy
 from rospy.rostime import get_rostime_cond, is_wallclock
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.nodes.clock import jumped_back
+from applr_ros1.nodes.sensors import jumped_back
 
 STALLED = 1.0  # s of wall time without a new value of a simulated clock after which the clock counts as stalled
 LONGEST_DELAY = 0.2  # s for which a long request gives way to control cycles

@@ -15,7 +15,7 @@ from typing import List, Optional
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from worlds import barn_grid, dynabarn_table, movers_table
+from worlds import barn, dynabarn, dynabarn_table
 
 HELPER = "jackal_helper"
 GAZEBO_LAUNCH, CONTROLLER_LAUNCH = "gazebo_launch.launch", "move_base_DWA.launch"
@@ -63,11 +63,11 @@ class Overlay:
     def make_table(self) -> List[str]:
         """Makes DynaBARN's table of key frames where there is none; one line for each plugin not understood."""
         folder = self.package / "worlds" / "DynaBARN"
-        if (folder / movers_table.NAME).exists():
+        if (folder / dynabarn.NAME).exists():
             return []
         animations, problems = dynabarn_table.collect(str(folder), str(self.package / "plugins"))
         if animations:
-            movers_table.write(str(folder / movers_table.NAME), animations)
+            dynabarn.write_table(str(folder / dynabarn.NAME), animations)
         return problems
 
     def route(self, number: int) -> float:
@@ -76,4 +76,4 @@ class Overlay:
         if not path.is_file():
             raise ApplrError(f"the checkout has no world {number}: {path.name} is missing")
         course = worlds.load(str(path)).course
-        return (barn_grid.challenge_course(course.path) if number < STATIC_WORLDS else course).route_m
+        return (barn.challenge_course(course.path) if number < STATIC_WORLDS else course).route_m

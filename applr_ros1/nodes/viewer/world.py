@@ -23,7 +23,7 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.nodes.tools.send_goal import course_goal, message
 from applr_ros1.robots import NAMES, Robot
 from worlds import draw
-from worlds.generator import COUNT
+from worlds.barn import COUNT
 from worlds.metrics import difficulty
 
 from .listening import Listener, Say, ask, by_hand, tell

@@ -18,16 +18,15 @@ from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.costmap.grid import (
     FREE,
     UNKNOWN,
+    begin,
     roll,
     size_in_meters,
     world_to_map,
     world_to_map_enforce_bounds,
 )
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters
-from applr_ros1.planner.costmap.merge import begin
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
-from applr_ros1.planner.costmap.scan import PointCloud
-from applr_ros1.planner.costmap.sources import Source
+from applr_ros1.planner.costmap.scan import PointCloud, Source
 from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap, StaticParameters
 
 Layer = Union[StaticLayer, ObstacleLayer, InflationLayer]

@@ -1,7 +1,8 @@
-"""Geometry of a cell grid: world <-> cell conversions and the line of cells between two cells.
+"""A cell grid: world <-> cell conversions, the line of cells between two cells, and how layers write into a grid.
 
 Called by every kernel of the planner. The expressions (a division, then truncation) are those of costmap_2d;
-multiplying by 1 / resolution instead would move points on cell borders.
+multiplying by 1 / resolution instead would move points on cell borders. Grids are (ny, nx) uint8; a window is
+(x0, y0, xn, yn) in cells.
 """
 
 from __future__ import annotations
@@ -139,3 +140,63 @@ def shift(cells: np.ndarray, cx: int, cy: int, default: int) -> None:
         cells[:, nx - cx :] = default
     elif cx < 0:
         cells[:, :-cx] = default
+
+
+OVERWRITE = 0  # values of combination_method
+MAXIMUM = 1
+
+
+@kernel
+def begin(master, base, default, layer, merging, x0, y0, xn, yn, ax0, ay0, axn, ayn):
+    """`base` becomes the default value inside the window, and as the master is in the rest of the rectangle around.
+
+    With `merging` the known cells of the lowest layer are written into the window at once; on default values it makes
+    no difference how they are combined.
+    """
+    empty = np.uint8(default)
+    unknown = np.uint8(UNKNOWN)
+    for y in range(ay0, ayn):
+        if not y0 <= y < yn:
+            _copy(master[y, ax0:axn], base[y, ax0:axn])
+            continue
+        _copy(master[y, ax0:x0], base[y, ax0:x0])
+        _copy(master[y, xn:axn], base[y, xn:axn])
+        target = base[y, x0:xn]
+        if merging:
+            values = layer[y, x0:xn]
+            for i in range(values.shape[0]):
+                target[i] = values[i] if values[i] != unknown else empty
+        else:
+            for i in range(target.shape[0]):
+                target[i] = empty
+
+
+@kernel
+def merge(layer, base, maximum, x0, y0, xn, yn):
+    """Known cells of the layer replace those of `base` in the window; with `maximum` only lower or unknown ones."""
+    unknown = np.uint8(UNKNOWN)
+    for y in range(y0, yn):
+        values = layer[y, x0:xn]
+        target = base[y, x0:xn]
+        if maximum:
+            for i in range(values.shape[0]):
+                value = values[i]
+                old = target[i]
+                # 255 of the layer leaves the old value; 255 of the base counts as lower than anything
+                target[i] = value if value != unknown and (old == unknown or old < value) else old
+        else:
+            for i in range(values.shape[0]):
+                target[i] = values[i] if values[i] != unknown else target[i]
+
+
+@kernel
+def replace(layer, base, x0, y0, xn, yn):
+    """All cells of the layer, unknown ones too, replace those of `base` in the window."""
+    for y in range(y0, yn):
+        _copy(layer[y, x0:xn], base[y, x0:xn])
+
+
+@kernel
+def _copy(source, target):
+    for i in range(source.shape[0]):
+        target[i] = source[i]

@@ -16,17 +16,18 @@ from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.grid import (
     FREE,
     LETHAL,
+    MAXIMUM,
+    OVERWRITE,
     UNKNOWN,
     cell_distance,
+    merge,
     roll,
     size_in_meters,
     union,
     world_to_map,
     world_to_map_no_bounds,
 )
-from applr_ros1.planner.costmap.merge import MAXIMUM, OVERWRITE, merge
-from applr_ros1.planner.costmap.scan import PointCloud
-from applr_ros1.planner.costmap.sources import ObservationBuffer, Source
+from applr_ros1.planner.costmap.scan import ObservationBuffer, PointCloud, Source
 
 Bounds = Tuple[float, float, float, float]
 

@@ -15,8 +15,7 @@ import numpy as np
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.grid import FREE, LETHAL, UNKNOWN
-from applr_ros1.planner.costmap.merge import merge, replace
+from applr_ros1.planner.costmap.grid import FREE, LETHAL, UNKNOWN, merge, replace
 
 Bounds = Tuple[float, float, float, float]
 

@@ -1,10 +1,12 @@
-"""The critics of one trajectory, each over all its points, in the order of the C++ planner.
+"""The seven critics of DWAPlannerROS, in the order of the C++ planner: what each says of a trajectory, and their sum.
 
-Called for single trajectories and for what is shown of a cycle (score_all_samples.py); the search finds the same costs
-with less work. A negative value refuses the trajectory. docs/explanation/planner_dwa.md section 6.
+Section 6 of docs/explanation/planner_dwa.md, section 7 for the first, which bars a direction just left until the robot
+has moved on (OscillationCostFunction). A negative value refuses the trajectory. The search (search.py) asks them for
+the few samples that may win; score_all_samples asks them for all: for display and tests, and to tell why none is legal.
 """
 
 import math
+from collections import namedtuple
 
 import numpy as np
 
@@ -12,31 +14,94 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
 from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.dwa.generator import ground_speed
-from applr_ros1.planner.dwa.oscillation import is_barred
 from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
+from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sample_axes, step_count
+
+
+@kernel
+def is_barred(state, vx, vy, w):
+    """Whether the flags bar this velocity; zero always passes."""
+    return (
+        (state.forward_pos_only and vx < 0)
+        or (state.forward_neg_only and vx > 0)
+        or (state.strafe_pos_only and vy < 0)
+        or (state.strafe_neg_only and vy > 0)
+        or (state.rot_pos_only and w < 0)
+        or (state.rot_neg_only and w > 0)
+    )
+
+
+@kernel
+def remember(p, state, x, y, theta, vx, vy, w):
+    """Take the chosen velocity into the flags, and clear them once the robot has moved on from the pose of the last.
+
+    x, y, theta: the pose of this cycle, float32 values.
+    """
+    state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg, changed = _turned(
+        vx, state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg
+    )
+    if abs(vx) <= p.min_vel_trans:
+        state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg, strafes = _turned(
+            vy, state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg
+        )
+        state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg, rotates = _turned(
+            w, state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg
+        )
+        changed = changed or strafes or rotates
+    if changed:
+        state.prev_x = x
+        state.prev_y = y
+        state.prev_theta = theta
+    if (
+        state.forward_pos_only
+        or state.forward_neg_only
+        or state.strafe_pos_only
+        or state.strafe_neg_only
+        or state.rot_pos_only
+        or state.rot_neg_only
+    ):
+        dx = np.float64(np.float32(x) - np.float32(state.prev_x))
+        dy = np.float64(np.float32(y) - np.float32(state.prev_y))
+        turn = np.float64(np.float32(theta) - np.float32(state.prev_theta))
+        far = dx * dx + dy * dy > p.oscillation_reset_dist * p.oscillation_reset_dist
+        if far or abs(turn) > p.oscillation_reset_angle:
+            clear(state)
+
+
+@kernel
+def _turned(v, pos_only, neg_only, pos, neg):
+    """The four flags of one axis after its chosen velocity v, and whether v turns back the one driven before."""
+    if v < 0:
+        return pos_only, 1 if pos else neg_only, 0, 1, pos != 0
+    if v > 0:
+        return 1 if neg else pos_only, neg_only, 1, 0, neg != 0
+    return pos_only, neg_only, pos, neg, False
+
+
+@kernel
+def clear(state):
+    """Forget all directions; the pose of the last change stays."""
+    state.forward_pos_only = state.forward_neg_only = 0
+    state.strafe_pos_only = state.strafe_neg_only = 0
+    state.rot_pos_only = state.rot_neg_only = 0
+    state.forward_pos = state.forward_neg = 0
+    state.strafing_pos = state.strafing_neg = 0
+    state.rotating_pos = state.rotating_neg = 0
+
 
 OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = -5.0, -6.0, -4.0, -3.0, -2.0
 NOTHING_LEGAL = -7.0
 REFUSED = -1.0  # by the generator
-CRITICS = 7
+# as they are called in C++
+CRITICS = ("oscillation", "obstacle", "goal_front", "alignment", "path", "goal", "twirling")
+ALL = len(CRITICS)
 HUGE = float(np.finfo(np.float64).max)
 
 
 @kernel
-def weight(p, critic):
-    """The weight of a critic by its place in the order; one of weight 0 is not asked."""
-    if critic == 0:
-        return 1.0
-    if critic == 1:
-        return p.occdist_scale
-    if critic == 3:
-        return p.alignment_scale
-    if critic == 4:
-        return p.path_scale
-    if critic == 6:
-        return p.twirling_scale
-    return p.goal_scale
+def weights(p):
+    """The critics' weights in the order of CRITICS; a critic of weight 0 is not asked."""
+    return 1.0, p.occdist_scale, p.goal_scale, p.alignment_scale, p.path_scale, p.goal_scale, p.twirling_scale
 
 
 @kernel(error_model="numpy")
@@ -82,13 +147,14 @@ def critique(p, state, scene, grids, points, vx, vy, w, critic):
 
 @kernel
 def total_cost(p, state, scene, grids, points, vx, vy, w, best):
-    """(cost, critic): the weighted sum of the critics, and the one that ended it, CRITICS if none did.
+    """(cost, critic): the weighted sum of the critics, and the one that ended it, ALL if none did.
 
     A refusing critic's value is the cost. A sum above `best`, if that is above 0, ends it too: with that partial sum.
     """
     total = 0.0
-    for critic in range(CRITICS):
-        factor = weight(p, critic)
+    factors = weights(p)
+    for critic in range(ALL):
+        factor = factors[critic]
         if factor == 0:
             continue
         cost = critique(p, state, scene, grids, points, vx, vy, w, critic)
@@ -99,18 +165,15 @@ def total_cost(p, state, scene, grids, points, vx, vy, w, best):
         total += cost
         if best > 0 and total > best:
             return total, critic
-    return total, CRITICS
+    return total, ALL
 
 
 @kernel
 def weighted_sum(p, occupied, front, alignment, path, goal, w):
     """The cost of a trajectory that no critic refuses, from their values: summed in their order."""
-    cost = occupied * p.occdist_scale
-    cost += front * p.goal_scale
-    cost += alignment * p.alignment_scale
-    cost += path * p.path_scale
-    cost += goal * p.goal_scale
-    return cost + abs(w) * p.twirling_scale
+    _, by_obstacle, by_front, by_alignment, by_path, by_goal, by_turn = weights(p)
+    cost = occupied * by_obstacle + front * by_front + alignment * by_alignment + path * by_path + goal * by_goal
+    return cost + abs(w) * by_turn
 
 
 @kernel
@@ -172,3 +235,50 @@ def _on_grid(scene, grids, row, points, ahead, stops):
                 return IN_OBSTACLE if distance == nx * ny else UNREACHED
             value = float(distance)
     return value
+
+
+# One row per sample (m,). velocities (m, 3): sampled vx, vy, w; stored (m, 3): of the trajectory; counts (m,): its
+# points, 0 if the generator refuses it; ends (m, 3): the last one; critics (m, 7): their raw values; costs (m,): by
+# itself; shown (m,): in the search's order, where it ends once it is above the best so far; ended (m,): the critic
+# that ended that, ALL if none did. points: of all trajectories whose shown cost is not negative, one after the
+# other: x, y, theta and that cost.
+Samples = namedtuple("Samples", "velocities stored counts ends critics costs shown ended points")
+
+
+@kernel
+def score_all_samples(params, flags, grids, scratch, scene):
+    """Samples of the cycle last searched. flags: those before that search; one record."""
+    p, state, start = params[0], flags[0], scratch.start
+    nx, ny, nw = sample_axes(p, scratch, scene.plan)
+    m = nx * ny * nw
+    velocities, stored, ends = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 3))
+    counts, ended = np.zeros(m, np.int64), np.full(m, ALL, np.int64)
+    critics, costs, shown = np.zeros((m, ALL)), np.full(m, REFUSED), np.full(m, REFUSED)
+    best = -1.0
+    for i in range(m):
+        vx, vy, w = scratch.xs[i // (nw * ny)], scratch.ys[i // nw % ny], scratch.ws[i % nw]
+        velocities[i] = vx, vy, w
+        steps = counts[i] = step_count(p, vx, vy, w)
+        if steps == 0:
+            continue
+        stored[i] = commanded(p, start, vx, vy, w, steps)
+        points = np.empty((steps, 3))
+        roll_out(p, start, vx, vy, w, points)
+        ends[i] = points[steps - 1]
+        vx, vy, w = stored[i]
+        for critic in range(ALL):
+            critics[i, critic] = critique(p, state, scene, grids, points, vx, vy, w, critic)
+        costs[i], _ = total_cost(p, state, scene, grids, points, vx, vy, w, -1.0)
+        shown[i], ended[i] = total_cost(p, state, scene, grids, points, vx, vy, w, best)
+        if shown[i] >= 0 and (best < 0 or shown[i] < best):
+            best = shown[i]
+    cloud = np.empty((counts[shown >= 0].sum(), 4))
+    n = 0
+    for i in range(m):
+        if shown[i] >= 0:
+            points = np.empty((counts[i], 3))
+            roll_out(p, start, velocities[i, 0], velocities[i, 1], velocities[i, 2], points)
+            cloud[n : n + counts[i], :3] = points
+            cloud[n : n + counts[i], 3] = shown[i]
+            n += counts[i]
+    return Samples(velocities, stored, counts, ends, critics, costs, shown, ended, cloud)

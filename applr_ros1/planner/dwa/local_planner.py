@@ -1,19 +1,138 @@
 """The local planner (DWAPlannerROS): follows a plan with the DWA planner, stops and turns at its end.
 
-Called by MoveBase once per control cycle. docs/explanation/planner_dwa.md section 8.
+Called by MoveBase once per control cycle. docs/explanation/planner_dwa.md: section 2, the part of the global plan to
+follow now (LocalPlannerUtil); section 8, one cycle, and how the robot stops and turns at the goal's place
+(LatchedStopRotateController), where all angles have gone through a quaternion.
 """
 
 import math
-from typing import Any, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.angles import normalize_angle
-from applr_ros1.planner.dwa.local_plan import EMPTY, LocalPlan
+from applr_ros1.common.angles import Pose, inverse
 from applr_ros1.planner.dwa.planner import Choice, DWAPlanner
-from applr_ros1.planner.dwa.stop_rotate import STANDING, TURNED, StopRotate, Triple
 from applr_ros1.planner.local_planner import Command, LocalPlanner
-from applr_ros1.planner.plan_cut import half_size
+from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
+from applr_ros1.planner.sampling_planner import angle_difference, through_quaternion
+
+EMPTY = np.zeros((0, 3))
+
+
+class LocalPlan:
+    """The stored plan: cut anew in every cycle, and with `prune` shortened at the front for good."""
+
+    def __init__(self):
+        self.poses = EMPTY
+
+    def set(self, plan: np.ndarray) -> None:
+        """Take a plan (n, 3) x, y [m], yaw [rad], n may be 0."""
+        self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
+
+    def goal(self, frame: Optional[Pose] = None) -> Optional[Pose]:
+        """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. frame: see cut."""
+        if len(self.poses) == 0:
+            return None
+        x, y, yaw = transformed(self.poses[-1:], None if frame is None else inverse(frame))[0].tolist()
+        return x, y, yaw
+
+    def cut(self, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None) -> np.ndarray:
+        """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
+
+        prune: without the leading ones that are 1 m or farther away; as many go from the front of the stored plan,
+        even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are
+        one.
+        """
+        cut, dropped = cut_plan(self.poses, x, y, limit, prune, frame)
+        self.poses = self.poses[dropped:]
+        return cut if frame is not None else transformed(cut, None)  # C++ turns by the identity, too
+
+
+STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
+Triple = Tuple[float, float, float]
+STANDING = (0.0, 0.0, 0.0)
+LIMITS = ("acc_lim_x", "acc_lim_y", "acc_lim_theta")
+
+
+class StopRotate:
+    """params: values of the DWAPlannerROS server by name, in force from now on. period [s]: the control period.
+
+    latches: the goal's place, once reached, stays reached until the next plan.
+    """
+
+    def __init__(self, params: Mapping[str, Any], period: float, latches: bool):
+        self._period, self._latches = period, latches
+        self.reconfigure(params)
+        self.reset()
+
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
+        """Take over the server's values by name."""
+        self._params = params
+        self._acceleration = [float(np.float32(params[name])) for name in LIMITS]
+
+    def reset(self) -> None:
+        """As new. Only this ends a turn that was begun before the goal's heading is reached: no plan or goal does."""
+        self.rotating = False
+        self.latched = False
+
+    def new_plan(self) -> None:
+        """The goal's place has to be reached anew."""
+        self.latched = False
+
+    def is_position_reached(self, pose: Triple, goal: Triple) -> bool:
+        """Whether the robot at `pose` is within xy_goal_tolerance of `goal`, both (x, y, yaw); sets the latch."""
+        if self._latches and self.latched:
+            return True
+        if np.hypot(goal[0] - pose[0], goal[1] - pose[1]) <= self._params["xy_goal_tolerance"]:
+            self.latched = True
+            return True
+        return False
+
+    def is_goal_reached(self, pose: Triple, velocity: Triple, goal: Triple) -> bool:
+        """Whether place and heading are reached and the robot stands. velocity: vx, vy [m/s], w [rad/s] as measured."""
+        return self.is_position_reached(pose, goal) and self._is_turned(pose, goal) and self.is_stopped(velocity)
+
+    def _is_turned(self, pose, goal):
+        return abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"]
+
+    def is_stopped(self, velocity: Triple) -> bool:
+        """Whether the measured velocity counts as standing."""
+        vx, vy, w = velocity
+        slow = self._params["trans_stopped_vel"]
+        return abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow
+
+    def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
+        """(phase, (vx, vy, w)) at the goal's place: STOPPING first, then TURNING, then TURNED with nothing to do.
+
+        velocity: as measured, its w through a quaternion for the arithmetic but not for the question whether it stands.
+        """
+        if self._is_turned(pose, goal):
+            self.rotating = False
+            return TURNED, STANDING
+        vx, vy, w = velocity[0], velocity[1], through_quaternion(velocity[2])
+        if not self.rotating and not self.is_stopped(velocity):
+            return STOPPING, self._slower((vx, vy, w))
+        self.rotating = True
+        return TURNING, (0.0, 0.0, self._turn(angle_difference(pose[2], goal[2]), w))
+
+    def _slower(self, velocity):
+        """The velocity after one period of braking as hard as the acceleration limits allow."""
+        return tuple(
+            (-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period)
+            for v, limit in zip(velocity, self._acceleration)
+        )
+
+    def _turn(self, error, w):
+        """Turn rate [rad/s] that takes `error` [rad] away, no faster than the turn can be ended there."""
+        limit = self._acceleration[2]
+        change = limit * self._period
+        speed = min(max(self._clamped(abs(error)), abs(w) - change), abs(w) + change)
+        speed = self._clamped(min(math.sqrt(float(np.float32(2.0 * limit)) * abs(error)), speed))
+        return -speed if error < 0 else speed
+
+    def _clamped(self, w):
+        return min(self._params["max_vel_theta"], max(self._params["min_vel_theta"], w))
+
 
 NO_COSTS, NO_TRAJECTORIES = np.zeros((0, 7), np.float32), np.zeros((0, 5), np.float32)
 NO_PLAN, DRIVING = "no plan", "driving"  # beside STOPPING, TURNING and TURNED
@@ -87,6 +206,10 @@ class DWALocalPlanner(LocalPlanner):
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
         return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud()
 
+    def refusals(self, costmap: Any) -> Dict[str, int]:
+        """How many samples of a search without a legal one each critic refused, see LocalPlanner."""
+        return self.planner.refusals() if self._searched and self._choice is None else {}
+
     def compute_velocity(self, pose, twist, costmap: Any, frame: Optional[Triple] = None) -> Tuple[bool, Command]:
         """(ok, (v, w)) for this cycle, see LocalPlanner. The goal is looked for before any command, as in C++."""
         self._forget_cycle()
@@ -132,4 +255,4 @@ class DWALocalPlanner(LocalPlanner):
 
 def _wrapped(pose):
     """The pose with its angle gone through a quaternion."""
-    return pose[0], pose[1], normalize_angle(pose[2])
+    return pose[0], pose[1], through_quaternion(pose[2])

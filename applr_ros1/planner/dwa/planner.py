@@ -7,19 +7,15 @@ from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.planner.angles import normalize_angle
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.dwa.critics import total_cost
-from applr_ros1.planner.dwa.generator import commanded, roll_out, step_count
-from applr_ros1.planner.dwa.oscillation import clear
-from applr_ros1.planner.dwa.preparation import prepare
+from applr_ros1.planner.dwa.critics import CRITICS, Samples, clear, score_all_samples, total_cost, weights
 from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
-from applr_ros1.planner.dwa.score_all_samples import Samples, score_all_samples
-from applr_ros1.planner.dwa.search import find_best
+from applr_ros1.planner.dwa.samples import commanded, roll_out, step_count
+from applr_ros1.planner.dwa.search import find_best, prepare
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
-from applr_ros1.planner.sampling_planner import cost_cloud, updated
+from applr_ros1.planner.sampling_planner import cost_cloud, through_quaternion, updated
 
 DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
 ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
@@ -119,11 +115,7 @@ class DWAPlanner:
     @property
     def scales(self) -> List[float]:
         """The seven critics' weights in their order."""
-        p = self._record[0]
-        return [1.0] + [
-            p[name].item()
-            for name in ("occdist_scale", "goal_scale", "alignment_scale", "path_scale", "goal_scale", "twirling_scale")
-        ]
+        return [float(weight) for weight in weights.py_func(self._record.view(np.recarray)[0])]
 
     def reset(self) -> None:
         """Forget flags, grids and plans, as a new object (training episodes)."""
@@ -141,7 +133,7 @@ class DWAPlanner:
         self._look_at(costmap, plan)
         (x, y, yaw), (vx, vy, w) = pose, velocity
         if prepare(
-            self._record, self._scratch, self._scene.plan, x, y, normalize_angle(yaw), vx, vy, normalize_angle(w)
+            self._record, self._scratch, self._scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w)
         ):
             self._aligned_plan = self._scene.plan
 
@@ -194,6 +186,13 @@ class DWAPlanner:
     def score_all_samples(self) -> Samples:
         """All samples of the last search with what each critic says, for display and tests."""
         return score_all_samples(self._record, self._flags_before, self._grids, self._scratch, self._scene)
+
+    def refusals(self) -> Dict[str, int]:
+        """How many samples of the last search each critic refused; "velocity limits" are the generator's."""
+        every = self.score_all_samples()
+        counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
+        by_critic = np.bincount(every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS))
+        return {**counts, **{name: int(n) for name, n in zip(CRITICS, by_critic)}}
 
     def grids(self) -> List[np.ndarray]:
         """The four grids (ny, nx) int32 of the last search as C++ holds them: path, goal, nose to goal, nose on path.

@@ -1,7 +1,9 @@
 """Chooses the velocity of a cycle without rolling out those samples that cannot win.
 
-Called by planner.py. Samples wait in a heap by a lower bound of their cost; the lowest is scored, and scoring ends
-where no bound is left that beats the best cost. The choice is the C++ planner's to the last bit.
+Called by planner.py. A cycle begins with the pose as used and the targets of the four distance grids (section 3 of
+docs/explanation/planner_dwa.md). Samples wait in a heap by a lower bound of their cost (bounds.py); for the lowest the
+critics are asked (critics.py), until no bound is left that beats the best cost. The choice is the C++ planner's to the
+last bit.
 """
 
 import math
@@ -9,24 +11,68 @@ import math
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.angles import normalize_angle
-from applr_ros1.planner.costmap.footprint_cost import outline_cost
-from applr_ros1.planner.costmap.grid import world_to_map
+from applr_ros1.planner.distance_grid import reset, start_at, start_at_plan
 from applr_ros1.planner.dwa.bounds import fill_bounds, probe
 from applr_ros1.planner.dwa.critics import (
     HUGE,
     NOTHING_LEGAL,
-    final_distance,
     footprint_scale,
+    remember,
     scale_footprint,
+    total_cost,
     weighted_sum,
 )
-from applr_ros1.planner.dwa.generator import commanded, ground_speed, move, ramped, step_count
-from applr_ros1.planner.dwa.oscillation import remember
-from applr_ros1.planner.dwa.preparation import begin_floods, prepare
-from applr_ros1.planner.dwa.records import FRONT, GOAL, PATH
-from applr_ros1.planner.dwa.velocities import sample_axes
-from applr_ros1.planner.sample_heap import sift_down
+from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH
+from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sample_axes, step_count, take_start
+from applr_ros1.planner.sampling_planner import sift_down, through_quaternion
+
+
+@kernel
+def prepare(params, scratch, plan, x, y, yaw, vx, vy, w):
+    """Take pose and velocity, and switch the nose-on-path critic, off near the plan's end; returns whether it is on.
+
+    plan: (k, 2 or 3) [m], not empty. yaw and w have already gone through a quaternion.
+    """
+    p = params[0]
+    start = scratch.start
+    take_start(start, x, y, yaw, vx, vy, w)
+    last = plan.shape[0] - 1
+    dx = start[0] - plan[last, 0]
+    dy = start[1] - plan[last, 1]
+    ahead = p.forward_point_distance
+    aligned = dx * dx + dy * dy > ahead * ahead * p.cheat_factor
+    p.alignment_scale = p.path_scale if aligned else 0.0
+    return aligned
+
+
+@kernel
+def begin_floods(p, grids, start, scene, aligned):
+    """Reset the grids for the scene's costmap and put 0 where each flood begins. aligned: nose-on-path is on."""
+    cells, ox, oy, resolution, _, _, plan, aligned_plan = scene
+    distances, queues, ends, facts = grids
+    stride = cells.shape[1] + 2
+    reset(distances[PATH], ends[PATH], cells)
+    ends[:] = 0
+    distances[GOAL] = distances[PATH]
+    distances[FRONT] = distances[PATH]
+    facts[0] = 1
+    facts[1] = PATH
+    if not aligned:
+        facts[1] = ALIGNMENT
+        distances[ALIGNMENT] = distances[PATH]
+        start_at_plan(
+            distances[ALIGNMENT], queues[ALIGNMENT], ends[ALIGNMENT], cells, ox, oy, resolution, aligned_plan, True
+        )
+    goal_x, goal_y = start_at_plan(distances[PATH], queues[PATH], ends[PATH], cells, ox, oy, resolution, plan, True)
+    if goal_x >= 0:
+        start_at(distances[GOAL], queues[GOAL], ends[GOAL], (goal_y + 1) * stride + goal_x + 1)
+    front = plan.copy()
+    last = front.shape[0] - 1
+    angle = math.atan2(plan[last, 1] - start[1], plan[last, 0] - start[0])
+    front[last, 0] += p.forward_point_distance * math.cos(angle)
+    front[last, 1] += p.forward_point_distance * math.sin(angle)
+    start_at_plan(distances[FRONT], queues[FRONT], ends[FRONT], cells, ox, oy, resolution, front, False)
+
 
 NO_LIMIT = 1 << 60
 
@@ -40,7 +86,7 @@ def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     through a quaternion before that.
     """
     p = params[0]
-    aligned = prepare(params, scratch, scene.plan, x, y, normalize_angle(yaw), vx, vy, normalize_angle(w))
+    aligned = prepare(params, scratch, scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w))
     start = scratch.start
     begin_floods(p, grids, start, scene, aligned)
     nx, ny, nw = sample_axes(p, scratch, scene.plan)
@@ -51,7 +97,7 @@ def find_best(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     steps = step_count(p, vx, vy, w)
     stored = commanded(p, start, vx, vy, w, steps)
     remember(p, state[0], start[0], start[1], start[2], stored[0], stored[1], stored[2])
-    return cost, sample, steps, (vx, vy, w), stored, normalize_angle(stored[2]), aligned
+    return cost, sample, steps, (vx, vy, w), stored, through_quaternion(stored[2]), aligned
 
 
 @kernel(error_model="numpy")
@@ -90,79 +136,12 @@ def _lowest(p, state, grids, scratch, scene, nx, ny, nw):
                     sift_down(heap, keys, count, 0)
                     continue
         if not hopeless:
-            cost = _score(p, grids, scene, start, scaled, vx, vy, w, stored[2], steps, bounds, i, best)
-            if cost < best or (cost == best and cost < HUGE and i < winner):
+            points = np.empty((steps, 3))
+            roll_out(p, start, vx, vy, w, points)
+            cost, _ = total_cost(p, state, scene, grids, points, stored[0], stored[1], stored[2], best)
+            if cost >= 0 and (cost < best or (cost == best and i < winner)):
                 best, winner = cost, i
         count -= 1
         heap[0] = heap[count]
         sift_down(heap, keys, count, 0)
     return best, winner
-
-
-@kernel(error_model="numpy")
-def _score(p, grids, scene, start, scaled, vx, vy, w, stored_w, steps, bounds, i, best):
-    """The cost of one sample, rolled out; HUGE if it is illegal, or above `best` already on the way."""
-    cells, ox, oy, resolution, _, lines, _, _ = scene
-    rows, columns = cells.shape
-    flat = cells.reshape(rows * columns)
-    n = rows * columns
-    stride = columns + 2
-    by_path = p.path_scale != 0.0
-    by_goal = p.goal_scale != 0.0
-    by_nose = by_goal or p.alignment_scale != 0.0
-    by_outline = p.occdist_scale != 0.0
-    ahead = p.forward_point_distance
-    path_grid = grids.distances[PATH]
-    goal_grid = grids.distances[GOAL]
-    dt = p.sim_time / steps
-    x, y, theta = start[0], start[1], start[2]
-    vx_now, vy_now, w_now = commanded(p, start, vx, vy, w, steps)
-    worst = summed = 0
-    path = goal = nose = 0
-    for step in range(steps):
-        c = math.cos(theta)
-        s = math.sin(theta)
-        cx, cy = world_to_map(x, y, ox, oy, resolution, columns, rows)
-        k = (cy + 1) * stride + cx + 1
-        if cx < 0 and (by_path or by_goal or by_outline):
-            return HUGE
-        if by_nose:
-            nose_x, nose_y = cx, cy
-            if ahead != 0.0:
-                nose_x, nose_y = world_to_map(x + ahead * c, y + ahead * s, ox, oy, resolution, columns, rows)
-            if nose_x < 0:
-                return HUGE
-            nose = (nose_y + 1) * stride + nose_x + 1
-        if by_path:
-            path = path_grid[k]
-            if path >= n:
-                path = final_distance(grids, PATH, k, stride, n)
-                if path >= n:
-                    return HUGE
-        if by_goal:
-            goal = goal_grid[k]
-            if goal >= n:
-                goal = final_distance(grids, GOAL, k, stride, n)
-                if goal >= n:
-                    return HUGE
-        if by_outline:
-            cost = outline_cost(cells, flat, ox, oy, resolution, scaled, lines, x, y, c, s, cx, cy, 0.0)
-            if cost < 0:
-                return HUGE
-            cost = max(cost, int(cells[cy, cx]))
-            worst = max(worst, cost)
-            summed += cost
-            if p.sum_scores:
-                worst = summed
-            if weighted_sum(p, worst, bounds[i, 0], bounds[i, 1], bounds[i, 2], bounds[i, 3], stored_w) > best:
-                return HUGE
-        if step < steps - 1:
-            if not p.use_dwa:
-                vx_now, vy_now, w_now = ramped(p, vx, vy, w, vx_now, vy_now, w_now, dt)
-            x, y, theta = move(x, y, theta, c, s, vx_now, vy_now, w_now, dt)
-    front = alignment = 0
-    if by_goal:
-        front = final_distance(grids, FRONT, nose, stride, n)
-    if p.alignment_scale != 0.0:
-        alignment = final_distance(grids, grids.facts[1], nose, stride, n)
-    return weighted_sum(p, worst, front, alignment, path, goal, stored_w)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Dict
 
-from applr_ros1.planner.parameters.check import clamp, convert
-from applr_ros1.planner.parameters.consistency import check_consistency
+from applr_ros1.planner.parameters.check import check_consistency, clamp, convert
 from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.parameters.parameter import ParameterError
 

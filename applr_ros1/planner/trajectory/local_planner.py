@@ -6,15 +6,15 @@ Called by MoveBase once per control cycle. Rules: base_local_planner/trajectory_
 from __future__ import annotations
 
 import math
-from typing import Any, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.planner.angles import angle_difference, normalize_angle
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
+from applr_ros1.planner.sampling_planner import angle_difference, through_quaternion
 from applr_ros1.planner.trajectory.planner import Result, TrajectoryPlanner
 
 STOPPED = 0.01  # [m/s] and [rad/s]
@@ -53,6 +53,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.planner.reset()
         self._rotating = False
         self._result: Optional[Result] = None
+        self._is_blocked = False  # no sample gave a command
         self.cropped_plan = EMPTY
         self.set_plan(EMPTY)
 
@@ -87,6 +88,10 @@ class TrajectoryLocalPlanner(LocalPlanner):
         """
         return NO_TRAJECTORIES if self._result is None else self.planner.trajectory_cloud(costmap)
 
+    def refusals(self, costmap: Costmap) -> Dict[str, int]:
+        """How many forward samples were refused and why, where not even backing up was legal; see LocalPlanner."""
+        return self.planner.refusals(costmap) if self._is_blocked else {}
+
     def compute_velocity(
         self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap, frame: Optional[Pose] = None
     ) -> Tuple[bool, Tuple[float, float]]:
@@ -95,7 +100,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached; it
         holds until the next plan or reconfigure, so it is to be read at once (in C++ a new plan comes in between).
         """
-        self.cropped_plan, self._result = EMPTY, None
+        self.cropped_plan, self._result, self._is_blocked = EMPTY, None, False
         x, y, yaw = (float(v) for v in pose)
         v, w = (float(v) for v in twist)
         if not math.isfinite(x + y + yaw + v + w):
@@ -106,10 +111,11 @@ class TrajectoryLocalPlanner(LocalPlanner):
         if len(cut) == 0:
             return False, STANDING
         goal_x, goal_y, goal_yaw = cut[-1].tolist()
+        heading, goal_yaw = through_quaternion(yaw), through_quaternion(goal_yaw)
         at_goal = self._latched or np.hypot(goal_x - x, goal_y - y) <= self._xy_tolerance
         if at_goal and self._latches:
             self._latched = True
-        if at_goal and abs(angle_difference(normalize_angle(yaw), normalize_angle(goal_yaw))) <= self._yaw_tolerance:
+        if at_goal and abs(angle_difference(heading, goal_yaw)) <= self._yaw_tolerance:
             self._rotating = self._latched = False
             self.goal_reached = True
             self.cropped_plan = cut
@@ -118,14 +124,12 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.planner.set_plan(cut)
         result = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
         if at_goal:  # the choice is ignored; its floods are needed below, and its flags change as in C++
-            ok, command = self._stop_or_turn(
-                (x, y, normalize_angle(yaw)), (v, 0.0, normalize_angle(w)), normalize_angle(goal_yaw), costmap
-            )
+            ok, command = self._stop_or_turn((x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap)
             if ok:
                 self.cropped_plan = cut
             return ok, command
         legal = result.cost >= 0
-        self.cropped_plan, self._result = cut, result if legal else None
+        self.cropped_plan, self._result, self._is_blocked = cut, result if legal else None, not legal
         return legal, result.drive
 
     def _stop_or_turn(self, pose, velocity, goal_yaw, costmap):

@@ -15,10 +15,15 @@ from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import cost_cloud, updated
-from applr_ros1.planner.trajectory import map_grid
-from applr_ros1.planner.trajectory.sampling import STATE, allocate, fill_evenly, find_best_path, velocity_window
-from applr_ros1.planner.trajectory.score_all_samples import score_all_samples
-from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score
+from applr_ros1.planner.trajectory.sampling import (
+    STATE,
+    allocate_grids,
+    allocate_scratch,
+    fill_evenly,
+    find_best_path,
+    velocity_window,
+)
+from applr_ros1.planner.trajectory.scoring import PARAMETERS, Scene, roll_out, score, score_all_samples
 
 NOT_NEGATIVE = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 ABOVE_ZERO = ("sim_time", "sim_granularity", "angular_sim_granularity")
@@ -89,7 +94,7 @@ class TrajectoryPlanner:
         names = [name for name in PARAMETERS.names or () if name != "sim_period"]
         wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES)
         self._wanted = wanted
-        self._scratch = allocate(wanted["vx_samples"], wanted["vtheta_samples"])
+        self._scratch = allocate_scratch(wanted["vx_samples"], wanted["vtheta_samples"])
         self._take_parameters()
 
     def _take_parameters(self):
@@ -222,10 +227,16 @@ class TrajectoryPlanner:
         """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 5), np.float32)
-        points = score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)
+        points, _ = score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)
         cloud = np.zeros((len(points), 5), np.float32)
         cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
         return cloud
+
+    def refusals(self, costmap: Costmap) -> Dict[str, int]:
+        """How many forward samples of the last cycle were refused, and why. costmap: as that cycle saw it."""
+        _, (collide, lost) = score_all_samples(self._params, self._look_at(costmap), self._grids, self._scratch)
+        samples = len(self._scratch.vs) * (len(self._scratch.ws) + 1)
+        return {"samples": samples, "obstacle": int(collide), "path or goal": int(lost)}
 
     def _look_at(self, costmap):
         """The Scene of this costmap; grids and tables are made anew only when its size or resolution changes."""
@@ -233,7 +244,7 @@ class TrajectoryPlanner:
         resolution = float(costmap.resolution)
         if cells.shape != self._shape or resolution != self._resolution:
             self._shape, self._resolution = cells.shape, resolution
-            self._grids = map_grid.allocate(cells.shape[1], cells.shape[0])
+            self._grids = allocate_grids(cells.shape[1], cells.shape[0])
             self._lines = line_offsets(self._footprint, resolution, cells.shape[1])
             self._take_parameters()
         return Scene(

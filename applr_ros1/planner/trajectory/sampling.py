@@ -1,6 +1,9 @@
 """Chooses the velocity of a cycle (TrajectoryPlanner::createTrajectories): window, samples, winner, flags.
 
-Called by planner.py once per control cycle. The choice is the C++ planner's to the last bit.
+Called by planner.py once per control cycle. The choice is the C++ planner's to the last bit. It begins with the two
+distance grids, steps to the path and to the local goal (base_local_planner/map_grid.cpp), and ends with the turn in
+place, if any, that replaces the best forward sample (docs/explanation/planner.md, section 6.5): the conditions of a
+turn have no side effects, so the cheap ones come first and most turns are never rolled out.
 """
 
 from __future__ import annotations
@@ -11,14 +14,183 @@ from collections import namedtuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.angles import angle_difference, normalize_angle
+from applr_ros1.planner import distance_grid
+from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.footprint_cost import outline_cost
-from applr_ros1.planner.costmap.grid import world_to_map
-from applr_ros1.planner.distance_grid import settle
+from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
+from applr_ros1.planner.distance_grid import final_distance, reset, settle, start_at, start_at_plan
+from applr_ros1.planner.sampling_planner import angle_difference, through_quaternion
 from applr_ros1.planner.trajectory.forward import best_forward
-from applr_ros1.planner.trajectory.in_place import best_in_place
-from applr_ros1.planner.trajectory.map_grid import prepare
-from applr_ros1.planner.trajectory.scoring import COLLISION, HUGE, NO_CEILING, NO_PATH, score_below
+from applr_ros1.planner.trajectory.scoring import (
+    COLLISION,
+    HUGE,
+    NO_CEILING,
+    NO_PATH,
+    advance,
+    new_velocity,
+    score_below,
+    step_count,
+    terms,
+)
+
+# path, goal: flat grids with their *_queue and *_ends, as distance_grid.py describes them.
+# within: (ny, nx) uint8, 1 under the robot's filled footprint.
+Grids = namedtuple("Grids", "path goal path_queue goal_queue path_ends goal_ends within")
+
+
+def allocate_grids(nx: int, ny: int) -> Grids:
+    """Grids for a map of nx by ny cells; a planner uses the same ones in all its cycles."""
+    path, path_queue, path_ends = distance_grid.allocate(nx, ny)
+    goal, goal_queue, goal_ends = distance_grid.allocate(nx, ny)
+    return Grids(path, goal, path_queue, goal_queue, path_ends, goal_ends, np.zeros((ny, nx), np.uint8))
+
+
+@kernel
+def prepare(grids, cells, ox, oy, resolution, footprint, x, y, yaw, plan):
+    """Reset both grids for the costmap `cells` (ny, nx) and put 0 where the floods begin.
+
+    plan: (n, 2) [m]. x, y, yaw: the robot's pose, whose footprint (m, 2) [m] makes walls passable for the path
+    grid but not for the goal grid. Returns the local goal's cell (x, y), (-1, -1) if the plan is off the map.
+    """
+    reset(grids.path, grids.path_ends, cells)
+    reset(grids.goal, grids.goal_ends, cells)
+    _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw)
+    goal_x, goal_y = start_at_plan(grids.path, grids.path_queue, grids.path_ends, cells, ox, oy, resolution, plan, True)
+    if goal_x >= 0:
+        start_at(grids.goal, grids.goal_queue, grids.goal_ends, (goal_y + 1) * (cells.shape[1] + 2) + goal_x + 1)
+    return goal_x, goal_y
+
+
+@kernel
+def _open_under_robot(grids, ox, oy, resolution, footprint, x, y, yaw):
+    """Mark the cells within the robot and make them passable for the path grid."""
+    ny, nx = grids.within.shape
+    grids.within[:] = 0
+    fill_footprint(grids.within, 1, ox, oy, resolution, footprint, x, y, yaw, False)
+    reach = 0.0
+    for i in range(footprint.shape[0]):
+        reach = max(reach, math.hypot(footprint[i, 0], footprint[i, 1]))
+    side = int(min(reach / resolution, float(nx + ny))) + 2
+    cx = int(min(max((x - ox) / resolution, 0.0), nx - 1.0))
+    cy = int(min(max((y - oy) / resolution, 0.0), ny - 1.0))
+    for row in range(max(0, cy - side), min(ny, cy + side + 1)):
+        for column in range(max(0, cx - side), min(nx, cx + side + 1)):
+            if grids.within[row, column]:
+                grids.path[(row + 1) * (nx + 2) + column + 1] = nx * ny + 1
+
+
+WIDEST = 40  # [cells] about the robot that are looked through at most
+
+
+@kernel(error_model="numpy")
+def best_in_place(p, state, scene, grids, start, ws, dw, occupied, best):
+    """(cost, w, number of points) of the turn that replaces a sample of cost `best`; no points if none does.
+
+    A turn must not cost more than the best so far, must be faster than the step `dw` of `ws`, must not be barred by
+    `state`, and must end facing a cell that is on the map and nearer the goal than any turn taken before it did.
+    occupied: the cost at the first pose, which all turns share.
+    """
+    ny, nx = scene.cells.shape
+    unseen = nx * ny + 1
+    heading_distance = HUGE
+    chosen = 0.0
+    points = 0
+    ceiling = -1
+    for i in range(ws.shape[0]):
+        w = ws[i]
+        if not (w > dw or w < -dw) or w == 0.0:
+            continue
+        if (state.stuck_left and w < 0) or (state.stuck_right and w > 0):
+            continue
+        w = max(w, p.min_in_place_vel_theta) if w > 0 else min(w, -p.min_in_place_vel_theta)
+        x, y, theta = _end(p, start, w)
+        base = 0.0
+        if not p.simple_attractor and not p.heading_scoring:
+            cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+            if cx < 0:
+                continue
+            k = (cy + 1) * (nx + 2) + cx + 1
+            path_distance = settle(grids.path, grids.path_queue, grids.path_ends, nx + 2, unseen, k, unseen)
+            goal_distance = settle(grids.goal, grids.goal_queue, grids.goal_ends, nx + 2, unseen, k, unseen)
+            if path_distance >= nx * ny or goal_distance >= nx * ny:
+                continue
+            base = terms(p, float(path_distance), float(goal_distance))
+        if base + p.occdist_scale * occupied > best:
+            continue
+        ahead = _distance_ahead(p, scene, grids, x, y, theta, heading_distance)
+        if not 0 <= ahead < heading_distance:
+            continue
+        if ceiling < 0:
+            ceiling = _surroundings(p, scene, start)
+        cost, n, _, _, _ = score_below(p, scene, grids, start, 0.0, 0.0, w, ceiling, base, best)
+        if 0 <= cost <= best:
+            best, chosen, points, heading_distance = cost, w, n, float(ahead)
+    return best, chosen, points
+
+
+@kernel(error_model="numpy")
+def _end(p, start, w):
+    """(x, y, theta) of the last scored point of a turn in place: exact, for the position soon rests."""
+    steps = step_count(p, 0.0, 0.0, w)
+    dt = p.sim_time / steps
+    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+    for _ in range(steps - 1):
+        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
+        if vx_i != 0.0 or vy_i != 0.0:
+            vx_i = new_velocity(0.0, vx_i, p.acc_lim_x, dt)
+            vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
+            x, y = advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
+        theta = theta + w_i * dt
+    return x, y, theta
+
+
+@kernel
+def _distance_ahead(p, scene, grids, x, y, theta, limit):
+    """Goal distance of the cell `heading_lookahead` ahead of a pose; -1 if off the map or not below `limit`."""
+    ny, nx = scene.cells.shape
+    n = nx * ny
+    cx, cy = world_to_map(
+        x + p.heading_lookahead * math.cos(theta),
+        y + p.heading_lookahead * math.sin(theta),
+        scene.ox,
+        scene.oy,
+        scene.resolution,
+        nx,
+        ny,
+    )
+    if cx < 0:
+        return -1
+    goal, queue, ends = grids.goal, grids.goal_queue, grids.goal_ends
+    k = (cy + 1) * (nx + 2) + cx + 1
+    value = settle(goal, queue, ends, nx + 2, n + 1, k, int(min(limit, n + 1.0)))
+    if value > n and ends[0] < ends[1]:
+        return -1
+    if value == n and limit > n:
+        return final_distance(goal, queue, ends, nx + 2, n, k)
+    return value
+
+
+@kernel(error_model="numpy")
+def _surroundings(p, scene, start):
+    """Largest cost that any turn in place from `start` can meet; NO_CEILING if not known or illegal."""
+    ny, nx = scene.cells.shape
+    reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # until it stands
+    farthest = 0.0
+    for i in range(scene.footprint.shape[0]):
+        farthest = max(farthest, math.hypot(scene.footprint[i, 0], scene.footprint[i, 1]))
+    reach = (reach + farthest) / scene.resolution
+    if not reach < WIDEST:
+        return NO_CEILING
+    side = int(reach) + 2
+    cx, cy = world_to_map(start[0], start[1], scene.ox, scene.oy, scene.resolution, nx, ny)
+    if not (side <= cx < nx - side and side <= cy < ny - side):
+        return NO_CEILING
+    worst = np.uint8(0)
+    for row in range(cy - side, cy + side + 1):
+        for column in range(cx - side, cx + side + 1):
+            worst = max(worst, scene.cells[row, column])
+    return int(worst) if worst < LETHAL else NO_CEILING
+
 
 # What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
 STATE = np.dtype(
@@ -40,7 +212,7 @@ STATE = np.dtype(
 Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 
-def allocate(vx_samples: int, vtheta_samples: int) -> Scratch:
+def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
     """Scratch for so many samples."""
     n = vx_samples * vtheta_samples
     return Scratch(
@@ -65,10 +237,10 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
     start = scratch.start
     start[0] = np.float32(x)
     start[1] = np.float32(y)
-    start[2] = np.float32(normalize_angle(yaw))
+    start[2] = np.float32(through_quaternion(yaw))
     start[3] = np.float32(vx)
     start[4] = np.float32(vy)
-    start[5] = np.float32(normalize_angle(w))
+    start[5] = np.float32(through_quaternion(w))
     prepare(
         grids,
         scene.cells,
@@ -107,7 +279,7 @@ def find_best_path(params, state, grids, scratch, scene, x, y, yaw, vx, vy, w):
         cost = 1.0  # backs up even into an obstacle
     if cost < 0:
         return cost, best_vx, best_w, points, 0.0, 0.0
-    return cost, best_vx, best_w, points, best_vx, normalize_angle(best_w)
+    return cost, best_vx, best_w, points, best_vx, through_quaternion(best_w)
 
 
 @kernel(error_model="numpy")

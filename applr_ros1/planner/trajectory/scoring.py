@@ -10,11 +10,11 @@ from collections import namedtuple
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.angles import angle_difference
 from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
 from applr_ros1.planner.distance_grid import settle
+from applr_ros1.planner.sampling_planner import angle_difference
 
 COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # no way to the path or to the goal from here
@@ -197,3 +197,35 @@ def _heading_difference(cells, ox, oy, resolution, plan, cx, cy, x, y, theta):
         gx, gy = map_to_world(mx, my, ox, oy, resolution)
         return abs(angle_difference(theta, math.atan2(gy - y, gx - x)))
     return HUGE
+
+
+POINTS = 12  # of each trajectory that are shown; all of them would make messages of megabytes
+
+
+@kernel
+def score_all_samples(params, scene, grids, scratch):
+    """(cloud, refused) of all forward samples of the cycle last searched; the search itself rolls out far fewer.
+
+    cloud (n, 4): x, y, theta, cost of points of the legal ones, one after the other; of each trajectory at most POINTS
+    in even steps, its last one among them. refused (2,): how many are COLLISION and NO_PATH.
+    """
+    p = params[0]
+    turns = scratch.ws.shape[0] + 1  # straight ahead is tried with each speed, too
+    m = scratch.vs.shape[0] * turns
+    cloud, refused = np.empty((m * POINTS, 4)), np.zeros(2, np.int64)
+    n = 0
+    for i in range(m):
+        v = scratch.vs[i // turns]
+        w = scratch.ws[i % turns - 1] if i % turns > 0 else 0.0
+        cost, count, _, _, _ = score_below(p, scene, grids, scratch.start, v, 0.0, w, NO_CEILING, 0.0, np.inf)
+        if cost < 0:
+            refused[0 if cost == COLLISION else 1] += 1
+            continue
+        points = np.empty((count, 3))
+        roll_out(params, scratch.start, v, w, points)
+        step = (count + POINTS - 1) // POINTS
+        for k in range((count - 1) % step, count, step):
+            cloud[n, :3] = points[k]
+            cloud[n, 3] = cost
+            n += 1
+    return cloud[:n], refused

@@ -10,8 +10,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from applr_ros1.planner.costmap.scan import PointCloud, project
-from applr_ros1.planner.costmap.sources import Source
+from applr_ros1.planner.costmap.scan import PointCloud, Source, project
 from tests.support import map_scenes
 from tests.support.plain_maps import PlainCostmap
 from tests.support.seeds import seeds

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleLayer, ObstacleParameters
-from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, project
-from applr_ros1.planner.costmap.sources import Source
+from applr_ros1.planner.costmap.scan import LaserScan, PointCloud, Source, project
 
 INF = math.inf
 NOWHERE = (1e30, 1e30, -1e30, -1e30)

@@ -107,6 +107,24 @@ def test_a_changed_footprint_counts_at_once():
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
 
 
+def test_says_which_critic_refused_how_many_samples():
+    """A turn that was just driven the other way; a box around the robot; a limit that no speed keeps."""
+    forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
+    planner, costmap, plan = DWAPlanner(forward, 0.1), open_map(), [(0, 0), (1, 0)]
+    planner.state = [0] * 4 + [1] + [0] * 10  # only turns to the left
+    planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
+    found = planner.refusals()
+    assert (found.pop("samples"), found.pop("oscillation")) == (6, 2)
+    assert not any(found.values())
+    costmap.cells[:, 33:35] = 254
+    planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
+    found = planner.refusals()
+    assert (found["oscillation"], found["obstacle"], sum(found.values())) == (2, 4, 12)
+    planner.reconfigure({"max_vel_trans": 0.01})
+    planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
+    assert planner.refusals() == {**dict.fromkeys(found, 0), "samples": 6, "velocity limits": 6}
+
+
 def test_reset_is_a_new_object():
     costmap, plan = open_map(), [(0, 0), (1, 0.3)]
     planner = DWAPlanner(BURGER, 0.1)

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 
 from applr_ros1.planner import distance_grid
-from applr_ros1.planner.trajectory import map_grid
+from applr_ros1.planner.trajectory.sampling import allocate_grids, prepare
 from tests.support.seeds import seeds
 
 NX, NY, RESOLUTION = 23, 17, 0.1
@@ -35,9 +35,9 @@ def plain_flood(cells, within, sources):
 
 
 def prepared(cells, plan, pose=(1.2, 0.8, 0.3)):
-    grids = map_grid.allocate(NX, NY)
+    grids = allocate_grids(NX, NY)
     plan = np.array(plan, dtype=np.float64).reshape(-1, 2)
-    goal = map_grid.prepare(grids, cells, 0.0, 0.0, RESOLUTION, FOOT, *pose, plan)
+    goal = prepare(grids, cells, 0.0, 0.0, RESOLUTION, FOOT, *pose, plan)
     return grids, goal
 
 
@@ -114,5 +114,5 @@ def test_grids_can_be_used_again():
     grids, _ = prepared(*first)
     completed(grids)
     plan = np.array(second[1])
-    map_grid.prepare(grids, second[0], 0.0, 0.0, RESOLUTION, FOOT, 1.2, 0.8, 0.3, plan)
+    prepare(grids, second[0], 0.0, 0.0, RESOLUTION, FOOT, 1.2, 0.8, 0.3, plan)
     assert all(np.array_equal(a, b) for a, b in zip(completed(grids), completed(prepared(*second)[0])))

@@ -10,7 +10,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.planner.trajectory import bounds, scoring
+from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from applr_ros1.planner.trajectory.sampling import STATE
 from tests.support.jackal import JACKAL
@@ -170,9 +170,9 @@ def test_closed_forms_end_where_the_steps_end():
         vx, w = random.uniform(-0.5, 2), random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)])
         steps = scoring.step_count(params[0], vx, 0.0, w)
         dt = 2.0 / steps
-        exact = bounds.exact_end(params[0], start, vx, w, steps)
-        moves, x, y, c, s = bounds.ramp(params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1)
-        ours = bounds.along_arc(x, y, c, s, vx * dt, w * dt, steps - 1 - moves)
+        exact = forward.exact_end(params[0], start, vx, w, steps)
+        moves, x, y, c, s = forward.ramp(params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1)
+        ours = forward.along_arc(x, y, c, s, vx * dt, w * dt, steps - 1 - moves)
         assert np.allclose(ours, exact, rtol=0, atol=1e-11)
 
 

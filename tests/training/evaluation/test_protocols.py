@@ -12,7 +12,8 @@ import worlds
 from tests.support.worlds_sdf import moving, put, sdf
 from training import evaluate
 from training.evaluation.store import read_trace
-from worlds import movers_table, sdf_writer
+from worlds import sdf_writer
+from worlds.dynabarn import NAME, Animation, write_table
 
 WALL = (
     "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
@@ -33,9 +34,9 @@ def dynabarn(folder, crossing):
     tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
     body += "".join(map(moving, tracks))
-    movers_table.write(
-        str(folder / movers_table.NAME),
-        {name: movers_table.Animation(float(frames[-1][0]), True, frames) for name, frames in tracks.items()},
+    write_table(
+        str(folder / NAME),
+        {name: Animation(float(frames[-1][0]), True, frames) for name, frames in tracks.items()},
     )
     return put(folder, sdf(body), "world_3.world")
 

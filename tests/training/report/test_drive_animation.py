@@ -6,7 +6,7 @@ from PIL import Image, ImageColor
 import worlds
 from applr_ros1.drives import animation, picture
 from worlds.draw import MOVER
-from worlds.mover import Mover
+from worlds.world import Mover
 
 NOTHING = np.empty((0, 2))
 FOOTPRINT = np.array([(-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2)])

@@ -17,10 +17,11 @@ from tests.support.toy_runner import SETTINGS
 from training.actors.tasks import TrialResult
 from training.evaluation import store as trial_store
 from training.evaluation import trials
-from training.report import data, paper, statistics, tables, tables_more, write
-from training.report.regions import clearance, region_of
+from training.report import data, paper, statistics, tables, write
+from training.report.figures import region_of
 from training.report.summary import summary
-from training.report.table import Table
+from training.report.tables import Table
+from worlds import metrics
 
 METHODS = ("dwa", "applr", "applr-without-max_vel_x")
 
@@ -173,7 +174,7 @@ def test_table_4_names_failures(results):
 
 
 def test_any_two_methods_are_compared_in_pairs(results):
-    table = tables_more.pairs(results)
+    table = tables.pairs(results)
     rows = {row[0]: row for row in table.rows}
     assert list(rows) == ["Training", "Test", "Physical course"]
     row = dict(zip(table.columns, rows["Training"]))
@@ -210,7 +211,7 @@ def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
 
 
 def test_ablation(results):
-    table = tables_more.ablation(results)
+    table = tables.ablation(results)
     assert [row[:2] for row in table.rows] == [["applr", "max_vel_x"]]
     assert 25 < float(table.rows[0][-1]) < 55  # .10 of the .25 that applr saves
 
@@ -221,7 +222,7 @@ def test_means_are_compared_over_the_same_worlds(folder):
     easy = joined.of_set("Test")[:4]
     joined.cells[METHODS[2]] = {world: joined.cells[METHODS[2]][world] for world in easy}
     base, whole, without = (statistics.mean_counted(joined, method, easy) for method in METHODS)
-    (row,) = tables_more.ablation(joined).rows
+    (row,) = tables.ablation(joined).rows
     assert float(row[-1]) == pytest.approx(100 * (without - whole) / (base - whole), abs=0.6)
     row = next(row for row in tables.table_1(joined).rows if row[:2] == ["Test", METHODS[2]])
     assert float(row[6]) == pytest.approx(base - without, abs=0.006)
@@ -315,9 +316,9 @@ def test_regions():
     import worlds
 
     world = worlds.load("generated:7")
-    assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
+    assert metrics.clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
     post, free = world.cylinders[np.argmin(world.cylinders[:, 1])], np.array([[-2.25, 12.0]])
     near = post[:2] + (0.0, -0.35 - post[2])  # .35 m from the foremost post's surface
-    assert clearance(world, near[None])[0] == pytest.approx(0.35)
+    assert metrics.clearance(world, near[None])[0] == pytest.approx(0.35)
     poses = np.vstack([np.tile(near, (30, 1)), np.tile(free, (19, 1)), np.tile(near, (30, 1)), np.tile(free, (20, 1))])
     assert region_of(world, poses).tolist() == [0] * 79 + [2] * 20  # what lasts less than a second is none of its own
