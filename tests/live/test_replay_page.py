@@ -19,11 +19,11 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here"),
 ]
-LENGTH = 120  # s, of which a slow page misses a few
+LENGTH = 600  # s, of which a slow page misses many
 
 
 def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
-    """A robot that drives ahead at 0.5 m/s, with a decision every ten seconds."""
+    """A robot that drives ahead at 0.5 m/s, with a decision every hundred seconds."""
     with rosbag.Bag(str(tmp_path / "drive.bag"), "w") as bag:
         for k in range(LENGTH + 1):
             now = genpy.Time(100 + k)
@@ -31,7 +31,7 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
             odometry.header.stamp, odometry.twist.twist.linear.x = now, 0.5
             bag.write("/odometry/filtered", odometry, now)
             bag.write("/tf", TFMessage([_transform("odom", "base_link", (0.5 * k, 0.0, 0.0), now)]), now)
-            if k % 10 == 0:
+            if k % 100 == 0:
                 decision = Decision()
                 decision.before.values, decision.after.values = [0.5], [0.5 + k]
                 bag.write("/applr/decision", decision, now)
@@ -50,7 +50,7 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
             def at():
                 return page.value("time [s]")
 
-            page.slide("time [s]", 0.97)
+            page.slide("time [s]", 0.99)
             page.wait("Again", seconds=30.0)
             assert at() == pytest.approx(LENGTH, abs=0.4)
             press(page, "Again")
@@ -58,11 +58,11 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
             press(page, "Pause")
             page.wait("Play")
             paused = at()
-            assert paused < 0.9 * LENGTH
+            assert paused < 0.5 * LENGTH
             page.look(2.0)
             assert at() == pytest.approx(paused, abs=0.5)
             page.slide("time [s]", 0.75)
-            wait_for(lambda: 0.7 * LENGTH < at() < LENGTH and "Pause" in page.text, 20.0, "the new time")
+            wait_for(lambda: at() > 0.7 * LENGTH and "Pause" in page.text, 20.0, "the new time")
             page.turn_to("Bags", "record:=drive.bag")
             assert page.evaluate("[...document.querySelectorAll('input')].some(e => e.value == 'drive.bag')")
             assert page.look(0.1) == []

@@ -62,7 +62,7 @@ class Child:
             self.thaw()
             os.kill(self.pid, signal.SIGINT)
             try:
-                self.process.wait(patience)
+                self.process.wait(patience * slowness())
             except subprocess.TimeoutExpired:
                 self.kill()
         return self.process.returncode
