@@ -54,8 +54,8 @@ class CollisionMonitor:
     yet, with an old one, or with one that cannot be believed (ScannerCheck), every command becomes a stop. Into space
     that no scan has shown the robot may creep; into what is remembered it never may.
 
-    Where there is room for it, a base that is told to slow down does so at `deceleration`, which its wheels give
-    without locking: odometry does not see how far locked wheels slide.
+    What the base is given falls no faster than at `deceleration`, stops included: its wheels give that much without
+    locking. Locked wheels slide farther than that, and farther than odometry sees.
 
     Attributes:
         fastest: (v [m/s], w [rad/s]) from which the base stops within AHEAD, or within a full turn, if all is fresh.
@@ -121,21 +121,18 @@ class CollisionMonitor:
             A Verdict. Commands that are not finite become a stop; those faster than what can be stopped within AHEAD
             are reduced to it.
         """
-        verdict, gentle = None, self._gentle(now, command)
-        if gentle != command:
-            verdict = self._judge(now, pose, twist, gentle, ages)
-        if verdict is None or verdict.action != PASS:
-            verdict = self._judge(now, pose, twist, command, ages)
-        self._given = now, verdict.command[0]
-        return verdict
+        verdict = self._judge(now, pose, twist, command, ages)
+        return replace(verdict, command=(self.braked(now, twist[0], verdict.command[0]), verdict.command[1]))
 
-    def _gentle(self, now, command):
-        """The command (v, w), with which v falls no faster than at `deceleration` since the base's last one."""
+    def braked(self, now, measured, v=0.0):
+        """The speed [m/s] that the base is given at `now` [s] instead of v; measured: how fast its wheels are [m/s]."""
         then, was = self._given
-        if was == 0.0 or not math.isfinite(command[0]) or not 0.0 <= now - then <= self.settings.reaction_time:
-            return command
-        left = was - math.copysign(self.settings.deceleration * (now - then), was)
-        return (max if was > 0.0 else min)(command[0], left), command[1]
+        if was * measured > 0.0 and now >= then:  # else it stands, is already on its way back, or is not known
+            left = min(abs(was), abs(measured)) - self.settings.deceleration * (now - then)
+            if left > 0.0:
+                v = max(v, left) if was > 0.0 else min(v, -left)
+        self._given = now, v
+        return v
 
     def _judge(self, now, pose, twist, command, ages):
         self.ages = (0.0 if self._stamp is None else now - self._stamp, *ages)

@@ -73,7 +73,7 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     took = jackal.commands[-1][0] - last
     measured("zero after", took, "s")
     assert took < 0.3 * slowness()
-    assert actions[-1] == "stop: no command has come for 0.15 s"
+    assert actions[-1].startswith("stop: no command has come for 0.1")
     count = len(jackal.commands)
     wait_for(lambda: len(jackal.commands) > count + 3, 2.0, "more zeros")
     drive(stack, 0.5, 0.3)

@@ -58,19 +58,20 @@ def test_nothing_near_changes_no_command():
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_brakes_as_its_wheels_can_without_locking_unless_something_is_near(way):
-    for points, expected in ([(9.0, 0.0)], [1.8, 1.7, 1.6]), ([(way * 1.2, 0.0)], [0.0, 0.0, 0.0]):
+def test_brakes_and_stops_as_its_wheels_can_without_locking(way):
+    for points, asked, expected in (
+        ([(9.0, 0.0)], [0.5, 1.7, -1.0], [1.8, 1.7, 1.6]),
+        ([(way * 1.2, 0.0)], [0, 0, 0], [1.8, 1.6, 1.5]),
+    ):
         monitor = seen_all_around(points, replace(SETTINGS, deceleration=2.0, memory_radius=8.0))
         monitor._given = 0.0, 2.0 * way
-        asked = [0.5, 1.7, 1.6] if expected[0] else [0.0, 0.0, 0.0]
         commands = [
             monitor.filter(t, (0, 0, 0), (2.0 * way, 0.0), (way * v, 0.0)) for t, v in zip((0.1, 0.2, 0.25), asked)
         ]
         assert [way * verdict.command[0] for verdict in commands] == pytest.approx(expected)
-    assert monitor.filter(0.6, (0, 0, 0), (0.0, 0.0), (0.0, 0.0)).command == (0.0, 0.0), "the base has stood since"
-    monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, memory_radius=8.0))
-    monitor._given = 0.0, 2.0 * way
-    assert monitor.filter(0.1, (0, 0, 0), (2.0 * way, 0.0), (-way * math.inf, 0.0)).command == (0.0, 0.0)
+    assert monitor.braked(0.35, 1.0 * way) == pytest.approx(0.8 * way), "its wheels are slower than commanded"
+    assert monitor.braked(0.40, -0.1 * way) == 0.0
+    assert monitor.braked(0.41, 2.0 * way) == 0.0
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
@@ -179,7 +180,7 @@ def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     monitor.see(good)
     assert monitor.filter(0.0, pose, (1.0, 0), (1.0, 0)).action == PASS
     assert "scanner" in monitor.see(scan_of([], pose, 0.1, ranges=np.full(BEAMS, beams, np.float32)))
-    assert monitor.filter(0.1, pose, (1.0, 0), (1.0, 0)).command == (0.0, 0.0)
+    assert monitor.filter(0.1, pose, (1.0, 0), (1.0, 0)).action == STOP
     good.stamp = 0.2
     monitor.see(good)
     assert monitor.filter(0.2, pose, (1.0, 0), (1.0, 0)).action == PASS
@@ -366,7 +367,8 @@ def test_what_stands_in_a_sector_that_measures_nothing_any_more_is_kept(value):
 @pytest.mark.parametrize(("late", "ages"), [(0.3, (0.3, 0.0)), (0.0, (0.0, 0.3)), (0.0, (0.0, 0.0))])
 def test_what_is_old_counts_as_far_as_the_robot_may_have_come_since(late, ages):
     """A wall 1.1 m ahead of the body: with the old pose behind or in the body of 300 ms, 2 m/s do not pass as fresh."""
-    monitor, v = seen_all_around(wall(1.379, 1.0)), 1.6
-    here = monitor.filter(0.0, (0.0, 0.0, 0.0), (v, 0.0), (2.0, 0.0)).command[0]
-    seen = monitor.filter(0.0, (-v * late, 0.0, 0.0), (v, 0.0), (2.0, 0.0), ages).command[0]
+    v, looks = 1.6, [((0.0, 0.0, 0.0), (0.0, 0.0)), ((-1.6 * late, 0.0, 0.0), ages)]
+    here, seen = (
+        seen_all_around(wall(1.379, 1.0)).filter(0.0, pose, (v, 0.0), (2.0, 0.0), old).command[0] for pose, old in looks
+    )
     assert seen < here - 0.2 if any(ages) else seen == here

@@ -1,8 +1,9 @@
 """The ROS node collision_monitor: stands between move_base (or any other source of velocities) and the base.
 
 Started by scripts/collision_monitor.py. Commands come on cmd_vel_in and leave on cmd_vel, as the CollisionMonitor lets
-them through. Once none has come for reaction_time, zeros leave at the node's own rate until one comes. If the node
-itself dies, nothing stops the base but a time-out of its own (`base.command_timeout` in robot.yaml).
+them through. Once none has come when the next one is due, the node brakes the base at its own rate and then publishes
+zeros until one comes. If the node itself dies, nothing stops the base but a time-out of its own
+(`base.command_timeout` in robot.yaml).
 
 Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~transform_tolerance [s], and the fields of
 monitor/settings.py.
@@ -12,7 +13,9 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from dataclasses import fields, replace
+from typing import Deque
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -36,7 +39,8 @@ from .other_publishers import OtherPublishers
 LOOK = 0.01  # s of wall time between looks for a new scan
 REPORT = 1.0  # s of wall time between diagnostics
 IDLE_AFTER = 2.0  # s of wall time without a command after which it counts as idle
-ZEROS = 0.05  # s of wall time between the zeros while no command comes
+ZEROS = 0.05  # s of wall time between the commands of the node's own while none comes
+BEATS = 10  # intervals between commands that are remembered; silence is ZEROS longer than all of them
 STALLED = 0.5  # s of wall time for which ROS time may stand still; then commands are stopped
 STANDS_V, STANDS_W = 0.01, 0.02  # m/s, rad/s: a base that is measured to be slower stands
 
@@ -60,6 +64,7 @@ class CollisionMonitorNode:
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
         self._ages = Ages()
         self._commanded = rospy.Time(0)  # when the newest command came; 0: none since the start, or since the clock
+        self._beats: Deque[float] = deque(maxlen=BEATS)  # [s] between the newest commands
         self._heard = self._zero_due = 0.0  # time.monotonic(): of the newest command; when the next zero is due
         self._stood = False  # whether the base has stood since the last command
         self._report_jump = Throttled(rospy.logwarn)
@@ -116,16 +121,21 @@ class CollisionMonitorNode:
         return f"/clock has not moved for {STALLED:g} s" if time.monotonic() - self._moved > STALLED else ""
 
     def _break_silence(self) -> None:
-        """Publishes zero while no command comes; beside others that publish there, only until the base stands."""
+        """Brakes to zero while no command comes; beside others that publish there, only until the base stands."""
         reaction = self.monitor.settings.reaction_time
-        if (self._now - self._commanded).to_sec() <= reaction and not self._stalled:
+        silence = min(reaction, max(self._beats, default=reaction) + ZEROS)
+        if (self._now - self._commanded).to_sec() <= silence and not self._stalled:
             return
         stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist(), (STANDS_V, STANDS_W)))
         self._stood |= stands and not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
         if time.monotonic() >= self._zero_due and not (self._stood and self._others.names):
             self._zero_due = time.monotonic() + ZEROS
-            self._out.publish(conversions.twist(0.0, 0.0))
-            self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {reaction:g} s"))
+            self._out.publish(conversions.twist(self._braked(), 0.0))
+            self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
+
+    def _braked(self) -> float:
+        """The speed [m/s] of a stop. On a clock that stands nothing falls with time."""
+        return 0.0 if self._stalled else self.monitor.braked(self._now.to_sec(), self.sensors.twist()[0])
 
     def _say(self, verdict: Verdict) -> None:
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
@@ -135,6 +145,7 @@ class CollisionMonitorNode:
     def _take_command(self, message: Twist) -> None:
         with self._lock, until_shutdown():
             self._take_scans()
+            self._beats.append((self._now - self._commanded).to_sec())
             self._commanded, self._heard, self._stood = self._now, time.monotonic(), False
             verdict = self._judge(message)
             self._out.publish(conversions.twist(*verdict.command))
@@ -148,7 +159,7 @@ class CollisionMonitorNode:
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
-            return Verdict((0.0, 0.0), STOP, 0.0, trouble)
+            return Verdict((self._braked(), 0.0), STOP, 0.0, trouble)
         command, known = (message.linear.x, message.angular.z), self.sensors.ages(now)
         ages = known.get("pose", 0.0), known.get("twist", 0.0)  # 0 for a pose that never changes, or without stamps
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages)
