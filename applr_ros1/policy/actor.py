@@ -34,8 +34,8 @@ class Actor:
     """
 
     def __init__(self, weights, space=SPACE, metadata=None, layout=LAYOUT):
-        self.layers = _layers(weights, space, layout, "actor")
-        self.space, self.layout = space, layout
+        self.space, self.layout = space.paper, layout
+        self.layers = _layers(weights, self.space, layout, "actor")
         self.metadata = metadata or {}
         self.period = period_of(self.metadata)
 
@@ -59,8 +59,7 @@ class Actor:
     def _of(cls, path, weights, metadata, space):
         if "observation" in metadata:
             raise ApplrError(f"{path}: it is for every robot: read it with GeneralActor.load, or actor.load")
-        if space is None:
-            space = _stated(path, metadata)
+        space = _stated(path, metadata) if space is None else space.paper
         robot = metadata.get("robot")
         if robot != space.robot:
             raise ApplrError(f"{path}: it is for the robot {_short(robot)}: here {space.robot} runs; train one for it")
@@ -86,7 +85,10 @@ class Actor:
 
 
 class GeneralActor:
-    """A deterministic policy in the dimensionless form (encoding.py), for every robot: a network as Actor's."""
+    """A deterministic policy in the dimensionless form (encoding.py), for every robot: a network as Actor's.
+
+    base: {name: value} of the parameters that it does not choose, as its metadata state them.
+    """
 
     def __init__(self, weights, metadata=None):
         self.layers = layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), "actor")
@@ -94,6 +96,9 @@ class GeneralActor:
         if "period_s" not in self.metadata:
             raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
         self.period = period_of(self.metadata)
+        self.base = self.metadata.get("base") or {}
+        if not isinstance(self.base, dict) or not all(isinstance(v, (int, float)) for v in self.base.values()):
+            raise ApplrError(f"its base is {_short(self.base)}: values of parameters by name are needed")
 
     @classmethod
     def load(cls, path):
@@ -145,6 +150,7 @@ def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
     before it, only the others are stored. Raises ApplrError.
     """
     weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
+    space = space.paper
     _layers(weights, space, layout, "actor to save")
     described = {"space": space.to_json(), "layout": json.dumps(layout.to_dict(len(space)))}
     described["robot"] = json.dumps(space.robot)

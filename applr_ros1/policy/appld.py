@@ -26,7 +26,7 @@ MAX_CONTEXTS = 64
 class Appld:
     """Contexts with their parameter sets, and a classifier.
 
-    contexts  {name: theta (n,)}; values outside the space are clipped to it
+    contexts  {name: theta (k,)} of `space`; values outside are clipped to it
     weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the
               observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
     layout    how it sees a scan; another one has another number of inputs
@@ -35,15 +35,15 @@ class Appld:
     period = PERIOD  # the paper's
 
     def __init__(self, contexts, weights, space=SPACE, metadata=None, layout=LAYOUT):
-        self.names, self.space, self.layout = list(contexts), space, layout
-        self.sets = np.array([space.clip(theta) for theta in contexts.values()])
+        self.names, self.space, self.layout = list(contexts), space.paper, layout
+        self.sets = np.array([self.space.complete(theta) for theta in contexts.values()])
         self.layers = _layers(weights, len(self.names), layout)
         self.metadata = metadata or {}
 
     @classmethod
     def load(cls, path, space=SPACE):
         """Reads a file that `save` wrote. Raises ApplrError; for one of another robot, too."""
-        path = os.fspath(path)
+        path, space = os.fspath(path), space.paper
         data = files.read_bytes(path, MAX_BYTES)
         weights, header = unpack(data, path)
         if header.get("format") != FORMAT:
@@ -52,7 +52,7 @@ class Appld:
         if robot != space.robot:
             raise ApplrError(f"{path}: it is for the robot {robot[:60]}: here {space.robot} runs; learn one for it")
         try:
-            names = json.loads(header["names"]) if "names" in header else list(SPACE.names)
+            names = json.loads(header["names"]) if "names" in header else list(SPACE.paper.names)
             if names != list(space.names):
                 raise ApplrError(f"its sets are of {', '.join(map(str, names))[:200]}")
             layout = Layout.from_dict(json.loads(header["layout"]), 0) if "layout" in header else LAYOUT
@@ -71,8 +71,9 @@ class Appld:
 
 
 def save(path, contexts, weights, metadata=None, space=SPACE, layout=LAYOUT):
-    """Writes an APPLD file, whole or not at all. contexts: {name: theta}; metadata: {str: str}, where it comes from."""
+    """Writes an APPLD file, whole or not at all. contexts: {name: theta (k,)}; metadata: {str: str}, its origin."""
     _layers(weights, len(contexts), layout)
+    space = space.paper
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
     header = dict(metadata or {}, format=FORMAT, contexts=json.dumps(entries), robot=space.robot)
     header.update(names=json.dumps(space.names), layout=json.dumps(layout.to_dict(0)))

@@ -5,13 +5,13 @@ in cost per padded width. So an observation and an action mean the same to every
 many of them drives one that it has never met. The paper's own form, for one robot, is observation.py.
 
 Only the parameters of PARAMETERS are chosen, as far as the robot's parameter space has them and within its ranges; the
-others keep their default values.
+others keep the values with which the policy was trained, or their default values.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -73,14 +73,17 @@ class Encoding:
     Args:
         robot: Its description.
         period: Decision period [s], to which the way driven since the last decision is related.
+        base: {name: value} that parameters of the robot's space have where an action does not choose them, clipped to
+            their ranges; those that it does not name, or all of them, have their default values.
 
     Attributes:
         layout: How Context.ranges has to see the scan.
         space: The robot's parameter space.
+        chosen: Names of the space's parameters that an action chooses.
         width: The robot's padded width [m].
     """
 
-    def __init__(self, robot: Robot, period: float):
+    def __init__(self, robot: Robot, period: float, base: Optional[Mapping[str, float]] = None):
         self.robot, self.space, self.period = robot, space_of(robot), period
         tree = check.complete(robot.parameters())
         self.width = _padded_width(tree["local_costmap"])
@@ -103,7 +106,12 @@ class Encoding:
         self._first = np.where(self._logarithmic, self._low, 1.0)
         self._octaves = np.log2(np.where(self._logarithmic, self._high, 2.0) / self._first)
         names = [ALIASES.get(name, name) for name in self.space.names]
-        self._place = [(names.index(name), i) for i, name in enumerate(PARAMETERS) if name in names]
+        known = [(names.index(name), i) for i, name in enumerate(PARAMETERS) if name in names]
+        least, most = self.space.low, self.space.high
+        self._place = [(i, at) for i, at in known if self._low[at] < most[i] and least[i] < self._high[at]]
+        self.chosen = [self.space.names[i] for i, _ in self._place]
+        values = {name: value for name, value in (base or {}).items() if name in self.space.names}
+        self._base = self.space.clip([values.get(*pair) for pair in zip(self.space.names, self.space.theta0)])
         self._fixed = np.array([_start(tree, planner, name) for name in PARAMETERS], dtype=np.float64)
         self._described = _description(robot, tree, planner, self.width, resolution)
         self.reset()
@@ -132,7 +140,7 @@ class Encoding:
             raise ApplrError(f"action {action!r:.80}: {len(PARAMETERS)} finite numbers are needed")
         share, low, high = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0), self._low, self._high
         values = np.where(self._logarithmic, self._first * 2.0 ** (self._octaves * share), low + share * (high - low))
-        theta = self.space.theta0.copy()
+        theta = self._base.copy()
         for i, place in self._place:
             theta[i] = values[place]
         return self.space.clip(theta)

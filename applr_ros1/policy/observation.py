@@ -41,7 +41,7 @@ def layout_of(robot):
 
 def sizes_of(robot):
     """(beams, further numbers of an observation, parameters) of a robots.Robot: (720, 9, 8) for the Jackal."""
-    parameters = len(space_of(robot))
+    parameters = len(space_of(robot).paper)
     return layout_of(robot).beams, 1 + parameters, parameters
 
 
@@ -49,7 +49,7 @@ LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m
 
 
 def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
-    """The observation (n,) float32, n = beams + 1 + parameters: capped scan, phi / pi, theta_prev scaled; in [-1, 1].
+    """The observation (beams + 1 + k,) float32: capped scan, phi / pi, theta_prev scaled; in [-1, 1].
 
     The Jackal's has 729 numbers: 720 beams as r - 1 with r capped at 2 m, one angle, eight parameters.
 
@@ -57,8 +57,8 @@ def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
         ranges: (beams,) [m] as layout.resample gives them; by REP-117 +inf is no return (the cap) and -inf is too near
             (0 m). NaN is no measurement and takes the value between its valid neighbours.
         phi: angle of the local goal [rad].
-        theta_prev: (k,) the parameters that the planner has; beyond the ranges they are clipped.
-        space: the parameter space.
+        theta_prev: (n,) the parameters that the planner has; beyond the ranges they are clipped.
+        space: the parameter space, of whose n parameters space.paper's k are seen.
         layout: how the policy sees a scan.
 
     Raises:
@@ -68,10 +68,11 @@ def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
     ranges = without_gaps(ranges, layout)
     if not np.isfinite(phi):
         raise ObservationError(f"angle of the local goal is {phi}: check the pose and the global plan")
-    result = np.empty(beams + 1 + len(space), dtype=np.float32)
+    chosen = space.paper.to_action(theta_prev)
+    result = np.empty(beams + 1 + len(chosen), dtype=np.float32)
     result[:beams] = np.clip(ranges, 0.0, cap) * (2.0 / cap) - 1.0
     result[beams] = np.clip(phi / pi, -1.0, 1.0)
-    result[beams + 1 :] = space.to_action(theta_prev)
+    result[beams + 1 :] = chosen
     return result
 
 

@@ -1,8 +1,9 @@
 """The action space of APPLR: the planner parameters theta that a policy sets, their ranges and theta_0.
 
 `space_of` makes it from a robot's description: names, ranges and servers stand in its robot.yaml, theta_0 in its
-parameter files, types and bounds in the planner's declarations. SPACE is the Jackal's, with the paper's eight
-parameters. The applr node (actions to parameters), the meta-environment, the searches and the trainer call it.
+parameter files, types and bounds in the planner's declarations. SPACE is the Jackal's; `SPACE.paper` are the paper's
+eight parameters of it. The applr node (actions to parameters), the meta-environment, the searches and the trainer call
+it.
 """
 
 import json
@@ -47,6 +48,7 @@ class Space:
         theta0: (n,) the robot's own values, with which its move_base starts.
         targets: Which servers' values each parameter sets; the first one is where it is read back.
         robot: Name of the robot that it belongs to.
+        beyond: Those that policies in the paper's form do not choose.
     """
 
     names: Tuple[str, ...]
@@ -56,9 +58,23 @@ class Space:
     theta0: np.ndarray
     targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
     robot: str = "jackal"
+    beyond: Tuple[str, ...] = ()
 
     def __len__(self):
         return len(self.names)
+
+    @property
+    def paper(self):
+        """What policies in the paper's form choose: of the Jackal the paper's eight parameters, as a Part."""
+        return Part.of(self, [name for name in self.names if name not in self.beyond]) if self.beyond else self
+
+    def part(self, theta):
+        """Those of parameters (n,) that a Part chooses; here all."""
+        return theta
+
+    def complete(self, values):
+        """The parameters (n,), clipped, with what a Part chose (k,); here that is all."""
+        return self.clip(values)
 
     def clip(self, theta):
         """The nearest parameters (n,) float64 inside the ranges, counts rounded to whole numbers.
@@ -199,6 +215,46 @@ def counts_cells(path):
     return stated is False
 
 
+@dataclass(frozen=True)
+class Part(Space):
+    """Some of a space's parameters: an action (k,) is of them, parameters (n,) are of the whole space.
+
+    Attributes:
+        whole: The space; the parameters that are not chosen have its theta_0.
+        at: (k,) their indices in it.
+    """
+
+    whole: Space = field(default=None)  # type: ignore[assignment]
+    at: Tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, whole, names):
+        """The part of a space that has these names."""
+        at = [whole.names.index(name) for name in names]
+        rows = (whole.low[at], whole.high[at], whole.integer[at], whole.theta0[at])
+        targets = {name: whole.targets.get(name, ()) for name in names}
+        return cls(tuple(names), *rows, targets, whole.robot, whole=whole, at=tuple(at))
+
+    def part(self, theta):
+        """Its own (k,) of the whole space's parameters (n,); what is its own already stays."""
+        theta = np.asarray(theta, dtype=np.float64)
+        return theta if theta.shape == (len(self),) else theta[list(self.at)]
+
+    def complete(self, values):
+        """The whole space's parameters (n,) with these values (k,), clipped."""
+        theta = self.whole.theta0.copy()
+        theta[list(self.at)] = self.clip(values)
+        return theta
+
+    def to_theta(self, action):
+        """The whole space's parameters (n,) for an action (k,)."""
+        return self.complete(super().to_theta(action))
+
+    def to_action(self, theta):
+        """The action (k,) for the whole space's parameters (n,)."""
+        return super().to_action(self.part(theta))
+
+
 @lru_cache(maxsize=32)
 def space_of(robot):
     """The parameter space that a robots.Robot describes.
@@ -218,7 +274,8 @@ def space_of(robot):
     targets = {
         p.name: tuple(Target(s.server, s.names, -1.0 if s.negated else 1.0) for s in p.settings) for p in robot.space
     }
-    return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name)
+    beyond = tuple(parameter.name for parameter in robot.space if not parameter.paper)
+    return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name, beyond)
 
 
 def _start(robot, parameter, tree):

@@ -20,7 +20,7 @@ class Predictor:
     Attributes:
         policy: The network, read from its file.
         environment: What gymnasium.make("applr_ros1/Navigation-v0", ...) has to be given for the observations that the
-            policy sees and the actions that it answers with: robot, observation, period [s].
+            policy sees and the actions that it answers with: robot, observation, period [s], base.
 
     Args:
         robot: Name of an included robot, or folder with robot.yaml.
@@ -39,6 +39,7 @@ class Predictor:
             "robot": described.folder,
             "observation": "dimensionless" if general else "paper",
             "period": self.policy.period,
+            "base": self.policy.base if general else {},
         }
 
     def predict(

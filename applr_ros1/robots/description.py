@@ -198,13 +198,17 @@ class Setting:
 
 @dataclass(frozen=True)
 class SpaceParameter:
-    """One parameter that a policy or a search sets, within low to high. The first setting is where it is read back."""
+    """One parameter that a policy or a search sets, within low to high. The first setting is where it is read back.
+
+    paper: whether policies in the paper's form see and set it, too.
+    """
 
     name: str
     low: float
     high: float
     integer: bool
     settings: Tuple[Setting, ...]
+    paper: bool = True
 
 
 class LoadedFile(NamedTuple):

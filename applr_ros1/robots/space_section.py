@@ -35,6 +35,7 @@ class SpaceEntry(Section):
     range: Tuple[Bound, Bound]
     sets: Tuple[SetEntry, ...] = Field(min_length=1)
     integer: StrictBool = False
+    paper: StrictBool = True
 
     @model_validator(mode="after")
     def _agrees(self) -> SpaceEntry:
@@ -56,6 +57,7 @@ def space(stated: Dict[str, SpaceEntry]) -> Tuple[SpaceParameter, ...]:
             *given.range,
             given.integer,
             tuple(Setting(one.server, (one.name or name, *one.aliases), one.negated) for one in given.sets),
+            given.paper,
         )
         for name, given in stated.items()
     )

@@ -58,7 +58,7 @@ def written(path, messages):
 
 def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     topics = applr_topics.ApplrTopics()
-    theta = SPACE.clip(np.linspace(0.4, 1.9, 8))
+    theta = SPACE.clip(np.linspace(0.4, 1.9, len(SPACE)))
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")
     recording = written(tmp_path / "a.bag", published)

@@ -13,10 +13,12 @@ from applr_ros1.policy.encoding import MIRROR, PARAMETERS, SIZE, Encoding
 from applr_ros1.policy.methods.included import GeneralPolicy
 from applr_ros1.policy.network import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
+from applr_ros1.robots.description import Setting, SpaceParameter
 from tests.policy import golden_form
 from training.env.drawn_robots import draw_another
 
 DRAWN = [draw_another(np.random.default_rng(seed)) for seed in range(6)]
+JACKAL_CHOSEN = [p.name for p in JACKAL.space if p.paper]
 ROBOTS = [load(name) for name in NAMES] + DRAWN
 
 
@@ -111,6 +113,28 @@ def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
     assert course(3, 0.03)[0] == standing
     assert course(4, 0.03)[0][:8] == standing[:8]
     assert course(4, 0.03)[0][8:] != standing[8:]
+
+
+def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
+    base = {"min_in_place_vel_theta": 0.9, "footprint_padding": 9.0, "max_vel_x": 0.3, "of_another_robot": 1.0}
+    weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
+    save_general(path, weights, {"period_s": 1.0, "base": base})
+    method = methods.make(str(path), JACKAL)
+    method.reset(0)
+    decided = method.space.as_dict(method.theta(context(JACKAL, np.random.default_rng(0))))
+    assert (decided["min_in_place_vel_theta"], decided["footprint_padding"]) == (0.9, 0.14)
+    assert decided["max_vel_x"] != 0.3
+    for wrong in ({"sim_time": "long"}, [1.0]):
+        with pytest.raises(ApplrError, match="values of parameters by name"):
+            save_general(path, weights, {"period_s": 1.0, "base": wrong})
+
+
+def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
+    """DWAPlannerROS drives back at its min_vel_x, TrajectoryPlannerROS ahead at least at its own."""
+    ahead = SpaceParameter("min_vel_x", 0.02, 0.4, False, (Setting("TrajectoryPlannerROS", ("min_vel_x",), False),))
+    form = Encoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
+    assert set(form.chosen) == {*JACKAL_CHOSEN, "sim_time"}
+    assert form.theta(np.full(len(PARAMETERS), -1.0))[-1] == 0.1
 
 
 def test_one_file_drives_every_robot(tmp_path):

@@ -25,7 +25,7 @@ class Short(Good):
 
 class Nan(Good):
     def theta(self, context):
-        return np.full(8, np.nan)
+        return np.full(len(SPACE), np.nan)
 
 
 class Raises(Good):
@@ -35,7 +35,7 @@ class Raises(Good):
 
 class Unseeded(Good):
     def theta(self, context):
-        return SPACE.to_theta(np.random.default_rng().uniform(-1, 1, 8))
+        return SPACE.to_theta(np.random.default_rng().uniform(-1, 1, len(SPACE)))
 
 
 class Remembers(Good):

@@ -26,12 +26,13 @@ from tests.support.weights import make_weights
 from training.evaluation import trials
 from worlds import barn
 
-PLANNER, INFLATION = "TrajectoryPlannerROS", ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
+PLANNER, COSTMAPS = "TrajectoryPlannerROS", ("local_costmap", "global_costmap")
+INFLATION = ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
 
 
 def test_theta_0_is_clearpaths_and_round_trips():
-    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30]
+    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30, 2.0, 0.314, 0.1]
     np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
     with pytest.raises(ValueError, match="read-only"):
         THETA_0[0] = 1.0
@@ -40,14 +41,14 @@ def test_theta_0_is_clearpaths_and_round_trips():
 
 
 def test_actions_reach_the_ranges_and_never_leave_them():
-    np.testing.assert_allclose(SPACE.to_theta(-np.ones(8)), SPACE.low)
-    np.testing.assert_allclose(SPACE.to_theta(np.ones(8)), SPACE.high)
-    np.testing.assert_allclose(SPACE.to_theta(np.full(8, 1e9)), SPACE.high)
-    np.testing.assert_allclose(SPACE.to_theta(np.full(8, -1e9)), SPACE.low)
+    np.testing.assert_allclose(SPACE.to_theta(-np.ones(11)), SPACE.low)
+    np.testing.assert_allclose(SPACE.to_theta(np.ones(11)), SPACE.high)
+    np.testing.assert_allclose(SPACE.to_theta(np.full(11, 1e9)), SPACE.high)
+    np.testing.assert_allclose(SPACE.to_theta(np.full(11, -1e9)), SPACE.low)
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=8, max_size=8))
+@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=11, max_size=11))
 def test_any_action_gives_legal_parameters_or_is_refused(values):
     if not np.all(np.isfinite(values)):
         with pytest.raises(ApplrError, match="not finite"):
@@ -82,7 +83,7 @@ def test_space_errors_are_one_line():
 
 def test_every_parameter_has_a_server():
     servers = {t.server for targets in SPACE.targets.values() for t in targets}
-    assert servers == {PLANNER, *INFLATION}
+    assert servers == {PLANNER, *INFLATION, *COSTMAPS}
     assert [t.sign for t in SPACE.targets["max_vel_theta"]] == [1.0, -1.0]
     assert SPACE.targets["pdist_scale"][0].names == ("path_distance_bias", "pdist_scale")
 
@@ -135,7 +136,7 @@ def test_observation_layout_and_scale():
     assert obs.dtype == np.float32
     np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
     assert obs[720] == pytest.approx(0.5)
-    np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0), atol=1e-6)
+    np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0)[:8], atol=1e-6)
 
 
 def test_a_persons_values_beyond_the_ranges_stay_in_the_box():
@@ -159,7 +160,7 @@ def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     odd = rng.random(720) < share
     odd[360] = False
     ranges[odd] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], odd.sum())
-    obs = observe(ranges, phi, rng.normal(size=8) * 100)
+    obs = observe(ranges, phi, rng.normal(size=11) * 100)
     assert np.all(np.isfinite(obs))
     assert np.all(np.abs(obs) <= 1.0)
 
@@ -187,7 +188,8 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
         x = torch.relu(x) if i < 3 else torch.tanh(x)
     np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
     np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
-    np.testing.assert_array_equal(actor.theta(obs[0]), SPACE.to_theta(actor.action(obs[0])))
+    np.testing.assert_array_equal(actor.theta(obs[0])[:8], SPACE.to_theta([*actor.action(obs[0]), 0, 0, 0])[:8])
+    np.testing.assert_array_equal(actor.theta(obs[0])[8:], THETA_0[8:])
 
 
 def test_a_nan_output_is_refused(tmp_path):
@@ -207,7 +209,7 @@ def _raw(weights, **metadata):
 
 def _damaged_files():
     good = make_weights()
-    space, layout = SPACE.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE)))
+    space, layout = SPACE.paper.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE.paper)))
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
     changed = bytearray(whole)
@@ -314,14 +316,14 @@ def test_another_space_is_another_space(tmp_path):
 def test_one_request_for_each_server():
     theta = SPACE.from_dict({"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4})
     requests = SPACE.requests(theta)
-    assert list(requests) == [PLANNER, *INFLATION]
+    assert list(requests) == [PLANNER, *INFLATION, *COSTMAPS]
     assert requests[PLANNER]["min_vel_theta"] == -requests[PLANNER]["max_vel_theta"] == -2.0
     assert requests[PLANNER]["path_distance_bias"] == 0.5
     assert isinstance(requests[PLANNER]["vx_samples"], int)
     assert requests[INFLATION[0]] == requests[INFLATION[1]] == {"inflation_radius": 0.4}
     assert [requests[server][name] for server, name in SPACE.places()] == theta.tolist()
     with pytest.raises(ApplrError, match="not finite"):
-        SPACE.requests(np.full(8, np.nan))
+        SPACE.requests(np.full(11, np.nan))
 
 
 def test_methods(tmp_path):

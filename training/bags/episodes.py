@@ -232,8 +232,9 @@ def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[T
 def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
     actions, rewards = [], []
     for before, after in zip(run, run[1:]):
-        action = recording.space.to_action(_chosen(recording, goal, before, after))
-        change = float(np.abs(action - recording.space.to_action(before.outcome.theta)).mean())
+        space = recording.space.paper
+        action = space.to_action(_chosen(recording, goal, before, after))
+        change = float(np.abs(action - space.to_action(before.outcome.theta)).mean())
         limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
         rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
         actions.append(action)
@@ -285,11 +286,10 @@ def _had(recording, moment) -> np.ndarray:
         except Skipped:
             if not lag and not found:
                 raise
-    if moment.seen is not None and moment.seen.shape == (recording.layout.beams + 1 + len(recording.space),):
+    space = recording.space.paper
+    if moment.seen is not None and moment.seen.shape == (recording.layout.beams + 1 + len(space),):
         for theta in found:
-            if np.allclose(
-                recording.space.to_action(theta), moment.seen[-len(recording.space) :], rtol=0.0, atol=CLOSE
-            ):
+            if np.allclose(space.to_action(theta), moment.seen[-len(space) :], rtol=0.0, atol=CLOSE):
                 return theta
     return found[0]
 

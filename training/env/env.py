@@ -44,6 +44,7 @@ class ApplrEnv(gymnasium.Env):
         robot: the robot that drives, or its name or folder; worlds are at its scale. "drawn" draws one at each reset
             (drawn_robots.py), for the dimensionless form.
         observation: "paper", or "dimensionless" (applr_ros1/policy/encoding.py): the same numbers for every robot.
+        base: parameters that an action of the dimensionless form does not choose, {name: value}; else the defaults.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
         end_on_collision: a collision ends the episode, terminated, as a failure.
         end_on_stall: so does a stall (applr_ros1/policy/stall.py).
@@ -80,6 +81,7 @@ class ApplrEnv(gymnasium.Env):
         robot: Union[Robot, str] = JACKAL,
         monitor: bool = False,
         observation: str = PAPER,
+        base: Optional[Dict[str, float]] = None,
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
@@ -96,6 +98,7 @@ class ApplrEnv(gymnasium.Env):
         self.reward = reward if isinstance(reward, Reward) else checked(Reward, reward or {}, "reward")
         self._simulator, self._randomisation = simulator, randomisation or {}
         self._params, self._planner, self._planner_frequency = params, planner, planner_frequency
+        self._base = base
         self._dimensionless = observation == DIMENSIONLESS
         self._loop: Dict[str, Any] = {
             "limit": limit,
@@ -112,7 +115,7 @@ class ApplrEnv(gymnasium.Env):
             size, self.scan_beams, self.scans, self.odd = encoding.SIZE, 2 * encoding.SECTORS, 2, encoding.ODD
         else:  # the first numbers of an observation; the replay stores them coarser
             self.scan_beams = self.episode.layout.beams
-            size, self.scans, self.odd = self.scan_beams + 1 + len(self.space), 1, (0,)
+            size, self.scans, self.odd = self.scan_beams + 1 + actions, 1, (0,)
         self.odd += tuple(size - self.scan_beams + i for i in privileged.ODD if self.hidden)
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size + self.hidden,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (actions,), np.float32)
@@ -126,10 +129,9 @@ class ApplrEnv(gymnasium.Env):
         if self._planner_frequency is not None:
             params = dict(params, planner_frequency=float(self._planner_frequency))
         self.episode = Episode(simulator, MoveBase(params, planner=self._planner), robot, **self._loop)
-        self.space = self.episode.space
         observation = DIMENSIONLESS if self._dimensionless else PAPER
-        self.ruler = Ruler(robot, observation, self.episode.period, self.reward)
-        self.episode.layout = self.ruler.form.layout
+        self.ruler = Ruler(robot, observation, self.episode.period, self.reward, self._base)
+        self.space, self.episode.layout = self.ruler.form.space, self.ruler.form.layout
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""

@@ -6,7 +6,7 @@ measured is what is learnt.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional, Tuple, Union
+from typing import Any, Dict, Mapping, Optional, Tuple, Union
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class PaperForm:
     """The paper's form for one robot, asked as the dimensionless one (Encoding) is: it remembers nothing."""
 
     def __init__(self, robot: Robot):
-        self.space, self.layout = space_of(robot), layout_of(robot)
+        self.space, self.layout = space_of(robot).paper, layout_of(robot)
         self.action, self.theta = self.space.to_action, self.space.to_theta
 
     def reset(self) -> None:
@@ -45,6 +45,7 @@ class Ruler:
         observation: The form, one of OBSERVATIONS.
         period: Decision period [s], on which the dimensionless form's observation depends.
         reward: The coefficients.
+        base: Of the dimensionless form (policy/encoding.py).
 
     Attributes:
         form: The encoder of observations and actions.
@@ -52,13 +53,20 @@ class Ruler:
             paper's form.
     """
 
-    def __init__(self, robot: Robot, observation: str, period: Optional[float], reward: Reward):
+    def __init__(
+        self,
+        robot: Robot,
+        observation: str,
+        period: Optional[float],
+        reward: Reward,
+        base: Optional[Mapping[str, float]] = None,
+    ):
         self.reward, self.scale = reward, 1.0
         self.form: Union[PaperForm, Encoding] = PaperForm(robot)
         if observation == DIMENSIONLESS:
             if period is None:
                 raise ValueError("the dimensionless observation depends on the decision period: state it")
-            self.form = Encoding(robot, period)
+            self.form = Encoding(robot, period, base)
             self.scale = self.form.width / JACKAL_WIDTH
 
     def judge(self, before: Any, episode: Episode) -> Tuple[float, Dict[str, float]]:

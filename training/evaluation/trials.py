@@ -121,6 +121,7 @@ class TrialRunner:
         observation: what a policy that is being learnt sees, and in which form total_reward is counted: "paper" or
             "dimensionless".
         ground: what it drives on (robots.GROUNDS), instead of the robot's own.
+        base: of a policy that is being learnt in the dimensionless form (applr_ros1/policy/encoding.py).
     """
 
     def __init__(
@@ -135,12 +136,14 @@ class TrialRunner:
         time_limit: float = TIME_LIMIT,
         observation: str = PAPER,
         ground: str = "",
+        base: Optional[Dict[str, float]] = None,
     ):
         self.robot = on_ground(load(robot), ground) if ground else load(robot)
         self.observation = observation
         self.space = space_of(self.robot)
         self.protocol, self.monitor = protocol, monitor
-        self.ruler = Ruler(self.robot, observation, period, Reward(**(reward or {})))
+        self.base = base or {}
+        self.ruler = Ruler(self.robot, observation, period, Reward(**(reward or {})), base)
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
         self.time_limit = time_limit
         self._params = counting_cells(self.robot.parameters())
@@ -218,7 +221,7 @@ class TrialRunner:
                 raise ValueError("a trial of the policy came without a policy")
             if self.period is None:
                 raise ValueError("the policy that is being learnt has no decision period of its own: state it")
-            learnt = _Learnt(policy, self.robot, self.period)
+            learnt = _Learnt(policy, self.robot, self.period, self.base)
             return methods.ObservationPolicy(learnt) if self.observation == PAPER else GeneralPolicy(learnt, self.robot)
         if task.method_spec not in self._methods:
             self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
@@ -242,9 +245,9 @@ class RobotsTrials:
 class _Learnt:
     """The policy that is being learnt, as what ObservationPolicy asks."""
 
-    def __init__(self, policy: PolicyWeights, robot: Robot, period: float):
-        self.policy, self.period = policy, period
-        self.space, self.layout = space_of(robot), layout_of(robot)
+    def __init__(self, policy: PolicyWeights, robot: Robot, period: float, base: Dict[str, float]):
+        self.policy, self.period, self.base = policy, period, base
+        self.space, self.layout = space_of(robot).paper, layout_of(robot)
 
     def theta(self, observation: np.ndarray) -> np.ndarray:
         return self.space.to_theta(self.policy(observation))

@@ -10,6 +10,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Dict, List, Literal, Optional, Sequence, Tuple
 
+import numpy as np
 import yaml
 from pydantic import ConfigDict, Field, model_validator
 
@@ -34,6 +35,7 @@ from worlds.loading import FORMS
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
+BASE = "base"  # in config.json, beside the options (TrainConfig.base)
 PAPER_STEPS = 5_000_000
 Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between which each episode draws
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
@@ -157,7 +159,8 @@ class OfflineOptions(Options):
     init_from: str = option("",
         "Start from the policy, critics and optimisers of another run, given by its folder, without its experience "
         "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
-        "robot's own best single set or a JSON file; or from a policy in the dimensionless form, applr for the "
+        "robot's own best single set or a JSON file, which also gives the parameters that a policy in the "
+        "dimensionless form does not choose; or from a policy in the dimensionless form, applr for the "
         "included one or its file. Default: the policy's first output is near the middle of the ranges.",
         fixed=True)
     # fmt: on
@@ -241,11 +244,31 @@ class TrainConfig(
                 raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
             return ()
         robot = load(self.eval_robot)
-        method = methods.make(self.init_from, robot)
-        if not isinstance(method, methods.FixedParameters):
+        values = self._start_set()
+        if values is None:
             raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
-        form = space_of(robot).to_action if self.observation == PAPER else Encoding(robot, self.decision_period).action
-        return tuple(form(method.values).tolist())
+        paper = self.observation == PAPER
+        form = space_of(robot).paper.to_action if paper else Encoding(robot, self.decision_period).action
+        return tuple(form(values).tolist())
+
+    def _start_set(self) -> Optional[np.ndarray]:
+        """The set (n,) that --init-from names; None where it names no set."""
+        if not self.init_from or self.start_run:
+            return None
+        method = methods.make(self.init_from, load(self.eval_robot))
+        return method.values if isinstance(method, methods.FixedParameters) else None
+
+    def base(self) -> Dict[str, float]:
+        """Values of the parameters that a policy in the dimensionless form does not choose: of the set --init-from."""
+        begun = Path(self.out) / "config.json"
+        if self.resume and begun.exists() and BASE in (known := read_json(begun)):
+            return known[BASE]
+        values = self._start_set() if self.observation != PAPER and self.robot != drawn_robots.NAME else None
+        if values is None:
+            return {}
+        robot = load(self.robot)
+        chosen = Encoding(robot, self.decision_period).chosen
+        return {name: value for name, value in space_of(robot).as_dict(values).items() if name not in chosen}
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""
@@ -362,6 +385,7 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     stored = read_json(path)
     if isinstance(stored, dict):
         stored.pop(PROVENANCE, None)
+        stored.pop(BASE, None)
     begun = _of_file(stored, path)
     config = checked(TrainConfig, {**stored, **given, "out": out})
     for name, field in TrainConfig.model_fields.items():

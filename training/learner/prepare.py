@@ -56,6 +56,7 @@ def prepare(config: TrainConfig) -> Preparation:
         "reward": config.reward(),
         "period": config.decision_period,
         "monitor": config.monitor,
+        "base": config.base(),
     }
     options = {
         **common,

@@ -35,7 +35,7 @@ from training.env.rollout import NAVIGATION
 from training.env.ruler import PAPER
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.score import CONTACT_SECONDS
-from training.learner.config import PROVENANCE, TrainConfig
+from training.learner.config import BASE, PROVENANCE, TrainConfig
 from training.learner.learner import Learner
 from training.learner.metrics import TensorBoardLog, describe, draw_curves, mean
 from training.learner.prepare import dataset_of, driven_with, prepare, set_threads
@@ -110,7 +110,7 @@ class TrainingRun:
         path, config = self.folder / "config.json", self.config
         before = read_json(path).get(PROVENANCE, []) if config.resume else []
         options = config.model_dump(exclude={"resume"})
-        write_json(path, {**options, PROVENANCE: [*before, provenance(config.seed)]})
+        write_json(path, {**options, BASE: config.base(), PROVENANCE: [*before, provenance(config.seed)]})
         self.learner.store.note("source", driven_with(config))
 
     def _resume(self) -> Dict[str, Any]:
@@ -301,7 +301,7 @@ class TrainingRun:
             "default": self.evaluation.default if result else None,
         }
         if self.config.env == NAVIGATION and self.config.observation != PAPER:
-            actor.save_general(path, weights, metadata)
+            actor.save_general(path, weights, {**metadata, "base": self.config.base()})
         elif self.config.env == NAVIGATION:
             robot = load(self.config.robot)
             actor.save(path, weights, metadata, space_of(robot), layout_of(robot))

@@ -76,9 +76,10 @@ class ObservationPolicy(Method):
     def __init__(self, policy: Any, path: str = "", per_cell: bool = True):
         self.policy, self.path, self.per_cell = policy, path, per_cell
         self.period = float(policy.period)
-        for name in ("space", "layout"):
-            if hasattr(policy, name):
-                setattr(self, name, getattr(policy, name))
+        if hasattr(policy, "space"):
+            self.space = getattr(policy.space, "whole", policy.space)
+        if hasattr(policy, "layout"):
+            self.layout = policy.layout
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The policy's parameters for the observation."""
@@ -101,14 +102,14 @@ class GeneralPolicy(ObservationPolicy):
     parameters at random, from the course's seed.
 
     Args:
-        policy: Has action(observation) and a period [s].
+        policy: Has action(observation), a period [s] and the base of encoding.Encoding.
         robot: The robot that it drives.
         path: The file that it was read from; "" for none.
     """
 
     def __init__(self, policy: Any, robot: Robot, path: str = ""):
         super().__init__(policy, path)
-        self.encoding = Encoding(robot, self.period)
+        self.encoding = Encoding(robot, self.period, policy.base)
         self.space, self.layout = self.encoding.space, self.encoding.layout
         self._stall = Stall(robot.world_scale)
         self.reset(0)

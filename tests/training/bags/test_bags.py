@@ -73,7 +73,7 @@ class Drive:
         if self.node:
             seen, before = dict.fromkeys(("scan", "odometry", "plan"), t), SPACE.as_dict(self.theta)
             self.writer.decision(t, self.number, self.goal, self.observations[-1], seen, before, {})
-        self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, 8))
+        self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
         self.thetas.append(self.theta)
         self.announce(t + 0.01)
 
@@ -102,7 +102,7 @@ def assert_equal(trajectory, drive, count=None):
     expected = np.array(drive.observations[: count + 1])
     np.testing.assert_array_equal(trajectory.scan, layout.quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
-    actions = [SPACE.to_action(theta) for theta in drive.thetas[:count]]
+    actions = [SPACE.paper.to_action(theta) for theta in drive.thetas[:count]]
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
 
 
@@ -154,7 +154,7 @@ def test_a_finish_line_before_the_goal(tmp_path):
     assert trajectory.terminated
     assert trajectory.info["success"]
     assert len(trajectory) == 4
-    np.testing.assert_allclose(trajectory.action, [SPACE.to_action(t) for t in drive.thetas[:4]], atol=1e-6)
+    np.testing.assert_allclose(trajectory.action, [SPACE.paper.to_action(t) for t in drive.thetas[:4]], atol=1e-6)
 
 
 def test_a_goal_without_a_result_ends_where_the_next_is_sent(tmp_path):
@@ -415,8 +415,8 @@ def test_recorded_simulation_equals_the_environment(tmp_path):
             outcome = episode.reset(worlds.load("generated:%d" % course), course)
             while not outcome.over:
                 observations.append(episode.observation(outcome))
-                outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, 8)))
-                actions.append(SPACE.to_action(outcome.theta))
+                outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, len(SPACE))))
+                actions.append(SPACE.paper.to_action(outcome.theta))
             observations.append(episode.observation(outcome))
     found, report = rebuild(tmp_path / "a.bag")
     assert report.verified == len(actions) == report.transitions

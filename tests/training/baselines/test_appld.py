@@ -130,7 +130,7 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
     weights, result = appld_classifier.train(scans, labels, 2, steps=60)
     assert result["accuracy"] > 0.98
     assert result["held_out"] > 0.98
-    net = runtime.Appld({"a": SPACE.theta0, "b": SPACE.high}, weights)
+    net = runtime.Appld({"a": SPACE.paper.theta0, "b": SPACE.paper.high}, weights)
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
 
 

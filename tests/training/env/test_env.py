@@ -119,6 +119,8 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
         "TrajectoryPlannerROS",
         "local_costmap/inflater_layer",
         "global_costmap/inflater_layer",
+        "local_costmap",
+        "global_costmap",
     }
     planner = dict(base.requests)["TrajectoryPlannerROS"]
     assert planner["max_vel_theta"] == 1.57
@@ -310,9 +312,9 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     env.reset(seed=0)
     action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
     observation, _, _, _, info = env.step(action)
-    theta = SPACE.to_theta(action)
+    theta = SPACE.paper.to_theta(action)
     assert np.allclose(info["theta"], theta)
-    np.testing.assert_allclose(observation[721:], SPACE.to_action(theta), atol=1e-6)
+    np.testing.assert_allclose(observation[721:], SPACE.paper.to_action(theta), atol=1e-6)
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
     assert configuration["max_vel_x"] == pytest.approx(theta[0])
     assert configuration["vx_samples"] == theta[2]

@@ -263,7 +263,7 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
         "class Cautious:\n    def __init__(self, text='1.0'): self.speed = float(text)\n"
         "    def reset(self, seed): self.seed = seed\n"
         "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': self.speed})\n"
-        "class Wild:\n    def theta(self, context): return [float('nan')] * 8\n"
+        "class Wild:\n    def theta(self, context): return [float('nan')] * 11\n"
         "class Nothing: pass\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
@@ -308,7 +308,7 @@ def test_trial_depends_on_its_task_only():
 
 
 def test_store_and_traces(tmp_path):
-    trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(8)])
+    trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(11)])
     trace.decided = [0.0]
     plan = trials.plan([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
     store = trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)

@@ -56,7 +56,7 @@ def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
     arguments += ["--final-worlds=generated:140", "--final-simulator=kinematic", "--final-trials=1", "--sigma=.1"]
     arguments += ["--start", str(start), "--out", str(out)]
     assert static_search.main(arguments) == 0
-    assert methods.make(str(out)).theta(None).shape == (8,)
+    assert methods.make(str(out)).theta(None).shape == (11,)
     log = json.loads(log_path.read_text())
     sets = [line["theta"] for line in log["finalists"]]
     assert SPACE.theta0.tolist() in sets

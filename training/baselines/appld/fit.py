@@ -111,11 +111,11 @@ def loss(stretches_: Sequence[Stretch], theta):
 
 
 def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
-    """CMA-ES from theta_0 over the robot's parameters. evaluations: replays of the context, about."""
-    space = space_of(stretches_[0].demonstration.robot)
-    home = space.to_action(space.theta0)
-    base, base_error = loss(stretches_, space.theta0)
-    best = Fit(space.theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
+    """CMA-ES from theta_0 over the space's `paper`. evaluations: replays of the context, about."""
+    theta0, space = (whole := space_of(stretches_[0].demonstration.robot)).theta0, whole.paper
+    home = space.to_action(theta0)
+    base, base_error = loss(stretches_, theta0)
+    best = Fit(theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
     strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
     while best.evaluations < evaluations and not strategy.stop():
         candidates = strategy.ask()
