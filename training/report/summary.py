@@ -42,9 +42,10 @@ def _pace(method: str, base: str, gain: float, low: float, high: float) -> str:
     if not math.isfinite(low):
         return said
     if low <= 0.0 <= high:
-        return f"{method} cannot be told from {base} in time ({-gain:+.1f} %, 95 % interval {-high:+.1f} to {-low:+.1f} %)"
-    ends = sorted((abs(low), abs(high)))
-    return f"{said} (95 % interval {ends[0]:.1f} to {ends[1]:.1f} %)"
+        ends = f"95 % interval {-high:+.1f} to {-low:+.1f} %"
+        return f"{method} cannot be told from {base} in time ({-gain:+.1f} %, {ends})"
+    near, far = sorted((abs(low), abs(high)))
+    return f"{said} (95 % interval {near:.1f} to {far:.1f} %)"
 
 
 def _ends(results: Results, method: str, worlds: List[str]) -> str:
