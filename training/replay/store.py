@@ -16,6 +16,7 @@ import json
 import os
 import sqlite3
 import sys
+import threading
 import time
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -69,6 +70,9 @@ class Store:
             raise StorageError(f"{path}: holds no trajectories (no {NAME}); train, or make a dataset of bags, first")
         self._writes = layout is not None
         self._said: Set[str] = set()
+        self._lock = (
+            threading.RLock()
+        )  # sqlite calls sha256 with its own lock held: a second thread would wait for ever
         with self._refusals():
             mode = "rwc" if layout is not None else "ro"
             self._db = sqlite3.connect(
@@ -240,9 +244,10 @@ class Store:
 
     @contextmanager
     def _refusals(self) -> Iterator[None]:
-        """Turns what sqlite refuses into a StorageError of one line."""
+        """One thread at a time; turns what sqlite refuses into a StorageError of one line."""
         try:
-            yield
+            with self._lock:
+                yield
         except sqlite3.IntegrityError:
             raise
         except (sqlite3.Error, OSError, UnicodeDecodeError) as error:

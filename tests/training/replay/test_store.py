@@ -1,6 +1,8 @@
 """Trajectories on disk: order, episodes that come twice, what is dropped, and files that are damaged or foreign."""
 
 import sqlite3
+import subprocess
+import sys
 from contextlib import closing
 
 import numpy as np
@@ -65,6 +67,24 @@ def test_the_same_episode_twice_is_refused_in_any_order(store):
     store.append(episode(6))
     store.append(episode(8, actor="another"))
     assert (store.next_episode("a"), store.next_episode("another"), store.next_episode("nobody")) == (9, 9, 0)
+
+
+THREADS = """
+import sys, threading
+from training.replay.store import Store
+sys.setswitchinterval(1e-6)
+store = Store(sys.argv[1])
+def ask(question):
+    for _ in range(1500):
+        question()
+for question in (store.infos, lambda: store.next_episode("a")):
+    threading.Thread(target=ask, args=(question,)).start()
+"""
+
+
+def test_threads_that_ask_at_once_do_not_wait_for_each_other_for_ever(store, tmp_path):
+    """The checksums are a function of ours that sqlite calls while it holds a lock of its own."""
+    subprocess.run([sys.executable, "-c", THREADS, tmp_path], check=True, timeout=60)
 
 
 def test_a_closed_store_is_one_file_that_can_be_moved(store, tmp_path):
