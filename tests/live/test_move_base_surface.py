@@ -132,7 +132,11 @@ def test_watch_over_the_policy():
             "occdist_scale": 0.1,
             "path_distance_bias": 0.75,
             "goal_distance_bias": 1.0,
+            "sim_time": 2.0,
+            "min_in_place_vel_theta": 0.314,
         },
+        "local_costmap": {"footprint_padding": 0.1},
+        "global_costmap": {"footprint_padding": 0.1},
         "local_costmap/inflater_layer": {"inflation_radius": 0.3},
         "global_costmap/inflater_layer": {"inflation_radius": 0.3},
     }

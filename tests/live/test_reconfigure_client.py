@@ -1,4 +1,4 @@
-"""Eight parameters on three servers, all or none, within a deadline: the client and its worker beside a stand-in
+"""Parameters on five servers, all or none, within a deadline: the client and its worker beside a stand-in
 move_base.
 """
 
@@ -15,6 +15,7 @@ from tests.support.ros_harness import session, slowness, wait_for
 pytestmark = pytest.mark.ros
 PLANNER = "/move_base/TrajectoryPlannerROS"
 LAYERS = ("/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer")
+COSTMAPS = [layer.rpartition("/")[0] for layer in LAYERS]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def test_values_are_read_back(client):
     assert report.ok
     assert report.error == ""
     assert np.array_equal(client.theta(), SPACE.high)
-    assert set(client.servers.values()) == {PLANNER, *LAYERS}
+    assert set(client.servers.values()) == {PLANNER, *LAYERS, *COSTMAPS}
     wait_for(
         lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14, 1.0, "the other direction"
     )
@@ -73,10 +74,10 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
 
 @pytest.mark.fault("2")
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
-    report = client.apply(np.full(8, 1e9))
+    report = client.apply(np.full(len(SPACE), 1e9))
     assert report.ok
     assert np.array_equal(client.theta(), SPACE.high)
-    report = client.apply(np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3]))
+    report = client.apply(np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1]))
     assert report.ok
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
 

@@ -1,4 +1,4 @@
-"""A stand-in for move_base: its three parameter servers, and switches that make them misbehave. For tests only.
+"""A stand-in for move_base: its parameter servers, and switches that make them misbehave. For tests only.
 
     fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--name NODE] [--robot NAME]
 The ROS parameters /fake/refuse and /fake/hold name servers (a list) that raise an error, or keep their old values.
@@ -76,6 +76,7 @@ def main():
     other = [(p.name, p) for p in SERVERS["local_costmap/obstacles_layer"]]
     serve("/move_base/TrajectoryPlannerROS", planner)
     for costmap in ("local_costmap", "global_costmap"):
+        serve(f"/move_base/{costmap}", [(p.name, p) for p in SERVERS[costmap]])
         serve(f"/move_base/{costmap}/{args.layer}", layer)
         serve(f"/move_base/{costmap}/a_layer", other)
     print("up", flush=True)

@@ -170,7 +170,7 @@ class ReconfigureClient:
         try:
             found = find_reconfigure_services()
             below = [name for name in found if (name + "/").startswith(self.namespace + "/")]
-            self.starting = not below and rospy.get_master().lookupNode(self.namespace)[0] == 1
+            self.starting = not below and _is_alive(self.namespace)
         except Exception as problem:  # rosservice has errors of its own
             return f"no ROS master: {reason(problem)}"
         for wanted in [wanted for wanted in self.space.servers if wanted not in self._servers]:
@@ -279,6 +279,15 @@ class ReconfigureClient:
         """Unsubscribe from all servers."""
         for server in self._servers.values():
             server.close()
+
+
+def _is_alive(node: str) -> bool:
+    """Whether a node of this name answers; one that was killed may still be registered."""
+    code, _, uri = rospy.get_master().lookupNode(node)
+    try:
+        return code == 1 and rospy.core.xmlrpcapi(uri).getPid(rospy.get_name())[0] == 1
+    except OSError:
+        return False
 
 
 def _set_all(requests: Mapping[Server, Mapping[str, Any]], seconds: float) -> Dict[Server, str]:
