@@ -161,7 +161,7 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
         wait_for(lambda: rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.1, 5.0, "the value in move_base")
     finally:
         made.close()
-        move_base.kill()
+        move_base.end()
 
 
 def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):

@@ -33,7 +33,7 @@ WIDTH, HEIGHT = 1000, 640
 def page(tmp_path_factory):
     ros = session()
     rospy.set_param("/use_sim_time", True)
-    nodes = [ros.python("applr_ros1/scripts/%s.py" % name, *words) for name, words in NODES.items()]
+    nodes = [ros.python("applr_ros1/scripts/%s.py" % name, "_robot:=jackal", *words) for name, words in NODES.items()]
     try:
         wait_for(lambda: rospy.get_param("/viewer/address", "") or not nodes[-1].alive(), 60.0, "the page")
         assert nodes[-1].alive(), nodes[-1].text

@@ -89,9 +89,13 @@ class Page:
         """Until all of these can be read on the page."""
         wait_for(lambda: all(word in self.text for word in words), seconds, "the page says %s" % (words,))
 
+    def has(self, words, kind):
+        """The same as place, but None where there is no such element."""
+        return self._middle(kind, "e.textContent.trim() == %s" % json.dumps(words))
+
     def place(self, words, kind="button, label, [role=tab], [role=option]"):
         """(x, y) [pixels] of the middle of the element with exactly this text."""
-        found = self._middle(kind, "e.textContent.trim() == %s" % json.dumps(words))
+        found = self.has(words, kind)
         assert found, "no %r on the page: %s" % (words, self.text)
         return found
 
@@ -189,8 +193,10 @@ def open_page(url, folder, width=1000, height=640):
 
 
 def press(page, words):
-    """A button of the viewer's bar."""
-    page.click_on(words, kind="#buttons button")
+    """A button of the viewer's bar, once it is there."""
+    kind = "#buttons button"
+    wait_for(lambda: page.has(words, kind), 20.0, "the button %r" % words)
+    page.click_on(words, kind=kind)
 
 
 def _port(file):
