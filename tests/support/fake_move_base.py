@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import rospy
 from dynamic_reconfigure.server import Server
 
+from applr_ros1.planner.parameters import check
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.robots import load
 
@@ -65,7 +66,7 @@ def main():
     args = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node(args.name)
     if args.robot:
-        for name, server in servers(load(args.robot).parameters()).items():
+        for name, server in servers(check.complete(load(args.robot).parameters())).items():
             serve("/move_base" + ("/" + name if name else ""), [(p.name, p) for p in server.parameters])
         print("up", flush=True)
         rospy.spin()
