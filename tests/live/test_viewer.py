@@ -157,8 +157,8 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
     try:
         wait_for(lambda: state(made) and made.pilot.client.connected, 20.0, "the servers")
         assert list(made.panel.sliders) == list(made.pilot.space.names)
-        by_hand(made.panel.sliders["max_vel_x"], 0.1)
-        wait_for(lambda: rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.1, 5.0, "the value in move_base")
+        by_hand(made.panel.sliders["max_vel_x"], 0.2)
+        wait_for(lambda: rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.2, 5.0, "the value in move_base")
     finally:
         made.close()
         move_base.end()
