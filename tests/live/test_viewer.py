@@ -158,7 +158,11 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
         wait_for(lambda: state(made) and made.pilot.client.connected, 20.0, "the servers")
         assert list(made.panel.sliders) == list(made.pilot.space.names)
         by_hand(made.panel.sliders["max_vel_x"], 0.2)
-        wait_for(lambda: rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.2, 5.0, "the value in move_base")
+        wait_for(
+            lambda: state(made) and rospy.get_param("/move_base/DWAPlannerROS/max_vel_x") == 0.2,
+            5.0,
+            "the value in move_base",
+        )
     finally:
         made.close()
         move_base.end()
