@@ -396,9 +396,9 @@ def test_mirror_images_are_stored_once(tmp_path):
 
 
 def test_shipped_policy_says_what_made_it_and_drives():
-    """The file for every robot is what method:=applr takes; three test worlds, faster than with theta_0."""
+    """The Jackal's file is what method:=applr takes for it; three test worlds, faster than with theta_0."""
     method = methods.make("applr")
-    assert (method.period, method.path) == (1.0, methods.shipped())
+    assert (method.period, method.path) == (1.0, methods.shipped(robot=robots.load("jackal")))
     told = method.policy.metadata
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]

@@ -281,7 +281,7 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
 
 def test_ablation_freezes_one_parameter_at_a_time():
     found = methods.parse("ablation:fast_dwa")
-    assert len(found) == 8
+    assert len(found) == len(SPACE)
     assert found[0] == ("fast_dwa-without-max_vel_x", "frozen:max_vel_x:fast_dwa")
     assert methods.parse("period:0.5:random") == [("random-0.5s", "period:0.5:random")]
     assert methods.make("period:0.5:random").period == 0.5

@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
 from training.actors.tasks import TrialResult
 from training.evaluation import store as trial_store
@@ -30,7 +31,7 @@ class Trace:
     time = np.arange(200) * 0.05
     pose = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
     twist = np.zeros((200, 2))
-    theta = np.tile([0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.3], (5, 1))
+    theta = np.tile(THETA_0, (5, 1))
     decided = np.arange(5) * 2.0
 
 
