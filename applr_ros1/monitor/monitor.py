@@ -55,7 +55,8 @@ class CollisionMonitor:
     that no scan has shown the robot may creep; into what is remembered it never may.
 
     What the base is given falls no faster than at `deceleration`, stops included: its wheels give that much without
-    locking. Locked wheels slide farther than that, and farther than odometry sees.
+    locking. Locked wheels slide farther than that, and farther than odometry sees. A stop keeps the arc of the
+    command before it, which was found free: straight on out of a turn is another way.
 
     Attributes:
         fastest: (v [m/s], w [rad/s]) from which the base stops within AHEAD, or within a full turn, if all is fresh.
@@ -87,7 +88,7 @@ class CollisionMonitor:
         self._stamp = None
         self._fault = "no scan has come yet"
         self.ages = (0.0, 0.0, 0.0)
-        self._given = -math.inf, 0.0  # when the base was last given a command [s], and its v [m/s]
+        self._given = -math.inf, 0.0, 0.0  # when the base was last given a command [s], and that (v, w)
 
     def see(self, scan):
         """Takes a scan (planner.costmap.scan.LaserScan in the odometry frame) and says what is wrong with it, or ""."""
@@ -122,17 +123,19 @@ class CollisionMonitor:
             are reduced to it.
         """
         verdict = self._judge(now, pose, twist, command, ages)
-        return replace(verdict, command=(self.braked(now, twist[0], verdict.command[0]), verdict.command[1]))
+        return replace(verdict, command=self.braked(now, twist[0], verdict.command))
 
-    def braked(self, now, measured, v=0.0):
-        """The speed [m/s] that the base is given at `now` [s] instead of v; measured: how fast its wheels are [m/s]."""
-        then, was = self._given
+    def braked(self, now, measured, command=(0.0, 0.0)):
+        """The (v, w) that the base is given at `now` [s] instead of `command`; measured: its wheels' speed [m/s]."""
+        (then, was, turned), (v, w) = self._given, command
         if was * measured > 0.0 and now >= then:  # else it stands, is already on its way back, or is not known
             left = min(abs(was), abs(measured)) - self.settings.deceleration * (now - then)
             if left > 0.0:
+                if v == 0.0 and w == 0.0:
+                    w = turned * left / abs(was)
                 v = max(v, left) if was > 0.0 else min(v, -left)
-        self._given = now, v
-        return v
+        self._given = now, v, w
+        return v, w
 
     def _judge(self, now, pose, twist, command, ages):
         self.ages = (0.0 if self._stamp is None else now - self._stamp, *ages)

@@ -15,7 +15,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import fields, replace
-from typing import Deque
+from typing import Deque, Tuple
 
 import rospy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -130,12 +130,12 @@ class CollisionMonitorNode:
         self._stood |= stands and not self.sensors.odometry_trouble(self._now, self.monitor.settings.scan_timeout)
         if time.monotonic() >= self._zero_due and not (self._stood and self._others.names):
             self._zero_due = time.monotonic() + ZEROS
-            self._out.publish(conversions.twist(self._braked(), 0.0))
+            self._out.publish(conversions.twist(*self._braked()))
             self._say(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command has come for {silence:.2g} s"))
 
-    def _braked(self) -> float:
-        """The speed [m/s] of a stop. On a clock that stands nothing falls with time."""
-        return 0.0 if self._stalled else self.monitor.braked(self._now.to_sec(), self.sensors.twist()[0])
+    def _braked(self) -> Tuple[float, float]:
+        """The (v, w) of a stop. On a clock that stands nothing falls with time."""
+        return (0.0, 0.0) if self._stalled else self.monitor.braked(self._now.to_sec(), self.sensors.twist()[0])
 
     def _say(self, verdict: Verdict) -> None:
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
@@ -159,7 +159,7 @@ class CollisionMonitorNode:
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
-            return Verdict((self._braked(), 0.0), STOP, 0.0, trouble)
+            return Verdict(self._braked(), STOP, 0.0, trouble)
         command, known = (message.linear.x, message.angular.z), self.sensors.ages(now)
         ages = known.get("pose", 0.0), known.get("twist", 0.0)  # 0 for a pose that never changes, or without stamps
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist(), command, ages)
