@@ -1,9 +1,9 @@
 """How much of a command leaves room to stop: the geometry of the collision monitor, in numba.
 
-The base is assumed to go on as measured for as long as its pose is old, to follow the command for a reaction time and
-then to brake along the same arc; a stop brakes at once, along the arc that the base is on. On the way the body, a
-convex outline widened by a margin, must not touch any point, and the outline itself must not enter a cell that nobody
-has seen.
+The base is assumed to go on as measured for as long as its pose is old, to follow the command for a reaction time, with
+its turn as commanded or still as measured, and then to brake along the same arc. A stop brakes at once, along the arc
+that the base is on. On the way the body, a convex outline widened by a margin, must not touch any point, and the
+outline itself must not enter a cell that nobody has seen.
 """
 
 import math
@@ -76,14 +76,14 @@ def safe_scale(points, planes, margin, twist, command, times, brake, seen):
     before = np.empty(points.shape[0])
     for i in range(points.shape[0]):
         before[i] = max(0.0, penetration(planes, margin, points[i, 0], points[i, 1]))
-    if _is_free_at_any_rate(points, before, planes, margin, twist, command, 1.0, times, brake, seen):
+    if _is_free_either_way(points, before, planes, margin, twist, command, 1.0, times, brake, seen):
         return 1.0, True
-    if not _is_free(points, before, planes, margin, twist, command, 0.0, times, brake, seen, brake[1]):
+    if not _is_free(points, before, planes, margin, twist, command, 0.0, times, brake, seen, 0.0):
         return 0.0, False
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free_at_any_rate(points, before, planes, margin, twist, command, middle, times, brake, seen):
+        if _is_free_either_way(points, before, planes, margin, twist, command, middle, times, brake, seen):
             low = middle
         else:
             high = middle
@@ -96,22 +96,19 @@ def _towards(value, target, change):
 
 
 @kernel
-def _is_free_at_any_rate(points, before, planes, margin, twist, command, scale, times, brake, seen):
-    """Whether the command is free both where the base ends its turn as slowly as it may, and where it does so at once.
-
-    The first leaves the commanded course to the inside of the turn, the second to its outside.
-    """
-    return _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, brake[1]) and (
-        scale * command[1] == twist[1]
-        or _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, np.inf)
+def _is_free_either_way(points, before, planes, margin, twist, command, scale, times, brake, seen):
+    """Whether a command is free where the base turns as commanded at once, and where it goes on turning as measured."""
+    w = scale * command[1]
+    return _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, w) and (
+        w == twist[1] or _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, twist[1])
     )
 
 
 @kernel
-def _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, yaw_rate):
+def _is_free(points, before, planes, margin, twist, command, scale, times, brake, seen, turn):
     """Whether the body meets nothing while the base goes on, takes scale * command, and brakes after the reaction.
 
-    yaw_rate: how fast the turn rate falls during the reaction [rad/s^2]. A scale of 0 brakes at once.
+    turn: the turn rate during the reaction [rad/s]. A scale of 0 brakes at once.
     """
     v, w = twist
     want_v, want_w = scale * command[0], scale * command[1]
@@ -125,7 +122,7 @@ def _is_free(points, before, planes, margin, twist, command, scale, times, brake
         elif left > 0.0:
             # the base gains speed at once, the worst case; it loses speed no faster than it can brake
             v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else _towards(v, want_v, brake[0] * STEP)
-            w = want_w if abs(want_w) >= abs(w) and want_w * w >= 0.0 else _towards(w, want_w, yaw_rate * STEP)
+            w = turn
             left -= STEP
         else:
             steps = max(abs(v) / brake[0], abs(w) / brake[1]) / STEP

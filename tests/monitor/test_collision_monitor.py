@@ -64,14 +64,35 @@ def test_brakes_and_stops_as_its_wheels_can_without_locking(way):
         ([(way * 1.2, 0.0)], [0, 0, 0], [1.8, 1.6, 1.5]),
     ):
         monitor = seen_all_around(points, replace(SETTINGS, deceleration=2.0, memory_radius=8.0))
-        monitor._given = 0.0, 2.0 * way
+        monitor._given = 0.0, 2.0 * way, 0.0
         commands = [
             monitor.filter(t, (0, 0, 0), (2.0 * way, 0.0), (way * v, 0.0)) for t, v in zip((0.1, 0.2, 0.25), asked)
         ]
         assert [way * verdict.command[0] for verdict in commands] == pytest.approx(expected)
-    assert monitor.braked(0.35, 1.0 * way) == pytest.approx(0.8 * way), "its wheels are slower than commanded"
-    assert monitor.braked(0.40, -0.1 * way) == 0.0
-    assert monitor.braked(0.41, 2.0 * way) == 0.0
+    assert monitor.braked(0.35, 1.0 * way)[0] == pytest.approx(0.8 * way), "its wheels are slower than commanded"
+    assert monitor.braked(0.40, -0.1 * way) == (0.0, 0.0)
+    assert monitor.braked(0.41, 2.0 * way) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_stop_keeps_the_arc(way):
+    """Of the command before it, whose way was found free; a turn that is asked for is turned as asked."""
+    monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, deceleration=2.0))
+    for asked, given in (((0.0, 0.0), 0.9), ((0.0, 0.4), 0.4)):
+        monitor._given = 0.0, 2.0 * way, 1.0
+        verdict = monitor.filter(0.1, (0, 0, 0), (2.0 * way, 1.0), asked)
+        assert verdict.command == pytest.approx((1.8 * way, given))
+
+
+@pytest.mark.parametrize(("twist", "command"), [((1.0, 0.0), (1.0, 2.5)), ((1.0, 2.5), (1.0, 0.0))])
+@pytest.mark.parametrize("post", [(0.45, -0.18), (0.35, 0.35)])
+def test_a_new_turn_is_free_where_the_robot_may_turn_at_once_and_where_it_may_not_yet(twist, command, post):
+    """One post stands straight on, one at the inside of the turn; a robot may go either way before it follows."""
+    points, planes = np.array([post]), half_planes(SETTINGS.body)
+    rest = ((0.0, 0.15), (4.0, 12.0), EVERYTHING)
+    assert 0.0 < safe_scale(points, planes, 0.03, twist, command, *rest)[0] < 1.0
+    clear = (1.0, 0.0) if post[1] > 0.0 else (1.0, 2.5)
+    assert safe_scale(points, planes, 0.03, clear, clear, *rest)[0] == 1.0
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
