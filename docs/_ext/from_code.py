@@ -49,7 +49,7 @@ def comparison(prefix):
             [
                 "`%s`" % row["method"],
                 "%s s (%s)" % (row["time [s]"], row["95 % interval"]),
-                "-%s %%" % row["faster [%]"] if row["faster [%]"] else "",
+                "%+.1f %%" % -float(row["faster [%]"]) if won else "",
                 rate["success [%]"].split(" ")[0] + " %",
                 rate["collided [%]"].split(" ")[0] + " %",
                 " / ".join(won[key].split(" ")[0] for key in ("method better", "dwa better")) if won else "",

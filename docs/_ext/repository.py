@@ -17,6 +17,8 @@ PAGES = {
     "project/security": "SECURITY.md",
     "project/examples": "examples/README.md",
     "explanation/models/applr": "applr_ros1/models/applr.md",
+    "explanation/models/jackal": "applr_ros1/robots/jackal/applr.md",
+    "explanation/models/jackal_static": "applr_ros1/robots/jackal/static.md",
     "explanation/models/appld": "applr_ros1/robots/jackal/appld.md",
     "explanation/models/waffle_pi": "applr_ros1/robots/turtlebot3_waffle_pi/applr.md",
     "explanation/models/husky_static": "applr_ros1/robots/husky/static.md",
