@@ -162,7 +162,7 @@ def test_a_click_sets_a_goal_and_the_robot_arrives(page):
     page.turn_to("World", "load this world")
     factor = rospy.Publisher("/sim_bridge/real_time_factor", Float64, queue_size=1, latch=True)
     wait_for(factor.get_num_connections, 10.0, "the simulator")
-    factor.publish(1.0)  # else it arrives before anybody has seen the goal
+    factor.publish(0.2)  # else it arrives before anybody has seen the goal
     page.click(*ahead(page))
     wait_for(lambda: shown(page, "/goal") and shown(page, "/global plan/line"), 20.0, "goal and plan")
     page.turn_to("Race", "end the race")
