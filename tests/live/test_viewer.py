@@ -137,8 +137,8 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
         by_hand(slider, 0.45)
         at = viewer.pilot.space.names.index(name)
         wait_for(lambda: state(viewer) and viewer.pilot.client.values()[at] == 0.45, 5.0, "the value in move_base")
-        for costmap in ("local", "global"):
-            assert rospy.get_param("/move_base/%s_costmap/inflater_layer/inflation_radius" % costmap) == 0.45
+        radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
+        wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, 5.0, "both costmaps'")
         assert "parameters by hand" in state(viewer)
         assert viewer.pilot.client.values()[at] == 0.45  # the applr node's last words have not undone it
         by_hand(viewer.panel._method, "best single set")
