@@ -9,7 +9,7 @@ groups tests.support.ros_harness starts a new master and takes this process' top
 the parameters of nodes that have ended.
 
 Tests marked `long` are left out unless `-m` names them. A file that imports what is not installed (ROS, or torch under
-Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table docs/results/faults.csv` writes
+Python 3.8) is skipped. A run in which no test passed is a failure. `--faults-table=docs/results/faults.csv` writes
 what tests of faults have measured into that table.
 """
 
