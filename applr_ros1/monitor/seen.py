@@ -41,25 +41,29 @@ class SeenSpace:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         beams = float(scan.angle_min), float(scan.angle_increment), float(scan.range_min)
         x, y, yaw = (float(v) for v in scan.sensor_pose)
-        self._follow(x, y)
+        _follow(self.cells, self.corner, x, y)
         _see(self.cells, ranges, beams, (x, y, yaw))
 
     def stand(self, planes, reach, pose):
         """The body (half planes within `reach` [m] of its origin) is at pose (x, y, yaw): what it touches is free."""
         x, y, yaw = (float(v) for v in pose)
-        self._follow(x, y)
+        _follow(self.cells, self.corner, x, y)
         _stand(self.cells, planes, reach, (x, y, yaw))
 
-    def _follow(self, x, y):
-        """Moves the window to the robot; what comes in on the other side has not been seen."""
-        n = len(self.cells)
-        corner = np.array([math.floor(x / CELL), math.floor(y / CELL)]) - n // 2
-        for axis, (old, new) in enumerate(zip(self.corner, corner)):
-            if old != new:
-                low, high = (old, new) if old < new else (new, old)
-                cells = self.cells if axis == 0 else self.cells.T
-                cells[np.arange(low, min(high, low + n)) % n] = 0
-        self.corner = corner
+
+@kernel
+def _follow(cells, corner, x, y):
+    """Move the window to the robot; what comes in on the other side has not been seen."""
+    n = cells.shape[0]
+    for axis, place in enumerate((x, y)):
+        old, new = corner[axis], int(math.floor(place / CELL)) - n // 2
+        low, high = min(old, new), max(old, new)
+        for k in range(low, min(high, low + n)):
+            if axis == 0:
+                cells[k % n] = 0
+            else:
+                cells[:, k % n] = 0
+        corner[axis] = new
 
 
 @kernel

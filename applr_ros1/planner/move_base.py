@@ -29,6 +29,7 @@ from applr_ros1.planner.parameters.layers import COSTMAPS
 from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Moment, Parts, Pose, StateMachine, Timer, Twist
 from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
+SIZE = {"width", "height", "resolution"}  # parameters of a costmap that say how many cells it has
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 
 
@@ -347,7 +348,7 @@ class MoveBase:
         """
         new, old = self._config.request(server, values), self._config[server]
         changed = {name for name in new if new[name] != old[name]}
-        if server in COSTMAPS:
+        if server in COSTMAPS and changed & SIZE:
             self._check_size(server, new)
         if server == self.local_planner_name:
             self.local_planner.reconfigure(new)
@@ -389,7 +390,7 @@ class MoveBase:
 
     def _reconfigure_costmap(self, name, changed) -> None:
         self._timers[name].set_frequency(self._config[name]["update_frequency"])
-        if changed & {"width", "height", "resolution", "origin_x", "origin_y"}:
+        if changed & {*SIZE, "origin_x", "origin_y"}:
             now = self._config[name]
             self.costmaps[name].resize(
                 now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"])

@@ -30,8 +30,8 @@ OPTIONS = (
 )
 # as root, Chromium would give itself priority over the robot
 NO_PRIORITY = ("setpriv", "--bounding-set=-sys_nice") if os.geteuid() == 0 else ()
-# Drawn in software, sixty frames a second would keep the cores from the robot. A frame still waits for the browser's own
-# turn to draw: without it, frames that are ordered faster than they are drawn hold the page up for minutes.
+# Drawn in software, sixty frames a second would keep the cores from the robot. Each still waits for the browser's own
+# turn to draw: frames that are ordered faster than they are drawn would hold the page up for minutes.
 TEN_FRAMES_A_SECOND = """
 const turn = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = draw => setTimeout(() => turn(draw), 100);
