@@ -1,8 +1,8 @@
 """The moving cylinders of DynaBARN's worlds.
 
 Their paths are compiled into Gazebo plugins, which the world file only names. `sdf_reader` finds the key frames in the
-table movers.csv beside the world: a row per key frame with the columns plugin, length, repeat, time, x, y (see
-docs/reference/worlds.md); `python -m worlds.dynabarn_table` writes it.
+table movers.csv beside the world: a row per key frame with the columns plugin, length, repeat, time, x, y.
+docs/reference/worlds.md says how one makes it from the plugins.
 """
 
 from __future__ import annotations
@@ -78,17 +78,6 @@ def read_table(path: str) -> Dict[str, Animation]:
     }
 
 
-def write_table(path: str, animations: Dict[str, Animation]) -> None:
-    """Writes the table, whole or not at all; numbers read back to the last bit. WorldError where that fails."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
-    for plugin in sorted(animations):
-        length, repeat, frames = animations[plugin]
-        table.writerows([plugin, repr(length), int(repeat), *map(repr, frame)] for frame in frames)
-    files.write_bytes(path, text.getvalue().encode("utf-8"))
-
-
 class Animations:
     """The animations of one world's models.
 
@@ -115,7 +104,7 @@ class Animations:
         if name not in self._table:
             raise WorldError(
                 f"plugin {name!r} of model {model.get('name')!r} in {self.path} has no rows in {NAME} "
-                "beside the world; make that table with python -m worlds.dynabarn_table WORLDS_DIR PLUGINS_DIR"
+                "beside the world; make that table once, as docs/reference/worlds.md says"
             )
         return self._table[name]
 

@@ -43,8 +43,8 @@ def checkout(tmp_path):
     (static / "world_2.world").write_text(as_barn(worlds.load("generated:2")))
     np.save(static / "path_files" / "path_2.npy", fields()[2][1])
     (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1")))
-    frames = ((0.0, -5.0, 7.0), (10.0, 5.0, 7.0))
-    dynabarn.write_table(str(dynamic / dynabarn.NAME), {"easylibobs_1": dynabarn.Animation(10.0, True, frames)})
+    rows = dynabarn.COLUMNS, ("easylibobs_1", "10", "1", "0", "-5", "7"), ("easylibobs_1", "10", "1", "10", "5", "7")
+    (dynamic / dynabarn.NAME).write_text("\n".join(map(",".join, rows)))
     return root
 
 

@@ -28,7 +28,7 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.policy import methods
 
 from . import barn_run, processes
-from .barn_checkout import STATIC_WORLDS, WORLDS, Overlay
+from .barn_checkout import WORLDS, Overlay
 from .barn_results import LIMIT, Run, run_of, summary
 
 START_UP = 150.0  # wall seconds that a run may take beside the drive
@@ -97,9 +97,6 @@ class Evaluation:
         self.method = methods.absolute(os.environ[METHOD]) if os.environ.get(METHOD) else None
         self.overlay = Overlay(options.checkout, self.out / "overlay", options.controller)
         self._check_settings()
-        if any(world >= STATIC_WORLDS for world in self.worlds):
-            for problem in self.overlay.make_table():
-                print(f"not understood: {problem}", file=sys.stderr)
         self.routes = {world: self.overlay.route(world) for world in self.worlds}
         self.jobs: List[Job] = [(world, trial) for trial in range(options.trials) for world in self.worlds]
         self.failed: Dict[Job, str] = {}

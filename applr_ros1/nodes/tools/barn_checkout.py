@@ -2,8 +2,7 @@
 
 The runner looks for the ROS package jackal_helper: worlds, plugins and launch files. `Overlay` makes a folder of that
 name whose files are links into the checkout, but for the launch file that starts Gazebo (ours starts the simulator of
-this repository), the one that starts the controller (the person's, if one is given) and the table of key frames of
-DynaBARN's moving obstacles.
+this repository) and the one that starts the controller (the person's, if one is given).
 """
 
 from __future__ import annotations
@@ -11,11 +10,11 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import List, Optional
+from typing import Optional
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from worlds import barn, dynabarn, dynabarn_table
+from worlds import barn
 
 HELPER = "jackal_helper"
 GAZEBO_LAUNCH, CONTROLLER_LAUNCH = "gazebo_launch.launch", "move_base_DWA.launch"
@@ -59,16 +58,6 @@ class Overlay:
         if number < STATIC_WORLDS:
             return self.package / "worlds" / "BARN" / f"world_{number}.world"
         return self.package / "worlds" / "DynaBARN" / f"world_{number - STATIC_WORLDS}.world"
-
-    def make_table(self) -> List[str]:
-        """Makes DynaBARN's table of key frames where there is none; one line for each plugin not understood."""
-        folder = self.package / "worlds" / "DynaBARN"
-        if (folder / dynabarn.NAME).exists():
-            return []
-        animations, problems = dynabarn_table.collect(str(folder), str(self.package / "plugins"))
-        if animations:
-            dynabarn.write_table(str(folder / dynabarn.NAME), animations)
-        return problems
 
     def route(self, number: int) -> float:
         """Length [m] of the Challenge's reference path in a world, from which its optimal time follows."""

@@ -13,7 +13,7 @@ from tests.support.worlds_sdf import moving, put, sdf
 from training import evaluate
 from training.evaluation.store import read_trace
 from worlds import sdf_writer
-from worlds.dynabarn import NAME, Animation, write_table
+from worlds.dynabarn import COLUMNS, NAME
 
 WALL = (
     "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
@@ -34,10 +34,8 @@ def dynabarn(folder, crossing):
     tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
     body += "".join(map(moving, tracks))
-    write_table(
-        str(folder / NAME),
-        {name: Animation(float(frames[-1][0]), True, frames) for name, frames in tracks.items()},
-    )
+    rows = [(name, frames[-1][0], 1, *frame) for name, frames in tracks.items() for frame in frames]
+    (folder / NAME).write_text("\n".join(",".join(map(str, row)) for row in [COLUMNS, *rows]))
     return put(folder, sdf(body), "world_3.world")
 
 
