@@ -8,7 +8,6 @@ the method.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from pathlib import Path
@@ -20,7 +19,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
-from applr_ros1.policy import appld as runtime
+from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from training.common.command_line import Seed, parsed
@@ -68,10 +67,10 @@ def learn(
     """
     began = time.monotonic()
     found = contexts.find(demonstrations, options.contexts, options.penalty)
-    if len(found.names) > runtime.MAX_CONTEXTS:
+    if len(found.names) > actor.MAX_CONTEXTS:
         raise ApplrError(
             f"--contexts {options.contexts}: makes {len(found.names)} contexts, a file holds at most "
-            f"{runtime.MAX_CONTEXTS}; give --contexts 1 to {runtime.MAX_CONTEXTS} or a larger --penalty"
+            f"{actor.MAX_CONTEXTS}; give --contexts 1 to {actor.MAX_CONTEXTS} or a larger --penalty"
         )
     for s in found.segments:
         d = demonstrations[s.demonstration]
@@ -114,7 +113,7 @@ def learn(
     make_folder(Path(options.out).parent)
     short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
     sets = {name: space.paper.part(f.theta) for name, f in zip(found.names, fits)}
-    runtime.save(options.out, sets, weights, {"training": json.dumps(short)}, space, layout)
+    actor.save_contexts(options.out, sets, weights, {"training": short}, space, layout)
     write_json(Path(options.out).with_suffix("").as_posix() + "_log.json", log)
     return log
 

@@ -1,29 +1,29 @@
-"""The actor pi(s) → a: a multilayer perceptron in numpy, read from a safetensors file.
+"""The policies that a file holds: Actor and ContextPolicy for one robot, GeneralActor for every robot.
 
-Called by the applr node and by evaluation; the trainer writes such files with `save`. Nothing is unpickled,
-sizes are bounded, and every way in which a file can be wrong is one line. `python -m applr_ros1.policy.actor FILE ...`
-gives files of an earlier version, whose checksum is of the weights alone, the checksum of today.
+A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` tells the kinds
+apart; the trainer writes with `save` and `save_general`, training/appld.py with `save_contexts`. Nothing is unpickled,
+sizes are bounded, and every way in which a file can be wrong is one line.
 """
 
 import json
 import os
-import sys
 
 import numpy as np
 import safetensors.numpy
 
 from applr_ros1.common import files
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
 from applr_ros1.policy import encoding
-from applr_ros1.policy.decision import period_of
-from applr_ros1.policy.layout import Layout, ObservationError
+from applr_ros1.policy.decision import PERIOD, period_of
+from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space
 
-FORMAT, BEFORE = "applr-actor-2", "applr-actor-1"
+FORMAT, CONTEXTS = "applr-actor-2", "applr-appld-1"
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
+MAX_CONTEXTS = 64
 
 
 class Actor:
@@ -34,46 +34,25 @@ class Actor:
     """
 
     def __init__(self, weights, space=SPACE, metadata=None, layout=LAYOUT):
-        self.space, self.layout = space.paper, layout
-        self.layers = _layers(weights, self.space, layout, "actor")
-        self.metadata = metadata or {}
+        self.space, self.layout, self.metadata = space.paper, layout, metadata or {}
+        mirror = Mirror.of(layout.beams, 1 + len(self.space))
+        self.layers = _layers(weights, self.metadata, layout.beams + 1 + len(self.space), len(self.space), mirror)
         self.period = period_of(self.metadata)
 
     @classmethod
-    def load(cls, path, space=SPACE):
-        """Read an actor file. How it sees a scan is its own: see `layout`.
-
-        Args:
-            path: The file.
-            space: What it has to be for; None: whatever it states, for looking at a file of any robot.
-
-        Raises:
-            ApplrError: It is absent, damaged, too big, of other shapes, made for another robot or parameter space, or
-                its checksum is wrong.
-        """
-        path = os.fspath(path)
-        weights, metadata = _read(path)
-        return cls._of(path, weights, metadata, space)
-
-    @classmethod
-    def _of(cls, path, weights, metadata, space):
-        if "observation" in metadata:
-            raise ApplrError(f"{path}: it is for every robot: read it with GeneralActor.load, or actor.load")
-        space = _stated(path, metadata) if space is None else space.paper
-        robot = metadata.get("robot")
-        if robot != space.robot:
-            raise ApplrError(f"{path}: it is for the robot {_short(robot)}: here {space.robot} runs; train one for it")
+    def _of(cls, weights, metadata, space):
+        stated = _named(metadata, "space")
+        space = (space or Space.stated(stated, metadata.get("robot"))).paper
+        _check_robot(metadata, space)
         described = json.loads(space.to_json())
         del described["theta0"]  # a robot's own parameter files may start elsewhere
-        _compare(path, "parameter space", metadata.get("space"), described)
-        try:
-            layout = Layout.from_dict(_named(path, "layout", metadata.get("layout")), len(space))
-            _layers(weights, space, layout, path)
-            if metadata.get("with_mirror_images"):
-                weights = with_mirror_images(weights, Mirror.of(layout.beams, 1 + len(space)))
-            return cls(weights, space, metadata, layout)
-        except (ValueError, ObservationError) as e:
-            raise ApplrError(f"{path}: {e}") from None
+        for key, value in described.items():
+            if stated.get(key) != value:
+                raise ApplrError(
+                    f"made for another parameter space: {key} is {_short(stated.get(key))}, here {_short(value)}; "
+                    "train one for this parameter space"
+                )
+        return cls(weights, space, metadata, Layout.from_dict(_named(metadata, "layout"), len(space)))
 
     def action(self, obs):
         """The action (8,) or (n, 8) float32 in [-1, 1] for observations (729,) or (n, 729). NaN goes through."""
@@ -91,8 +70,8 @@ class GeneralActor:
     """
 
     def __init__(self, weights, metadata=None):
-        self.layers = layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), "actor")
         self.metadata = metadata or {}
+        self.layers = _layers(weights, self.metadata, encoding.SIZE, len(encoding.PARAMETERS), encoding.MIRROR)
         if "period_s" not in self.metadata:
             raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
         self.period = period_of(self.metadata)
@@ -101,83 +80,132 @@ class GeneralActor:
             raise ApplrError(f"its base is {_short(self.base)}: values of parameters by name are needed")
 
     @classmethod
-    def load(cls, path):
-        """Reads a file that save_general wrote. Raises ApplrError where it is none, or is damaged."""
-        path = os.fspath(path)
-        weights, metadata = _read(path)
-        return cls._of(path, weights, metadata)
-
-    @classmethod
-    def _of(cls, path, weights, metadata):
-        if metadata.get("observation") != encoding.NAME:
-            raise ApplrError(
-                f"{path}: its observation is {_short(metadata.get('observation'))}, {encoding.NAME} is needed"
-            )
-        try:
-            layers_of(weights, encoding.SIZE, len(encoding.PARAMETERS), path)
-            if metadata.get("with_mirror_images"):
-                weights = with_mirror_images(weights, encoding.MIRROR)
-            return cls(weights, metadata)
-        except ValueError as e:
-            raise ApplrError(f"{path}: {e}") from None
+    def _of(cls, weights, metadata, _space):
+        if metadata["observation"] != encoding.NAME:
+            raise ApplrError(f"its observation is {_short(metadata['observation'])}, {encoding.NAME} is needed")
+        return cls(weights, metadata)
 
     def action(self, obs):
         """The action (12,) or (n, 12) float32 in [-1, 1] for observations of encoding.Encoding."""
         return np.tanh(forward(self.layers, obs))
 
 
-def load(path, space=SPACE):
-    """The policy in a file: a GeneralActor, or an Actor for `space`. Arguments and errors are those of Actor.load."""
+class ContextPolicy:
+    """APPLD's policy: contexts with a parameter set each, and a classifier that tells the context from the scan.
+
+    contexts  {name: theta (k,)} of `space`; values outside are clipped to it
+    weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the
+              observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
+    layout    how it sees a scan; another one has another number of inputs
+    """
+
+    period = PERIOD  # the paper's
+
+    def __init__(self, contexts, weights, space=SPACE, metadata=None, layout=LAYOUT):
+        if not 1 <= len(contexts) <= MAX_CONTEXTS:
+            raise ApplrError(f"{len(contexts)} contexts: give 1 to {MAX_CONTEXTS}")
+        self.names, self.space, self.layout = list(contexts), space.paper, layout
+        self.sets = np.array([self.space.complete(theta) for theta in contexts.values()])
+        self.metadata = metadata or {}
+        self.layers = layers_of(weights, layout.beams, len(self.names), "its network")
+
+    @classmethod
+    def _of(cls, weights, metadata, space):
+        space = space.paper
+        _check_robot(metadata, space)
+        if metadata["names"] != list(space.names):
+            raise ApplrError(f"its sets are of {_short(metadata['names'])}, not of {', '.join(space.names)}")
+        contexts = {str(c["name"]): space.clip(c["theta"]) for c in metadata["contexts"]}
+        return cls(contexts, weights, space, metadata, Layout.from_dict(_named(metadata, "layout"), 0))
+
+    def context(self, obs):
+        """The index of the context that an observation (729,), or its first 720 entries, shows."""
+        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[: self.layout.beams])))
+
+    def theta(self, obs):
+        """The parameters (n,) float64 for an observation float32."""
+        return self.sets[self.context(obs)].copy()
+
+
+def load(path, space=SPACE, kinds=(Actor, GeneralActor)):
+    """The policy in a file. How it sees a scan is its own: see the policy's `layout`.
+
+    Args:
+        path: The file.
+        space: What an Actor or a ContextPolicy has to be for; None: whatever an Actor states, for looking at a file of
+            any robot.
+        kinds: The classes that it may be of.
+
+    Raises:
+        ApplrError: It is absent, damaged, too big, of other shapes, made for another robot or parameter space, of
+            another kind, or its checksum is wrong.
+    """
     path = os.fspath(path)
-    weights, metadata = _read(path)
-    if "observation" in metadata:
-        return GeneralActor._of(path, weights, metadata)
-    return Actor._of(path, weights, metadata, space)
-
-
-def save_general(path, weights, metadata=None):
-    """Writes the file of a GeneralActor; arguments and errors as save's."""
-    weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
-    GeneralActor(weights, metadata)
-    _write(path, weights, metadata, {"observation": json.dumps(encoding.NAME)}, encoding.MIRROR)
+    weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
+    form, stated = header.get("format"), header.get("sha256")
+    if form not in (FORMAT, CONTEXTS):
+        raise ApplrError(f"{path}: no policy of ours (format {form!r}); give a file that train.py or appld.py wrote")
+    if stated != checksum(weights, header) and (stated or form == FORMAT):  # the first files of contexts had none
+        raise ApplrError(f"{path}: its checksum is wrong; the file was damaged or changed, copy it again")
+    metadata = {key: _value(text) for key, text in header.items()}
+    kind = ContextPolicy if form == CONTEXTS else GeneralActor if "observation" in metadata else Actor
+    if kind not in kinds:
+        needed = " or ".join(wanted.__name__ for wanted in kinds)
+        raise ApplrError(f"{path}: it holds a policy of the kind {kind.__name__}; one of {needed} is needed")
+    try:
+        return kind._of(weights, metadata, space)
+    except (KeyError, TypeError) as error:
+        raise ApplrError(f"{path}: its metadata are damaged ({error}); copy or make it again") from None
+    except ValueError as error:
+        raise ApplrError(f"{path}: {error}") from None
 
 
 def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
-    """Writes an actor file, whole or not at all (a temporary file beside it, then renamed).
+    """Writes an Actor's file, whole or not at all (a temporary file beside it, then renamed).
 
     weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Robot, space,
     layout and checksum are added. Of networks side by side of which every second one is the mirror image of the one
     before it, only the others are stored. Raises ApplrError.
     """
-    weights = {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
-    space = space.paper
-    _layers(weights, space, layout, "actor to save")
-    described = {"space": space.to_json(), "layout": json.dumps(layout.to_dict(len(space)))}
-    described["robot"] = json.dumps(space.robot)
-    _write(path, weights, metadata, described, Mirror.of(layout.beams, 1 + len(space)))
+    weights, space = _float32(weights), space.paper
+    Actor(weights, space, layout=layout)
+    described = {"robot": space.robot, "space": json.loads(space.to_json()), "layout": layout.to_dict(len(space))}
+    _write(path, weights, FORMAT, {**(metadata or {}), **described}, Mirror.of(layout.beams, 1 + len(space)))
 
 
-def _write(path, weights, metadata, described, mirror):
-    header = {key: json.dumps(value) for key, value in (metadata or {}).items()}
-    halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
-    if weights["0.weight"].ndim == 3 and _alike(with_mirror_images(halves, mirror), weights):
-        weights, header["with_mirror_images"] = halves, "true"
-    _seal(path, weights, dict(header, **described))
+def save_general(path, weights, metadata=None):
+    """Writes the file of a GeneralActor; arguments and errors as save's."""
+    weights = _float32(weights)
+    GeneralActor(weights, metadata)
+    _write(path, weights, FORMAT, {**(metadata or {}), "observation": encoding.NAME}, encoding.MIRROR)
 
 
-def _seal(path, weights, header):
-    header["format"] = FORMAT
+def save_contexts(path, contexts, weights, metadata=None, space=SPACE, layout=LAYOUT):
+    """Writes the file of a ContextPolicy; contexts as there, the other arguments and errors as save's."""
+    weights, space = _float32(weights), space.paper
+    ContextPolicy(contexts, weights, space, layout=layout)
+    entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
+    described = {"contexts": entries, "robot": space.robot, "names": space.names, "layout": layout.to_dict(0)}
+    _write(path, weights, CONTEXTS, {**(metadata or {}), **described})
+
+
+def _write(path, weights, form, metadata, mirror=None):
+    header = {key: json.dumps(value) for key, value in metadata.items()}
+    if mirror is not None and weights["0.weight"].ndim == 3:
+        halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
+        if _alike(with_mirror_images(halves, mirror), weights):
+            weights, header["with_mirror_images"] = halves, "true"
+    header["format"] = form
     header["sha256"] = checksum(weights, header)
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
-def renew(*paths):
-    """Writes files of an earlier version anew, with the checksum of today. Raises ApplrError where one is none."""
-    for path in paths:
-        weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
-        if header.get("format") != BEFORE or header.get("sha256") != checksum(weights, {}):
-            raise ApplrError(f"{path}: no policy of an earlier version (format {BEFORE}), or a damaged one")
-        _seal(path, weights, header)
+def _layers(weights, metadata, inputs, outputs, mirror):
+    """The checked layers of an actor's network, with its mirror images where a file leaves them out."""
+    layers = layers_of(weights, inputs, outputs, "its network")
+    if not metadata.get("with_mirror_images"):
+        return layers
+    return layers_of(with_mirror_images(weights, mirror), inputs, outputs, "its network")
 
 
 def _alike(found, weights):
@@ -185,23 +213,8 @@ def _alike(found, weights):
     return all(same)
 
 
-def _read(path):
-    """(weights, metadata) of a safetensors file whose structure, sizes and checksum hold; else ApplrError."""
-    data = files.read_bytes(path, MAX_BYTES)
-    weights, header = unpack(data, path)
-    if header.get("format") == BEFORE:
-        raise ApplrError(
-            f"{path}: an earlier version wrote it, with a checksum that leaves out what the file says of itself; "
-            f"python -m applr_ros1.policy.actor {path} writes it anew"
-        )
-    if header.get("format") != FORMAT:
-        raise ApplrError(
-            f"{path}: no actor of ours (format {header.get('format')!r}, expected {FORMAT!r}); "
-            "give a file that train.py wrote"
-        )
-    if header.get("sha256") != checksum(weights, header):
-        raise ApplrError(f"{path}: its checksum is wrong; the file was damaged or changed, copy it again")
-    return weights, {key: _value(text) for key, text in header.items()}
+def _float32(weights):
+    return {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
 
 
 def _value(text):
@@ -212,41 +225,20 @@ def _value(text):
         return text
 
 
-def _layers(weights, space, layout, name):
-    return layers_of(weights, layout.beams + 1 + len(space), len(space), name)
-
-
-def _named(path, what, found):
+def _named(metadata, what):
     """An entry of the metadata that is a JSON object; ApplrError where it is absent."""
-    if not isinstance(found, dict):
+    if not isinstance(metadata.get(what), dict):
+        raise ApplrError(f"its metadata name no {what}; it was not written by this package, give a file that it wrote")
+    return metadata[what]
+
+
+def _check_robot(metadata, space):
+    if metadata.get("robot") != space.robot:
         raise ApplrError(
-            f"{path}: its metadata name no {what}; it was not written by this package, give a file that train.py wrote"
+            f"it is for the robot {_short(metadata.get('robot'))}: here {space.robot} runs; make one for it"
         )
-    return found
-
-
-def _stated(path, metadata):
-    """The space that an actor's metadata state."""
-    try:
-        return Space.stated(_named(path, "parameter space", metadata.get("space")), metadata.get("robot"))
-    except ApplrError as e:
-        raise ApplrError(f"{path}: {e}; copy or train it again") from None
-
-
-def _compare(path, what, found, expected):
-    found = _named(path, what, found)
-    for key, value in expected.items():
-        if found.get(key) != value:
-            raise ApplrError(
-                f"{path}: made for another {what}: {key} is {_short(found.get(key))}, "
-                f"here {_short(value)}; train one for this {what}"
-            )
 
 
 def _short(value):
     text = json.dumps(value)
     return text if len(text) <= 120 else text[:117] + "..."
-
-
-if __name__ == "__main__":
-    sys.exit(run_main(lambda: renew(*sys.argv[1:]), "applr_ros1.policy.actor"))

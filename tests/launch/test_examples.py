@@ -10,7 +10,7 @@ import stable_baselines3
 import torch
 from PIL import Image
 
-from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.actor import load
 from tests.support import ROOT
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
@@ -36,7 +36,7 @@ def test_the_page_lists_all_of_them():
 def test_foreign_learner(tmp_path):
     lines = run("01_foreign_learner", tmp_path, "--steps", 60, "--out", "a.safetensors")
     assert re.match(r"a.safetensors: (goal reached|not reached) after \d+", lines[-1])
-    assert Actor.load(tmp_path / "a.safetensors").metadata["training"]["learner"] == "stable-baselines3"
+    assert load(tmp_path / "a.safetensors").metadata["training"]["learner"] == "stable-baselines3"
 
 
 def test_own_method(tmp_path):
@@ -49,7 +49,7 @@ def test_own_method(tmp_path):
 def test_offline_from_a_bag(tmp_path):
     arguments = ("--courses", 2, "--decisions", 4, "--gradient-steps", 5, "--net-arch", 16, 16, "--out", "out")
     run("03_offline_from_a_bag", tmp_path, *arguments)
-    assert Actor.load(tmp_path / "out" / "run" / "actor.safetensors")
+    assert load(tmp_path / "out" / "run" / "actor.safetensors")
 
 
 def test_own_reward(tmp_path):

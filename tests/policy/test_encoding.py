@@ -8,6 +8,7 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import GeneralActor, save, save_general
+from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.encoding import MIRROR, PARAMETERS, SIZE, Encoding
 from applr_ros1.policy.methods.included import GeneralPolicy
@@ -141,7 +142,7 @@ def test_one_file_drives_every_robot(tmp_path):
     rng = np.random.default_rng(0)
     weights, path = network(rng), str(tmp_path / "general.safetensors")
     save_general(path, with_mirror_images(weights, MIRROR), {"period_s": 1.0})
-    assert len(GeneralActor.load(path).layers[0][0]) == 2
+    assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
     assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored
     for robot in ROBOTS[: len(NAMES)]:
@@ -154,5 +155,5 @@ def test_one_file_drives_every_robot(tmp_path):
     save(tmp_path / "own.safetensors", {"0.weight": np.zeros((8, 729)), "0.bias": np.zeros(8)})
     with pytest.raises(ApplrError, match="states no period_s"):
         save_general(path, weights, {})
-    with pytest.raises(ApplrError, match="dimensionless-1 is needed"):
-        GeneralActor.load(tmp_path / "own.safetensors")
+    with pytest.raises(ApplrError, match="of the kind Actor; one of GeneralActor is needed"):
+        load_policy(tmp_path / "own.safetensors", kinds=[GeneralActor])

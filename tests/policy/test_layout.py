@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from applr_ros1.policy.actor import Actor, save
+from applr_ros1.policy.actor import load, save
 from applr_ros1.policy.layout import ANGLE_TOLERANCE, Layout, ObservationError
 from applr_ros1.policy.methods import make
 
@@ -90,6 +90,6 @@ def test_an_actor_brings_its_own_layout(tmp_path):
     layout, rng = Layout(60, -1.5, 1.5, 3.0, 0.5), np.random.default_rng(0)
     weights = {"0.weight": rng.normal(size=(8, 69)).astype(np.float32), "0.bias": np.zeros(8, np.float32)}
     save(tmp_path / "a.safetensors", weights, layout=layout)
-    assert Actor.load(tmp_path / "a.safetensors").layout == layout
+    assert load(tmp_path / "a.safetensors").layout == layout
     assert make(str(tmp_path / "a.safetensors")).layout == layout
     assert make("dwa").layout == JACKAL

@@ -17,7 +17,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import PICKLES, unpack
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
-from applr_ros1.policy.actor import Actor, save
+from applr_ros1.policy.actor import Actor, load, save
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.network import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
@@ -179,7 +179,7 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
     torch = pytest.importorskip("torch")
     weights = make_weights(hidden=(512, 512, 512))
     save(tmp_path / "a.safetensors", weights, {"training": {"steps": 3}})
-    actor = Actor.load(tmp_path / "a.safetensors")
+    actor = load(tmp_path / "a.safetensors")
     assert actor.metadata["training"] == {"steps": 3}
     obs = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
     x = torch.from_numpy(obs)
@@ -234,9 +234,10 @@ def _damaged_files():
         "half a layout": (_raw(good, **dict(header, layout="{}")), "beams, angle_min_rad"),
         "shapes": (_raw(wide, **header), "layer 0"),
         "nan": (_raw(nan, **header), "NaN"),
-        "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no actor of ours"),
+        "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no policy of ours"),
         "names": (_raw({"x": np.zeros(3, np.float32)}, **header), "tensors are"),
-        "earlier": (_raw(good, **dict(header, format="applr-actor-1")), "python -m applr_ros1.policy.actor .*anew"),
+        "contexts": (_raw(good, **dict(header, format=actor_module.CONTEXTS)), "of the kind ContextPolicy"),
+        "no text": (_raw(good, **dict(header, observation="3")), "of the kind GeneralActor|its observation is 3"),
     }
 
 
@@ -250,19 +251,7 @@ def test_no_bit_of_what_an_actor_file_says_of_itself_changes_unnoticed(tmp_path)
         damaged[at] ^= 1 << rng.integers(8)
         path.write_bytes(damaged)
         with pytest.raises(ApplrError):
-            Actor.load(path)
-
-
-def test_a_file_with_the_checksum_of_an_earlier_version_is_written_anew(tmp_path):
-    path, weights = tmp_path / "actor.safetensors", make_weights()
-    save(path, weights, {"period_s": 0.5})
-    _, header = actor_module.unpack(path.read_bytes(), "")
-    header.update(format="applr-actor-1", sha256=actor_module.checksum(weights, {}))
-    path.write_bytes(safetensors.numpy.save(weights, metadata=header))
-    actor_module.renew(path)
-    assert Actor.load(path).period == 0.5
-    with pytest.raises(ApplrError, match="no policy of an earlier version"):
-        actor_module.renew(path)
+            load(path)
 
 
 @pytest.mark.parametrize("case", sorted(_damaged_files()))
@@ -273,7 +262,7 @@ def test_damaged_actor_files_are_refused_in_one_line(case, tmp_path):
     path = tmp_path / "actor.safetensors"
     path.write_bytes(data)
     with pytest.raises(ApplrError, match=expected) as e:
-        Actor.load(path)
+        load(path)
     assert "\n" not in str(e.value)
     assert str(path) in str(e.value)
     assert not hasattr(builtins, "applr_bomb")
@@ -293,7 +282,7 @@ def test_a_header_whose_length_looks_like_a_pickle_is_read(tmp_path):
 def test_missing_actor_files(tmp_path):
     for path in (tmp_path / "none.safetensors", tmp_path):
         with pytest.raises(ApplrError) as e:
-            Actor.load(path)
+            load(path)
         assert "\n" not in str(e.value)
 
 
@@ -310,7 +299,7 @@ def test_another_space_is_another_space(tmp_path):
     high = SPACE.high.copy()
     high[0] = 1.0
     with pytest.raises(ApplrError, match="another parameter space"):
-        Actor.load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+        load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
 
 
 def test_one_request_for_each_server():
@@ -344,7 +333,7 @@ def test_a_period_that_cannot_be_is_refused(tmp_path):
     for period in (0.0, -1.0, "2", True, 1e9):
         save(tmp_path / "a", make_weights(), {"period_s": period})
         with pytest.raises(ApplrError, match="period_s"):
-            Actor.load(tmp_path / "a")
+            load(tmp_path / "a")
 
 
 @pytest.mark.parametrize(
@@ -390,9 +379,9 @@ def test_mirror_images_are_stored_once(tmp_path):
     save(tmp_path / "b", weights)
     assert (tmp_path / "a").stat().st_size < 0.6 * (tmp_path / "b").stat().st_size
     assert np.array_equal(
-        Actor.load(tmp_path / "a").action(obs), Actor(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs)
+        load(tmp_path / "a").action(obs), Actor(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs)
     )
-    assert np.array_equal(Actor.load(tmp_path / "b").action(obs), Actor(weights).action(obs))
+    assert np.array_equal(load(tmp_path / "b").action(obs), Actor(weights).action(obs))
 
 
 def test_shipped_policy_says_what_made_it_and_drives():
@@ -422,13 +411,6 @@ def test_the_robot_is_described_alike_on_both_sides():
     robot = robots.load("jackal")
     assert Layout(robot.laser.beams, robot.laser.first_angle, robot.laser.last_angle) == LAYOUT
     assert MonitorSettings.of(robot).body == ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))
-
-
-def test_an_actor_for_one_robot_is_not_read_from_the_policy_for_every_robot():
-    from applr_ros1.policy import actor, methods
-
-    with pytest.raises(ApplrError, match="it is for every robot: read it with GeneralActor.load"):
-        actor.Actor.load(methods.shipped())
 
 
 @pytest.mark.parametrize("name", ["jackal", "turtlebot3_waffle_pi"])

@@ -12,7 +12,7 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.policy.actor import Actor
+from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robot_check import remarks
@@ -169,10 +169,10 @@ def test_searched_trained_and_driven(crate, tmp_path, capsys):
     assert float(driven["dwa"]["path_length_m"]) == pytest.approx(0.85 * 5.925, rel=0.35)
     assert driven["static"]["time_s"] != driven["dwa"]["time_s"]
     robot = robots.load(str(crate))
-    actor = Actor.load(policy, space_of(robot))
+    actor = load_policy(policy, space_of(robot))
     assert (actor.layout, actor.metadata["robot"]) == (layout_of(robot), "crate")
     with pytest.raises(ApplrError, match='for the robot "crate": here jackal runs'):
-        Actor.load(policy)
+        load_policy(policy)
     capsys.readouterr()
     assert evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)]) == 1
     assert capsys.readouterr().err.count("\n") == 1

@@ -8,7 +8,6 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor
-from applr_ros1.policy.appld import Appld
 from applr_ros1.policy.methods.included import (
     FixedParameters,
     FrozenParameter,
@@ -37,17 +36,10 @@ def shipped(name: str = POLICY, robot: Optional[Robot] = None) -> str:
     return os.path.join(os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__)))), "models", name)
 
 
-def _actor(path: str, robot: Robot) -> Method:
-    policy = actor.load(path, space_of(robot))
-    return (
-        GeneralPolicy(policy, robot, path)
-        if isinstance(policy, actor.GeneralActor)
-        else ObservationPolicy(policy, path)
-    )
-
-
-def _appld(path: str, robot: Robot) -> Method:
-    return ObservationPolicy(Appld.load(path, space_of(robot)), path)
+def _policy(path: str, robot: Robot) -> Method:
+    policy = actor.load(path, space_of(robot), (actor.Actor, actor.GeneralActor, actor.ContextPolicy))
+    general = isinstance(policy, actor.GeneralActor)
+    return GeneralPolicy(policy, robot, path) if general else ObservationPolicy(policy, path)
 
 
 def _fixed(path: str, robot: Robot) -> Method:
@@ -78,17 +70,17 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     ),
     "random": (lambda robot: RandomParameters(space_of(robot)), "uniform over the ranges, every step"),
     "applr": (
-        lambda robot: _actor(shipped(robot=robot), robot),
+        lambda robot: _policy(shipped(robot=robot), robot),
         "the policy for every robot; where the robot's folder has one of its own, that",
     ),
     "appld": (
-        lambda robot: _appld(shipped("appld.safetensors", robot), robot),
+        lambda robot: _policy(shipped("appld.safetensors", robot), robot),
         "the shipped contexts and classifier",
     ),
 }
-FILES: Dict[str, Callable[[str, Robot], Method]] = {"applr": _actor, "appld": _appld, "fixed": _fixed}  # KIND:FILE
+FILES: Dict[str, Callable[[str, Robot], Method]] = {"applr": _policy, "fixed": _fixed}  # KIND:FILE
 FORMS = (
-    "%s, an actor (.safetensors), appld:FILE, a set (.json), frozen:PARAMETER:METHOD, ablation:METHOD, "
+    "%s, a policy (.safetensors), a set (.json), frozen:PARAMETER:METHOD, ablation:METHOD, "
     "period:SECONDS:METHOD, module:Class or my_file.py:Class, or NAME=any of these" % ", ".join(METHODS)
 )
 
@@ -127,7 +119,7 @@ class _Parts(NamedTuple):
     """A specification, taken apart.
 
     wrappers: (kind, word) of each "frozen:PARAMETER:" and "period:SECONDS:" before the rest, the first one first.
-    kind: a name of METHODS or FILES; "" for a person's own class. file: of an actor, of contexts or of a set.
+    kind: a name of METHODS or FILES; "" for a person's own class. file: of a policy or of a set.
     own: (module or .py file, class, text for its constructor or None), else None.
     """
 

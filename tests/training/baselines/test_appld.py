@@ -11,8 +11,7 @@ from rosbags.highlevel import AnyReader
 
 import sim_bridge
 import worlds
-from applr_ros1.policy import appld as runtime
-from applr_ros1.policy import methods
+from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
 from training import appld
@@ -130,7 +129,7 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
     weights, result = appld_classifier.train(scans, labels, 2, steps=60)
     assert result["accuracy"] > 0.98
     assert result["held_out"] > 0.98
-    net = runtime.Appld({"a": SPACE.paper.theta0, "b": SPACE.paper.high}, weights)
+    net = actor.ContextPolicy({"a": SPACE.paper.theta0, "b": SPACE.paper.high}, weights)
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
 
 
@@ -142,7 +141,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
     assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
     assert str(tmp_path) not in (tmp_path / "mine_log.json").read_text()
-    method = methods.make("appld:%s" % out)
+    method = methods.make(str(out))
     d = demonstration.read(bag)
     obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
     theta = method.policy.theta(obs)
@@ -152,7 +151,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
 
 
 def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(runtime, "MAX_CONTEXTS", 1)
+    monkeypatch.setattr(actor, "MAX_CONTEXTS", 1)
     monkeypatch.setattr(appld_fit, "fit", lambda *_: pytest.fail("searched"))
     words = [str(bag), "--out", str(tmp_path / "x.safetensors"), "--penalty", "0.5"]
     assert appld.main([*words, "--contexts", "0"]) == 1
@@ -164,7 +163,7 @@ def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_
 def test_shipped_file_drives():
     """The included file is one of these, and its card says that a script demonstrated."""
     path = methods.shipped("appld.safetensors", JACKAL)
-    found = runtime.Appld.load(path)
+    found = actor.load(path, kinds=[actor.ContextPolicy])
     assert 2 <= len(found.names) <= 8
-    assert "scripted" in json.loads(found.metadata["training"])["demonstrations"][0]["demonstrator"]
+    assert "scripted" in found.metadata["training"]["demonstrations"][0]["demonstrator"]
     assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))

@@ -26,7 +26,7 @@ def actor_file(tmp_path, request):
 def test_onnx_equals_the_actor(actor_file, tmp_path):
     assert export.main([str(actor_file), str(tmp_path / "some.onnx")]) == 0
     model = (tmp_path / "some.onnx").read_bytes()
-    assert export.difference(actors.Actor.load(actor_file), model) < 1e-5
+    assert export.difference(actors.load(actor_file), model) < 1e-5
     import onnx
 
     properties = {p.key: p.value for p in onnx.load_from_string(model).metadata_props}
@@ -35,7 +35,7 @@ def test_onnx_equals_the_actor(actor_file, tmp_path):
 
 
 def test_an_export_that_differs_is_an_error(actor_file, tmp_path, capsys, monkeypatch):
-    exported = export.to_onnx(actors.Actor.load(actor_file))
+    exported = export.to_onnx(actors.load(actor_file))
     weights, _ = unpack(actor_file.read_bytes(), "file")
     actors.save(actor_file, dict(weights, **{"3.bias": weights["3.bias"] + np.float32(1e-3)}))
     monkeypatch.setattr(export, "to_onnx", lambda actor: exported)  # of another network than is in the file

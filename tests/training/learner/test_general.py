@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from applr_ros1.policy.actor import GeneralActor
+from applr_ros1.policy.actor import load
 from tests.support.toy_training import one_line
 from training.policy_file import begun_policy
 from training.train import main
@@ -16,7 +16,7 @@ def test_a_policy_over_drawn_robots_and_a_specialist_that_begins_with_it(tmp_pat
     learning = [*FORM, *SHORT, "--symmetric", "--mirror", "--learning-starts", "4"]
     assert main([*learning, "--robot", "drawn", "--eval-worlds", "none", "--out", str(run)]) == 0
     policy = str(run / "actor.safetensors")
-    assert GeneralActor.load(policy).period == 1.0
+    assert load(policy).period == 1.0
     alone = [*learning, "--robot", "husky", "--init-from", policy, "--policy-starts", "1000"]
     assert main([*alone, "--eval-worlds", "generated:1", "--eval-freq", "12", "--out", str(own)]) == 0
     before, after = begun_policy(policy), begun_policy(str(own / "actor.safetensors"))
