@@ -1,8 +1,8 @@
 """The policies that a file holds: Actor and ContextPolicy for one robot, GeneralActor for every robot.
 
-A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` tells the kinds
-apart; the trainer writes with `save` and `save_general`, training/appld.py with `save_contexts`. Nothing is unpickled,
-sizes are bounded, and every way in which a file can be wrong is one line.
+A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` tells the
+kinds apart; the trainer writes with `save` and `save_general`, training/appld.py with `save_contexts`. Nothing is
+unpickled, sizes are bounded, and every way in which a file can be wrong is one line.
 """
 
 import json

@@ -40,7 +40,7 @@ def main() -> None:
     model.learn(options.steps, progress_bar=False)
     actor.save(options.out, weights_of(model), {"training": {"learner": "stable-baselines3", "steps": options.steps}})
 
-    policy = actor.Actor.load(options.out)
+    policy = actor.load(options.out)
     observation, info = env.reset(seed=1)
     over = False
     while not over:

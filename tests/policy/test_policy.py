@@ -237,7 +237,7 @@ def _damaged_files():
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no policy of ours"),
         "names": (_raw({"x": np.zeros(3, np.float32)}, **header), "tensors are"),
         "contexts": (_raw(good, **dict(header, format=actor_module.CONTEXTS)), "of the kind ContextPolicy"),
-        "no text": (_raw(good, **dict(header, observation="3")), "of the kind GeneralActor|its observation is 3"),
+        "no text": (_raw(good, **dict(header, observation="3")), "its observation is 3"),
     }
 
 
