@@ -31,7 +31,7 @@ with extra(__name__):
     from training.baselines.appld import classifier as appld_classifier
     from training.baselines.appld import fit as appld_fit
     from training.baselines.appld import segmentation as contexts
-    from training.baselines.appld.demonstration import Demonstration, read
+    from training.baselines.appld.demonstration import Demonstration, read_demonstration
 
 
 class AppldOptions(BagOptions):
@@ -153,7 +153,7 @@ def run(arguments: List[str]) -> None:
     if not options.out.endswith(".safetensors"):
         raise ApplrError(f"--out {options.out}: give a name that ends in .safetensors")
     try:
-        demonstrations = [read(bag, options.topics(), options.robot) for bag in find(options.bags)]
+        demonstrations = [read_demonstration(bag, options.topics(), options.robot) for bag in find(options.bags)]
         log = learn(demonstrations, options, arguments)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("stopped; nothing was written") from None

@@ -19,12 +19,12 @@ from training.common.command_line import parsed
 from training.common.folders import make_folder
 from training.common.options import argument, checked, option
 from training.env.reward import Reward
-from training.replay.store import NAME, Store
-from training.replay.trajectory import MAX_NAME, Layout, TrajectoryError
+from training.replay.store import NAME, TrajectoryStore
+from training.replay.trajectory import MAX_NAME, TrajectoryError, TransitionLayout
 
 with extra(__name__):
     from training.bags.episodes import BagReport, trajectories
-    from training.bags.reader import BagError, BagOptions, TopicNames, find, read
+    from training.bags.reader import BagError, BagOptions, TopicNames, find, read_bag
 
 
 def convert(
@@ -46,14 +46,14 @@ def convert(
     source: Dict[str, Any] = {"bags": read_bags, "robot": robot.name, **reward.model_dump()}
     periods: Set[float] = set()
     skipped: Counter[str] = Counter()
-    layout = Layout(*sizes_of(robot))
-    store = Store(make_folder(folder) / NAME, layout)
+    layout = TransitionLayout(*sizes_of(robot))
+    store = TrajectoryStore(make_folder(folder) / NAME, layout)
     if store.last:
         raise ApplrError(f"{folder}: holds trajectories already; give another folder")
     for bag in bags:
         report = BagReport()
         try:
-            for trajectory in trajectories(read(bag, topics, robot), reward, layout, report, finish):
+            for trajectory in trajectories(read_bag(bag, topics, robot), reward, layout, report, finish):
                 trajectory.info.update(actor=Path(bag).name[-MAX_NAME:], episode=store.last)
                 store.append(trajectory)
         except (BagError, TrajectoryError) as error:

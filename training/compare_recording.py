@@ -31,7 +31,7 @@ from training.common.options import Options, argument, option
 from training.report.figures import canvas
 
 with extra(__name__):
-    from training.bags.reader import TopicNames, hear
+    from training.bags.reader import TopicNames, read_messages
 
 COLUMNS = ("t", "cmd_v", "cmd_w", "x", "y", "yaw")
 WHEELS = ("wheel_v", "wheel_w")
@@ -48,7 +48,7 @@ class Drive(NamedTuple):
     rows: np.ndarray
 
 
-def read(path: Path, robot: Robot) -> List[Drive]:
+def read_drives(path: Path, robot: Robot) -> List[Drive]:
     """The drives of a file; ApplrError where it cannot be used."""
     drives = _of_csv(path) if ".csv" in path.suffixes else _of_bag(path, robot)
     usable = [drive for drive in drives if len(drive.rows) > 2 and np.ptp(drive.rows[:, T]) > SECOND]
@@ -71,7 +71,7 @@ def _of_csv(path: Path) -> List[Drive]:
 
 
 def _of_bag(path: Path, robot: Robot) -> List[Drive]:
-    recording = hear(path, TopicNames.of(robot), robot)
+    recording = read_messages(path, TopicNames.of(robot), robot)
     given = np.array([(-1, 0.0, 0.0), *recording.commands], dtype=float)
     at, pose = recording.odometry.at, recording.odometry.pose
     command = given[np.searchsorted(given[:, 0], at) - 1, 1:]
@@ -132,7 +132,7 @@ def main(argv: Optional[Sequence[str]] = None) -> int:
 
 
 def _compare(given: CompareOptions) -> None:
-    drives = [drive for path in given.files for drive in read(path, given.robot)]
+    drives = [drive for path in given.files for drive in read_drives(path, given.robot)]
     grounds = [ground for ground in GROUNDS if ground in ("plain", given.robot.simulation.ground)]
     simulators = {ground: standing_in(given.robot, ground) for ground in grounds}
     off = {ground: [second_on(simulator, drive) for drive in drives] for ground, simulator in simulators.items()}

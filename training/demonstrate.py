@@ -47,7 +47,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
     scan_period, scan_due = robot.laser.period_in(CONTROL_PERIOD), began
     with BagWriter(bag, TopicNames.of(robot), robot) as writer:
         source = dict(said or {}, demonstrator=NAME, world=world.name, seed=seed)
-        writer.told(1.0, **source)
+        writer.demonstrator(1.0, **source)
         writer.goal(1.0, simulator.to_odom(world.course.goal))
         try:
             while not world.course.done(*state.pose[:2]):
@@ -71,7 +71,7 @@ def demonstrate(world, simulator, bag, seed: int = 0, limit: float = 200.0, said
                 if state.contact:
                     writer.contact(1.0 + state.time)
         except (KeyboardInterrupt, ApplrError) as stopped:
-            writer.told(1.0 + state.time, **source, partial=True)
+            writer.demonstrator(1.0 + state.time, **source, partial=True)
             why = str(stopped) or f"stopped after {state.time - began:.0f} s"
             raise type(stopped)(f"{why}; {bag} holds a part of a demonstration, and says so") from None
     seconds = state.time - began

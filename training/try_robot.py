@@ -34,7 +34,7 @@ from training.common.command_line import (
 )
 from training.common.options import PLACE, Options, option
 from training.evaluation.run import EvaluationOptions, drive, settings
-from training.evaluation.store import Store
+from training.evaluation.store import TrialStore
 from training.evaluation.trials import TRIAL_RUNNER, plan, world_list
 from training.report.verdict import LOOKS, OWN, POLICY, SET, Pairs, failures, picture, verdict
 
@@ -77,7 +77,7 @@ def run(options: TryOptions) -> int:
     worlds = world_list(options.worlds, evaluation.protocol, robot)
     chosen = methods.parse(evaluation.methods, robot)
     trials = plan([world[:2] for world in worlds], chosen, TRIALS, options.seed)
-    with continuable(), closing(Store(out, settings(evaluation, worlds, chosen), trials)) as store:
+    with continuable(), closing(TrialStore(out, settings(evaluation, worlds, chosen), trials)) as store:
         blocks = _blocks(store, names, max(1, options.workers), 60.0 * options.minutes)
         drive(store, evaluation, blocks)
         pairs, used_up = Pairs(store.results, names), len(store.results) == len(trials)
@@ -90,7 +90,7 @@ def run(options: TryOptions) -> int:
     return 0 if found.pays else 1
 
 
-def _blocks(store: Store, names: Sequence[str], pairs: int, seconds: float) -> Iterator[List[Trial]]:
+def _blocks(store: TrialStore, names: Sequence[str], pairs: int, seconds: float) -> Iterator[List[Trial]]:
     """So many courses at a time with all methods, until it is clear which is best or the time is spent.
 
     The time begins after the first, in which kernels may be compiled.

@@ -56,7 +56,7 @@ def load(spec: str) -> World:
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
-        return sdf_reader.read(text)
+        return sdf_reader.read_world(text)
     if os.path.isdir(text):
         raise WorldError(f"{text} is a folder where one world is needed; give one of its .world files")
     raise WorldError(f"unknown world {text[:200]!r}; give {FORMS}")

@@ -22,7 +22,7 @@ IGNORED_INCLUDES = ("model://sun", "model://ground_plane")
 NOTHING_THERE = ("empty", "plane")  # geometries without an obstacle
 
 
-def read(path: str) -> World:
+def read_world(path: str) -> World:
     """World from a .world file.
 
     The course comes from the file itself where our writer put one, else from path_files/path_N.npy beside it, else

@@ -41,7 +41,7 @@ class Description:
     notes: List[str] = field(default_factory=list)
 
 
-def read(path: str, arguments: Mapping[str, str], base_frame: str = "", laser_frame: str = "") -> Description:
+def read_urdf(path: str, arguments: Mapping[str, str], base_frame: str = "", laser_frame: str = "") -> Description:
     """The description of the robot in a URDF or xacro file.
 
     Args:

@@ -76,7 +76,7 @@ def on_ground(robot: Robot, ground: str) -> Robot:
 @lru_cache(maxsize=32)
 def _read(folder: str) -> Robot:
     path = os.path.join(folder, FILE)
-    content = yaml_file.read(path)
+    content = yaml_file.read_yaml(path)
     try:
         given = RobotFile.model_validate(content)
     except ValidationError as error:

@@ -12,7 +12,7 @@ from applr_ros1.common.errors import ApplrError
 MAX_BYTES = 2**17
 
 
-def read(path: str) -> Dict[str, Any]:
+def read_yaml(path: str) -> Dict[str, Any]:
     """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
     text = files.read_bytes(path, MAX_BYTES)
     try:
@@ -30,6 +30,6 @@ def read_parameters(path: str) -> Dict[str, Any]:
     Raises:
         ApplrError: As `read` does.
     """
-    found = read(path)
+    found = read_yaml(path)
     inner = found.get("move_base")
     return inner if len(found) == 1 and isinstance(inner, dict) else found

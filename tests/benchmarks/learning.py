@@ -14,21 +14,21 @@ BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
 
 def _replay(transitions=6000):
     from training.replay.buffer import Replay
-    from training.replay.trajectory import Layout
+    from training.replay.trajectory import TransitionLayout
 
-    replay = Replay(Layout(), int(1.2 * transitions))
+    replay = Replay(TransitionLayout(), int(1.2 * transitions))
     for trajectory in _trajectories(transitions // 13):
         replay.add(trajectory)
     return replay
 
 
 def _trajectories(n, t=13):
-    from training.replay.trajectory import Layout, Trajectory
+    from training.replay.trajectory import Trajectory, TransitionLayout
 
     rng = np.random.default_rng(0)
     for i in range(n):
         yield Trajectory.of(
-            Layout(),
+            TransitionLayout(),
             rng.uniform(-1, 1, (t + 1, OBSERVATIONS)),
             rng.uniform(-1, 1, (t, ACTIONS)),
             rng.normal(size=t),

@@ -10,7 +10,7 @@ from applr_ros1.msg import Decision
 from tests.support.jackal import JACKAL
 from tests.support.ros_harness import session, wait_for
 from training.bags.episodes import BagReport, trajectories
-from training.bags.reader import read
+from training.bags.reader import read_bag
 
 pytestmark = pytest.mark.ros
 WORLD = "generated:0"
@@ -38,6 +38,6 @@ def test_a_recorded_drive_is_rebuilt_as_the_node_saw_it(tmp_path):
         assert "Traceback" not in child.text, child.text
     wait_for(bag.exists, 10.0, "the bag")
     report = BagReport()
-    assert list(trajectories(read(bag), report=report))
+    assert list(trajectories(read_bag(bag), report=report))
     assert report.transitions >= 3, report
     assert report.verified >= report.transitions, report

@@ -145,7 +145,7 @@ def test_node_drives_and_records(tmp_path):
     assert max(v for v, _ in commands) == pytest.approx(0.5)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demonstration, "SHORTEST", 1.0)
-        found = demonstration.read(bag)
+        found = demonstration.read_demonstration(bag)
     assert found.source == {"demonstrator": "a person, by joystick"}
     assert found.command[:, 0].max() == pytest.approx(0.5)
     assert found.ranges.shape[1] == 720

@@ -16,7 +16,7 @@ from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support import ROOT
-from training.bags.reader import read
+from training.bags.reader import read_bag
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def written(path, messages):
                 bag.write(topic, message, rospy.Time(second, 1))
         for i, (topic, message) in enumerate(messages):
             bag.write("/" + topic, message, rospy.Time(104, i))
-    return read(path)
+    return read_bag(path)
 
 
 def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):

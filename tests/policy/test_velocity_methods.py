@@ -53,7 +53,7 @@ class Bends(Steer):
 
 
 def test_contract():
-    own = methods.OwnMethod(Steer(), "Steer")
+    own = methods.UserMethod(Steer(), "Steer")
     assert own.commands
     assert not own.static
     assert own.period == methods.COMMAND_PERIOD == 0.05

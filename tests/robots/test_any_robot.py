@@ -191,7 +191,7 @@ def test_recorded_and_read_back(crate, tmp_path):
         outcome = episode.reset(worlds.scaled(worlds.load("generated:3"), robot.world_scale), 0)
         while not outcome.over:
             outcome = episode.decide(space.high)
-    read_back = bags.read(tmp_path / "a.bag", topics, robot).parameters
+    read_back = bags.read_bag(tmp_path / "a.bag", topics, robot).parameters
     assert set(read_back) == set(space.servers)
     assert read_back[""][-1][1]["planner_patience"] == 20.0
 

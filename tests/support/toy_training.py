@@ -4,7 +4,7 @@ import re
 
 from applr_ros1.common.tensors import unpack
 from training.learner.learner import Learner
-from training.replay.store import Store
+from training.replay.store import TrajectoryStore
 from training.train import main
 
 TOY = [
@@ -27,7 +27,7 @@ def state_of(folder):
     keys = ("transitions", "updates", "episodes", "rng", "pace")
     taken = [
         (number, t.info, t.terminated, *(array.tobytes() for array in (t.scan, t.rest, t.action, t.reward)))
-        for number, t in Store(folder).trajectories()
+        for number, t in TrajectoryStore(folder).trajectories()
     ]
     return data, header, {key: checkpoint[key] for key in keys}, taken
 

@@ -13,7 +13,7 @@ import numpy as np
 from training.actors.tasks import POLICY, Answer, Collect, Trial, TrialResult
 from training.actors.worker import PolicyWeights
 from training.env.rollout import make_environment, roll_out
-from training.replay.trajectory import Layout, Trajectory
+from training.replay.trajectory import Trajectory, TransitionLayout
 
 TRAINING = 0  # first number of the seeds of training episodes
 
@@ -89,11 +89,11 @@ class EnvironmentTrials:
         return Answer(task, result=result)
 
 
-def layout_of(env: gymnasium.Env) -> Layout:
+def layout_of(env: gymnasium.Env) -> TransitionLayout:
     """How an environment's observations are stored: its `scan_beams` first numbers as a scan, if it has that.
 
     `scans` and `odd` say what exchanging left and right does to them, `hidden` how many of the last ones are for the
-    critics alone, as Layout describes it.
+    critics alone, as TransitionLayout describes it.
 
     Raises:
         ValueError: for observations or actions that are no vectors.
@@ -104,7 +104,7 @@ def layout_of(env: gymnasium.Env) -> Layout:
         raise ValueError(f"observations and actions must be vectors, these have the shapes {shapes[0]} and {shapes[1]}")
     (observation,), (action,) = shapes  # type: ignore[misc]
     beams = getattr(env, "scan_beams", 0)
-    return Layout(
+    return TransitionLayout(
         beams,
         observation - beams,
         action,

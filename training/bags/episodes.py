@@ -23,7 +23,7 @@ from training.env.episode import TIME_LIMIT
 from training.env.episode import nearest as smallest
 from training.env.outcome import Outcome
 from training.env.reward import Reward, failed
-from training.replay.trajectory import Layout, Trajectory
+from training.replay.trajectory import Trajectory, TransitionLayout
 
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
@@ -51,7 +51,7 @@ class BagReport:
 
 
 @dataclass
-class Moment:
+class Sample:
     """An observation to be rebuilt from messages, and what came of it.
 
     Attributes:
@@ -76,7 +76,7 @@ class Moment:
 def trajectories(
     recording: Recording,
     reward: Reward = Reward(),
-    layout: Layout = Layout(),
+    layout: TransitionLayout = TransitionLayout(),
     report: Optional[BagReport] = None,
     finish: Optional[float] = None,
 ) -> Iterator[Trajectory]:
@@ -91,17 +91,17 @@ def trajectories(
         try:
             _check_motion(recording, goal)
             _finish(recording, goal, finish)
-            courses.append((goal, _moments(recording, goal)))
+            courses.append((goal, _samples(recording, goal)))
             report.periods.add(goal.period)
         except Skipped as reason:
             report.skip(str(reason))
-    usable = [m for _, moments in courses for m in moments if not m.trouble]
+    usable = [m for _, samples in courses for m in samples if not m.trouble]
     nearest, scans = recording.scans(m.scan for m in usable)
     plans = recording.plans(m.plan for m in usable)
-    for number, (goal, moments) in enumerate(courses):
-        for i in range(len(moments)):
-            _see(recording, goal, moments, i, scans, plans, nearest, report)
-        yield from _cut(recording, goal, number, moments, reward, layout, report)
+    for number, (goal, samples) in enumerate(courses):
+        for i in range(len(samples)):
+            _see(recording, goal, samples, i, scans, plans, nearest, report)
+        yield from _cut(recording, goal, number, samples, reward, layout, report)
 
 
 def _finish(recording, goal, finish: Optional[float]) -> None:
@@ -116,117 +116,117 @@ def _finish(recording, goal, finish: Optional[float]) -> None:
         goal.end, goal.status = int(recording.odometry.stamp[during[np.argmax(past)]]), SUCCEEDED
 
 
-def _moments(recording, goal) -> List[Moment]:
-    """The moments at which decisions were made, and the end of the course.
+def _samples(recording, goal) -> List[Sample]:
+    """The samples at which decisions were made, and the end of the course.
 
     The course ends where the goal was reached or given up, or, if it was cut off by a time limit, a whole period after
     the last decision.
     """
     made = [d for d in recording.decisions if d["goal"] == goal.id and d["stamp"] <= goal.end]
     if made:
-        moments = [_moment(recording, goal, d["stamp"], d) for d in made]
+        samples = [_sample(recording, goal, d["stamp"], d) for d in made]
     else:
         plans = recording.plan_at[(recording.plan_at >= goal.start) & (recording.plan_at <= goal.end)]
         if not len(plans):
             raise Skipped("no global plan was recorded for the goal")
-        moments = [
-            _moment(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, round(goal.period * SECOND))
+        samples = [
+            _sample(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, round(goal.period * SECOND))
         ]
-    if goal.end - moments[-1].at > (0 if goal.ended else 0.9 * goal.period * SECOND):
-        moments.append(_moment(recording, goal, goal.end))
-        moments[-1].end = True
-    if len(moments) < 2:
+    if goal.end - samples[-1].at > (0 if goal.ended else 0.9 * goal.period * SECOND):
+        samples.append(_sample(recording, goal, goal.end))
+        samples[-1].end = True
+    if len(samples) < 2:
         raise Skipped("shorter than one decision")
-    return moments
+    return samples
 
 
-def _moment(recording, goal, at, decision=None) -> Moment:
-    moment = Moment(at)
+def _sample(recording, goal, at, decision=None) -> Sample:
+    sample = Sample(at)
     if decision:
         published = recording.observations.get(decision["number"], ())  # numbers begin anew with each node
-        moment.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
-        moment.said = _vector(recording, decision["theta"] or decision["theta_prev"])
-        moment.scan = _exactly(recording.scan_stamp, decision["scan"])
-        moment.pose = _exactly(recording.odometry.stamp, decision["odometry"])
-        moment.plan = _exactly(recording.plan_stamp, decision["plan"])
+        sample.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
+        sample.said = _vector(recording, decision["theta"] or decision["theta_prev"])
+        sample.scan = _exactly(recording.scan_stamp, decision["scan"])
+        sample.pose = _exactly(recording.odometry.stamp, decision["odometry"])
+        sample.plan = _exactly(recording.plan_stamp, decision["plan"])
     else:
-        moment.scan = _before(recording.scan_stamp, at)
-        moment.pose = _nearest(recording.odometry.stamp, recording.scan_stamp[moment.scan])
-        moment.plan = _before(recording.plan_at, at)
+        sample.scan = _before(recording.scan_stamp, at)
+        sample.pose = _nearest(recording.odometry.stamp, recording.scan_stamp[sample.scan])
+        sample.plan = _before(recording.plan_at, at)
     for what, index, stamps in (
-        ("scan", moment.scan, recording.scan_stamp),
-        ("odometry", moment.pose, recording.odometry.stamp),
+        ("scan", sample.scan, recording.scan_stamp),
+        ("odometry", sample.pose, recording.odometry.stamp),
     ):
         if index < 0 or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
-            moment.trouble = f"no {what} for a decision"
-    if moment.plan < 0 or recording.plan_at[moment.plan] < goal.start - SECOND // 2:
-        moment.trouble = "no global plan for a decision"
-    return moment
+            sample.trouble = f"no {what} for a decision"
+    if sample.plan < 0 or recording.plan_at[sample.plan] < goal.start - SECOND // 2:
+        sample.trouble = "no global plan for a decision"
+    return sample
 
 
-def _see(recording, goal, moments, i, scans, plans, nearest, report) -> None:
-    """Fills moment i with what was seen at it and what happened since moment i - 1, or says what is wrong."""
-    moment = moments[i]
-    if moment.trouble:
+def _see(recording, goal, samples, i, scans, plans, nearest, report) -> None:
+    """Fills sample i with what was seen at it and what happened since sample i - 1, or says what is wrong."""
+    sample = samples[i]
+    if sample.trouble:
         return
     try:
-        scan, (frame, points) = scans[moment.scan], plans[moment.plan]
+        scan, (frame, points) = scans[sample.scan], plans[sample.plan]
         layout, turned = recording.layout, recording.robot.laser.pose[2]
         ranges = layout.resample(scan.ranges, scan.angle_min + turned, scan.angle_increment)
-        pose = _pose(recording, moment.pose, frame, moment.at)
+        pose = _pose(recording, sample.pose, frame, sample.at)
         phi = goal_angle(local_goal(points, pose, layout.lookahead))
-        theta = _chosen(recording, goal, moments[i - 1], moment) if moment.end and i else _had(recording, moment)
-        moment.observation = observe(ranges, phi, theta, recording.space, layout)
-        near = smallest(nearest[[moment.scan]], recording.robot.laser.range_min)
-        moment.outcome = Outcome(
+        theta = _chosen(recording, goal, samples[i - 1], sample) if sample.end and i else _had(recording, sample)
+        sample.observation = observe(ranges, phi, theta, recording.space, layout)
+        near = smallest(nearest[[sample.scan]], recording.robot.laser.range_min)
+        sample.outcome = Outcome(
             ranges,
             phi,
             theta,
             last_scan_min=near,
             decision_min=near,
             decisions=i,
-            time_s=(moment.at - moments[0].at) / SECOND,
+            time_s=(sample.at - samples[0].at) / SECOND,
         )
-        _compare(moment, report)
-        if i and moments[i - 1].outcome is not None:
-            _happened(recording, goal, moments[i - 1], moment, nearest)
-            moment.trouble = _unusable(recording, goal, moments, i)
+        _compare(sample, report)
+        if i and samples[i - 1].outcome is not None:
+            _happened(recording, goal, samples[i - 1], sample, nearest)
+            sample.trouble = _unusable(recording, goal, samples, i)
     except ObservationError as error:
-        moment.outcome, moment.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
+        sample.outcome, sample.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
     except Skipped as reason:
-        moment.outcome, moment.trouble = None, str(reason)
+        sample.outcome, sample.trouble = None, str(reason)
 
 
-def _happened(recording, goal, before, moment, nearest) -> None:
+def _happened(recording, goal, before, sample, nearest) -> None:
     """The parts of an Outcome that a transition has: progress, clearance, contact, jerk, the end."""
-    outcome = moment.outcome
-    here = _pose(recording, moment.pose, goal.frame, moment.at)
+    outcome = sample.outcome
+    here = _pose(recording, sample.pose, goal.frame, sample.at)
     there = _pose(recording, before.pose, goal.frame, before.at)
     gx, gy = goal.xy[0] - there[0], goal.xy[1] - there[1]
     moved, distance = (here[0] - there[0], here[1] - there[1]), math.hypot(gx, gy)
     outcome.progress = (moved[0] * gx + moved[1] * gy) / distance if distance else 0.0
     outcome.progress_y = moved[1]
-    outcome.seconds = (moment.at - before.at) / SECOND
-    during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= moment.at)
+    outcome.seconds = (sample.at - before.at) / SECOND
+    during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= sample.at)
     if during.any():
         outcome.decision_min = smallest(nearest[during], recording.robot.laser.range_min)
-    outcome.contact = any(before.at < at <= moment.at for at in recording.collisions)
-    if goal.ended and moment.at == goal.end:
+    outcome.contact = any(before.at < at <= sample.at for at in recording.collisions)
+    if goal.ended and sample.at == goal.end:
         outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
 
 
-def _cut(recording, goal, number, moments, reward, layout, report) -> Iterator[Trajectory]:
+def _cut(recording, goal, number, samples, reward, layout, report) -> Iterator[Trajectory]:
     """Trajectories of consecutive usable transitions."""
-    run: List[Moment] = []
-    for moment in moments + [None]:
-        if moment is not None and moment.trouble:
-            report.skip(moment.trouble)
-        if run and (moment is None or moment.trouble):
+    run: List[Sample] = []
+    for sample in samples + [None]:
+        if sample is not None and sample.trouble:
+            report.skip(sample.trouble)
+        if run and (sample is None or sample.trouble):
             if len(run) > 1:
                 yield _trajectory(recording, goal, number, run, reward, layout, report)
             run = []
-        if moment is not None and moment.outcome is not None:
-            run.append(moment)
+        if sample is not None and sample.outcome is not None:
+            run.append(sample)
 
 
 def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
@@ -257,10 +257,10 @@ def _trajectory(recording, goal, number, run, reward, layout, report) -> Traject
     )
 
 
-def _unusable(recording, goal, moments, i) -> str:
-    """Why the transition that ends at moment i cannot be used; "" when it can."""
-    before, after = moments[i - 1], moments[i]
-    seconds, last = (after.at - before.at) / SECOND, i == len(moments) - 1
+def _unusable(recording, goal, samples, i) -> str:
+    """Why the transition that ends at sample i cannot be used; "" when it can."""
+    before, after = samples[i - 1], samples[i]
+    seconds, last = (after.at - before.at) / SECOND, i == len(samples) - 1
     if seconds > 1.5 * goal.period or (seconds < 0.5 * goal.period and not last):
         return "a decision's period is not that of the others"
     stamps = recording.scan_stamp[
@@ -273,7 +273,7 @@ def _unusable(recording, goal, moments, i) -> str:
     return ""
 
 
-def _had(recording, moment) -> np.ndarray:
+def _had(recording, sample) -> np.ndarray:
     """The parameters theta_{t-1} (k,) that the planner had when a decision was made.
 
     An update that was recorded within EARLIER of the decision is its result rather than its input, unless the
@@ -282,20 +282,20 @@ def _had(recording, moment) -> np.ndarray:
     found = []
     for lag in (EARLIER, EARLIER // 5, 0):
         try:
-            found.append(_theta(recording, moment.at - lag))
+            found.append(_theta(recording, sample.at - lag))
         except Skipped:
             if not lag and not found:
                 raise
     space = recording.space.paper
-    if moment.seen is not None and moment.seen.shape == (recording.layout.beams + 1 + len(space),):
+    if sample.seen is not None and sample.seen.shape == (recording.layout.beams + 1 + len(space),):
         for theta in found:
-            if np.allclose(space.to_action(theta), moment.seen[-len(space) :], rtol=0.0, atol=CLOSE):
+            if np.allclose(space.to_action(theta), sample.seen[-len(space) :], rtol=0.0, atol=CLOSE):
                 return theta
     return found[0]
 
 
 def _chosen(recording, goal, before, after) -> np.ndarray:
-    """theta_t (k,): what the planner had between two moments. It arrives within half a period or not at all."""
+    """theta_t (k,): what the planner had between two samples. It arrives within half a period or not at all."""
     half = round(0.5 * goal.period * SECOND)
     if before.said is not None and after.at - before.at < half:
         return before.said
@@ -309,13 +309,15 @@ def _theta(recording, at) -> np.ndarray:
         target = recording.space.targets[name][0]
         updates = recording.parameters.get(target.server, ())
         known = [values for time, values in updates if time <= at]
-        theta[i] = next(known[-1][n] for n in target.names if n in known[-1]) if known else _said(recording, name, at)
+        theta[i] = (
+            next(known[-1][n] for n in target.names if n in known[-1]) if known else _published(recording, name, at)
+        )
     if not np.isfinite(theta).all():
         raise Skipped("parameters are not finite")
     return theta
 
 
-def _said(recording, name, at) -> float:
+def _published(recording, name, at) -> float:
     """A parameter that no server announced before `at` (a split bag lacks the latched messages): the node's word."""
     said = next((d["theta_prev"] for d in recording.decisions if d["stamp"] >= at), None)
     if isinstance(said, dict) and isinstance(said.get(name), (int, float)):
@@ -331,11 +333,11 @@ def _vector(recording, values) -> Optional[np.ndarray]:
         return None
 
 
-def _compare(moment, report) -> None:
-    seen = moment.seen
+def _compare(sample, report) -> None:
+    seen = sample.seen
     if seen is None:
         return
-    if seen.shape != moment.observation.shape or not np.allclose(seen, moment.observation, rtol=0.0, atol=CLOSE):
+    if seen.shape != sample.observation.shape or not np.allclose(seen, sample.observation, rtol=0.0, atol=CLOSE):
         raise Skipped("a rebuilt observation differs from the node's")
     report.verified += 1
 

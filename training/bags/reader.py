@@ -147,9 +147,9 @@ class Poses:
     frame: str
 
 
-def read(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.JACKAL) -> Recording:
-    """Read a bag of a robot that move_base drove, as hear does; BagError also where messages that are needed lack."""
-    recording = hear(path, topics, robot)
+def read_bag(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.JACKAL) -> Recording:
+    """Read a bag of a robot that move_base drove. BagError also where messages that are needed are not in it."""
+    recording = read_messages(path, topics, robot)
     if not len(recording.scan_at):
         raise BagError(f"{path}: no scans on {topics.scan}")
     if not len(recording.odometry.stamp):
@@ -162,7 +162,7 @@ def read(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.J
     return recording
 
 
-def hear(path, topics: TopicNames, robot: robots.Robot) -> Recording:
+def read_messages(path, topics: TopicNames, robot: robots.Robot) -> Recording:
     """Read a bag: everything but scans and plans, of which only the times are read; BagError where it is damaged."""
     recording = Recording(Path(path), topics, robot)
     with refused(path), _open(recording.path) as reader:
@@ -206,7 +206,7 @@ def _fill(recording: Recording, reader: AnyReader) -> None:
         base + "/current_goal": _goal,
         base + "/goal": _sent,
         topics.command: _command,
-        topics.demonstration: _told,
+        topics.demonstration: _demonstrator,
         topics.collision: _collision,
         "/tf": _tf,
         "/tf_static": _tf,
@@ -273,7 +273,7 @@ def _command(recording, at, message, rows):
     recording.commands.append((at, message.linear.x, message.angular.z))
 
 
-def _told(recording, at, message, rows):
+def _demonstrator(recording, at, message, rows):
     try:
         said = json.loads(message.data)
     except (ValueError, RecursionError):

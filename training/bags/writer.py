@@ -95,7 +95,7 @@ class BagWriter:
         """What the base is told to drive [m/s, rad/s]."""
         self._put(self.topics.command, "geometry_msgs/msg/Twist", time, self._vector(v), self._vector(0.0, 0.0, w))
 
-    def told(self, time: float, **what) -> None:
+    def demonstrator(self, time: float, **what) -> None:
         """Who demonstrates and where, as JSON; the teleoperation node says the same."""
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 

@@ -143,7 +143,7 @@ def explore(
             }
         )
         tell(
-            f"generation {generation + 1} of {options.generations}: winner {_told(winner)}, sigma "
+            f"generation {generation + 1} of {options.generations}: winner {_summary(winner)}, sigma "
             f"{strategy.sigma:.3f}, {trials.driven} trials in all, {seconds:.0f} s"
         )
     return log
@@ -176,7 +176,7 @@ def choose(
     results, raced = drive_race(trials, np.array(sets), blocks, options.seed, options.price)
     table = [_line(trials.space, np.array(sets[i]), results[i], options.contact_seconds) for i in raced.ranking]
     for line in table:
-        tell(f"{_told(line)}: {line['parameters']}")
+        tell(f"{_summary(line)}: {line['parameters']}")
     return table
 
 
@@ -212,7 +212,7 @@ def _line(space: Space, theta: np.ndarray, results: List[TrialResult], contact_s
     return {**{name: found[name] for name in names}, "theta": theta.tolist(), "parameters": space.as_dict(theta)}
 
 
-def _told(line: Dict[str, Any]) -> str:
+def _summary(line: Dict[str, Any]) -> str:
     return (
         f"{line['score']:.2f} s in {line['trials']} trials (success {line['success']:.3f}, contact "
         f"{line['collided']:.3f}, metric {line['metric']:.3f})"

@@ -12,7 +12,7 @@ from typing import Callable, Deque, Dict, Optional, Sequence, Union
 from applr_ros1.common.errors import ApplrError
 from training.actors.pool import make_pool
 from training.actors.tasks import RunnerSpec, Trial, TrialResult, WorkerSettings
-from training.evaluation.store import Store, TrialTable
+from training.evaluation.store import TrialStore, TrialTable
 
 
 class RememberedTrials:
@@ -30,7 +30,7 @@ class RememberedTrials:
         runner: RunnerSpec,
         workers: int = 0,
         ray_address: str = "",
-        table: Optional[Union[Store, TrialTable]] = None,
+        table: Optional[Union[TrialStore, TrialTable]] = None,
     ):
         self._table = table
         self._queue: Deque[Trial] = deque()

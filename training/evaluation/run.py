@@ -27,7 +27,7 @@ from training.common.command_line import (
 from training.common.options import Options, option
 from training.common.provenance import provenance
 from training.evaluation.remembered import RememberedTrials
-from training.evaluation.store import TRIALS, Store
+from training.evaluation.store import TRIALS, TrialStore
 from training.evaluation.trials import TRIAL_RUNNER, described, plan, world_list
 from worlds import World
 
@@ -76,7 +76,7 @@ def evaluate(options: EvaluationOptions) -> None:
         options.traces,
         options.planner,
     )
-    store = Store(options.out, settings(options, worlds, chosen), trials)
+    store = TrialStore(options.out, settings(options, worlds, chosen), trials)
     try:
         if len(store.results) < len(trials):
             drive(store, options)
@@ -115,7 +115,7 @@ def _description(spec: str, options: EvaluationOptions) -> Dict[str, Any]:
     return {**method.describe(), "period_s": method.period}
 
 
-def drive(store: Store, options: EvaluationOptions, blocks: Optional[Iterable[Sequence[Trial]]] = None) -> None:
+def drive(store: TrialStore, options: EvaluationOptions, blocks: Optional[Iterable[Sequence[Trial]]] = None) -> None:
     """Drives trials that the store does not hold: block after block, each asked for when the last one is done.
 
     Args:

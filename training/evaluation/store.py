@@ -81,7 +81,7 @@ class TrialTable:
             ) from None
 
 
-class Store:
+class TrialStore:
     """The folder, locked for this process. `settings`: what must be the same when an evaluation is continued."""
 
     def __init__(self, out, settings: Dict[str, Any], plan: Sequence[Trial]):

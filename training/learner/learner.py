@@ -24,8 +24,8 @@ from training.common.options import option
 from training.learner.batch import draw_batch
 from training.policy_file import POLICY_FILE, begun_policy
 from training.replay.buffer import Replay
-from training.replay.store import Store
-from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+from training.replay.store import TrajectoryStore
+from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 from training.td3.td3 import TD3, TD3Options
 
 MOST_ROWS = 10**8
@@ -70,7 +70,7 @@ class Learner:
 
     def __init__(
         self,
-        layout: Layout,
+        layout: TransitionLayout,
         options: LearnerOptions,
         folder: os.PathLike | str,
         begin_at: Sequence[float] = (),
@@ -95,7 +95,7 @@ class Learner:
                 self.td3.begin_with(begun_policy(begin_with), begin_with)
             elif begin_with:
                 self._begin_with(Path(begin_with))
-        self.store = Store(self.folder / "replay.sqlite", layout)
+        self.store = TrajectoryStore(self.folder / "replay.sqlite", layout)
         self.refused: Counter[str] = Counter()  # trajectories, by reason
         self.lag = PolicyLag()
         self.checkpoints = 0
@@ -194,7 +194,7 @@ class Learner:
             raise StorageError(f"{path}: not a checkpoint of a training run")
         return checkpoint
 
-    def resume(self, dataset: Optional[Store] = None) -> Dict[str, Any]:
+    def resume(self, dataset: Optional[TrajectoryStore] = None) -> Dict[str, Any]:
         """Back to the last checkpoint, and on through what the store holds behind it. Returns the checkpoint's extra.
 
         Gradient steps that are due for the last episode are left to train().
@@ -211,7 +211,7 @@ class Learner:
             self._add(trajectory)
         return checkpoint["extra"] if checkpoint is not None else {}
 
-    def fill(self, dataset: Store) -> None:
+    def fill(self, dataset: TrajectoryStore) -> None:
         """Takes the trajectories of a dataset into the replay; they are not copied to the run's own store."""
         for _, trajectory in dataset.trajectories():
             self.replay.add(trajectory)
@@ -231,7 +231,7 @@ class Learner:
 
         Raises ApplrError where it is of other networks, StorageError where it is damaged.
         """
-        if Layout.from_dict(checkpoint["layout"]) != self.layout:
+        if TransitionLayout.from_dict(checkpoint["layout"]) != self.layout:
             raise ApplrError(f"{folder} was made with the layout {checkpoint['layout']}, this run has {self.layout}")
         path = folder / checkpoint["learner"]["file"]
         data = read_bytes(path)

@@ -15,7 +15,7 @@ from torch.utils.tensorboard.summary import hparams
 
 from applr_ros1.common.files import write_bytes
 from training.evaluation.periodic import THETA0, PeriodicEvaluation
-from training.replay.store import Store
+from training.replay.store import TrajectoryStore
 
 NOT_HYPER = ("out", "resume", "ray_address")  # options that say where a run is, not how it learns
 JUDGED_BY = ("held_out/score", "held_out/success")  # what TensorBoard's table of hyper-parameters shows of each run
@@ -76,7 +76,9 @@ def describe(summary: Dict[str, Any]) -> str:
     return text + f" ({summary['trials']} trials){', the best so far' if summary['best'] else ''}"
 
 
-def draw_curves(path: Path, store: Store, evaluation: PeriodicEvaluation, period: float, window: int = 100) -> None:
+def draw_curves(
+    path: Path, store: TrajectoryStore, evaluation: PeriodicEvaluation, period: float, window: int = 100
+) -> None:
     """The paper's figure: episode length and return averaged over `window` episodes, or a hundredth of them if more.
 
     The evaluations are dots, that of default DWA is a dashed red line.

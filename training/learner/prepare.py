@@ -19,8 +19,8 @@ from training.env.env import ApplrEnv, load_worlds
 from training.env.rollout import NAVIGATION, make_environment
 from training.evaluation.trials import ROBOTS_TRIALS, TRIAL_RUNNER, world_list
 from training.learner.config import TrainConfig
-from training.replay.store import Store, dataset
-from training.replay.trajectory import Layout
+from training.replay.store import TrajectoryStore, dataset
+from training.replay.trajectory import TransitionLayout
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Preparation:
     settings: WorkerSettings
     worlds: Optional[int]  # how many there are to train in; None where the environment has none of ours
     held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
-    layout: Layout
+    layout: TransitionLayout
 
 
 def prepare(config: TrainConfig) -> Preparation:
@@ -105,7 +105,7 @@ def driven_with(config: TrainConfig) -> Dict[str, Any]:
     return {"decision_period": config.decision_period, "robot": config.robot_name, **config.reward()}
 
 
-def dataset_of(config: TrainConfig, layout: Layout) -> Optional[Store]:
+def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[TrajectoryStore]:
     """The dataset --dataset, read and checked; None without one.
 
     Raises:

@@ -1,8 +1,8 @@
 """The global replay: a ring of observations from which n-step transitions are drawn. learner.py fills and samples it.
 
 One row holds s_t, a_t and r_t; s_{t+1} is the next row, so that no observation is stored twice. An episode of T
-transitions takes T + 1 rows, the last of which has no action. Scans lie as uint8 (Layout). The paper's five million
-transitions, 13 to an episode, take 4.3 GB.
+transitions takes T + 1 rows, the last of which has no action. Scans lie as uint8 (TransitionLayout). The paper's five
+million transitions, 13 to an episode, take 4.3 GB.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import NamedTuple, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
-from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
 GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # what a row's transition leads to
 
 
 class Sample(NamedTuple):
-    """B n-step transitions as the replay stores them: scans in whole steps of the layout (Layout.step).
+    """B n-step transitions as the replay stores them: scans in whole steps of the layout (TransitionLayout.step).
 
     discount is gamma^k after k steps, and 0 past a terminal state.
     """
@@ -36,7 +36,7 @@ class Sample(NamedTuple):
 class Replay:
     """capacity: rows. add() writes whole episodes, so the ring never cuts the newest one."""
 
-    def __init__(self, layout: Layout, capacity: int):
+    def __init__(self, layout: TransitionLayout, capacity: int):
         if capacity < 2:
             raise ApplrError(f"a replay of {capacity} rows holds no transition; give a --buffer-size of at least 2")
         self.layout, self.capacity, self.mirror = layout, int(capacity), layout.mirror

@@ -24,7 +24,7 @@ from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, sha256
-from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
 NAME = "replay.sqlite"  # in the folder of a run or of a dataset
 VERSION = 2  # of the tables; 1 had no checksums
@@ -52,7 +52,7 @@ CREATE TEMP VIEW whole AS SELECT * FROM episodes WHERE sum = sha256(id, actor, e
 """
 
 
-class Store:
+class TrajectoryStore:
     """The trajectories of a run or dataset, in the order in which they were taken.
 
     Args:
@@ -64,7 +64,7 @@ class Store:
             damaged, which a reader is told on stderr as long as it can go on.
     """
 
-    def __init__(self, path: os.PathLike | str, layout: Optional[Layout] = None):
+    def __init__(self, path: os.PathLike | str, layout: Optional[TransitionLayout] = None):
         self.path = Path(path) / NAME if Path(path).is_dir() else Path(path)
         if not self.path.is_file() and (layout is None or os.path.lexists(self.path)):
             raise StorageError(f"{path}: holds no trajectories (no {NAME}); train, or make a dataset of bags, first")
@@ -90,7 +90,7 @@ class Store:
                 raise sqlite3.DatabaseError("an earlier version wrote it, without checksums: use that, or make it anew")
             self._db.execute(WHOLE)
         try:
-            self.layout = Layout.from_dict(self.about("layout"))
+            self.layout = TransitionLayout.from_dict(self.about("layout"))
         except (TypeError, KeyError):
             version = 0
         if version != VERSION:
@@ -254,13 +254,13 @@ class Store:
             raise StorageError(f"{self.path}: cannot be used ({error}); the last checkpoint is intact") from None
 
 
-def dataset(path: os.PathLike | str, layout: Optional[Layout] = None) -> Store:
+def dataset(path: os.PathLike | str, layout: Optional[TransitionLayout] = None) -> TrajectoryStore:
     """A store to learn from offline, read whole and checked.
 
     Raises:
         ApplrError: with one line, where it is none, damaged, empty, or of another layout than the one given.
     """
-    store = Store(path)
+    store = TrajectoryStore(path)
     if layout is not None and store.layout != layout:
         raise ApplrError(f"{path}: its layout is {store.layout}, this training has {layout}")
     if not sum(len(trajectory) for _, trajectory in store.trajectories()):

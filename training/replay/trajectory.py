@@ -27,7 +27,7 @@ class TrajectoryError(ApplrError):
 
 
 @dataclass(frozen=True)
-class Layout:
+class TransitionLayout:
     """What one observation and one action consist of.
 
     scan    beams, each in [-1, 1], stored as whole numbers of 2/levels (uint8: 255 steps. With the paper's cap of
@@ -80,7 +80,7 @@ class Layout:
         return dict(vars(self), odd=list(self.odd))
 
     @classmethod
-    def from_dict(cls, values: Dict[str, Any]) -> Layout:
+    def from_dict(cls, values: Dict[str, Any]) -> TransitionLayout:
         """Raises KeyError or TypeError for values that describe none."""
         return cls(**dict(values, odd=tuple(values["odd"])))
 
@@ -113,7 +113,7 @@ class Trajectory:
         return len(self.reward)
 
     @classmethod
-    def of(cls, layout: Layout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
+    def of(cls, layout: TransitionLayout, observations, actions, rewards, terminated: bool, info=None) -> "Trajectory":
         """From float observations (T+1, size), actions (T, m), rewards (T,)."""
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
         if not np.isfinite(observations).all():
@@ -128,17 +128,17 @@ class Trajectory:
         )
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> TransitionLayout:
         """The layout that its arrays have by their last dimensions; check() says whether the rest fits it."""
         scan, rest, action = (array.shape[-1] if array.ndim else 0 for array in (self.scan, self.rest, self.action))
-        return Layout(scan, rest, action)
+        return TransitionLayout(scan, rest, action)
 
-    def check(self, layout: Layout) -> None:
+    def check(self, layout: TransitionLayout) -> None:
         """Raises TrajectoryError unless shapes, types and values are what the replay stores."""
         self.check_arrays(layout)
         self.check_info()
 
-    def check_arrays(self, layout: Layout) -> None:
+    def check_arrays(self, layout: TransitionLayout) -> None:
         """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
         t = len(self.reward) if getattr(self.reward, "ndim", 0) == 1 else -1
         if not 1 <= t <= MAX_TRANSITIONS:

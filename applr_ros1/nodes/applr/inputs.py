@@ -48,7 +48,7 @@ class Snapshot:
     goal: tuple = (0.0, 0.0, 0.0)
 
     @property
-    def place(self):
+    def motion(self):
         """(pose, twist, goal, plan), as a Context has them."""
         return self.pose, self.twist, self.goal, self.plan
 

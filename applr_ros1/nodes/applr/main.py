@@ -48,7 +48,7 @@ def set_method(node, first, request):
     """
     spec = request.method or node.method.name
     try:
-        method = methods.make(spec, node.robot, own=spec == first, commands=False)
+        method = methods.make(spec, node.robot, user_code=spec == first, commands=False)
     except (ValueError, OSError) as problem:
         rospy.logerr("applr: method stays %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))

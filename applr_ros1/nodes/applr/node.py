@@ -216,7 +216,7 @@ class ApplrNode:
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
-        asked = obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec(), *seen.place, self.space
+        asked = obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec(), *seen.motion, self.space
         theta, refused = self._ask(Context(*asked))
         self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
         if refused:

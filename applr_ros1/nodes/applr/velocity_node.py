@@ -96,7 +96,7 @@ class VelocityNode:
         space = self.method.space
         observation = observe(seen.ranges, phi, space.theta0, space, layout)
         time = (now - self._began).to_sec()
-        return methods.Context(observation, seen.ranges, phi, space.theta0, time, *seen.place, space)
+        return methods.Context(observation, seen.ranges, phi, space.theta0, time, *seen.motion, space)
 
     def _stop(self):
         self._publish(0.0, 0.0)

@@ -80,14 +80,14 @@ class Listener:
     def placed(self, topic: str, kind: Any) -> Tuple[Any, Optional[Pose]]:
         """As `news`, and the place of its frame; (None, None) where there is no message or no place."""
         message = self.news(topic, kind)
-        place = self.place(message.header.frame_id) if message is not None else None
+        place = self.frame_pose(message.header.frame_id) if message is not None else None
         return (message, place) if place is not None else (None, None)
 
     def age(self, topic: str) -> float:
         """Wall time [s] since the newest message came; inf before the first."""
         return time.monotonic() - self._heard.get(topic, -math.inf)
 
-    def place(self, frame: str) -> Optional[Pose]:
+    def frame_pose(self, frame: str) -> Optional[Pose]:
         """The newest pose (x, y, yaw) of a frame in the fixed one; None where tf has none."""
         if frame.lstrip("/") == self.fixed.lstrip("/"):
             return 0.0, 0.0, 0.0

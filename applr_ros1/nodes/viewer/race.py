@@ -166,7 +166,7 @@ class RaceTab:
 
     def _is_done(self, pose: Optional[Pose]) -> bool:
         """Whether the robot is at the end of the course."""
-        place, course = self._world.listener.place("world"), self._world.course
+        place, course = self._world.listener.frame_pose("world"), self._world.course
         at = transform_point(inverse(place), *pose[:2]) if place and pose else None
         return at is not None and course is not None and course.done(*at)
 

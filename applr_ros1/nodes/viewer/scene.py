@@ -81,7 +81,7 @@ class Scene:
 
     def draw(self, speed: float, driving: bool) -> None:
         """Bring everything up to date; speed [m/s] colours the trail. driving: whether goal and plans hold."""
-        self.pose = self._listener.place(self._base)
+        self.pose = self._listener.frame_pose(self._base)
         self._model.put(self.pose)
         for draw in (self._draw_world, self._draw_scan, self._draw_plans, self._draw_samples, self._draw_costmaps):
             draw()
@@ -102,7 +102,7 @@ class Scene:
             shown.visible = False
 
     def _draw_world(self) -> None:
-        place = self._listener.place("world")
+        place = self._listener.frame_pose("world")
         if place is None:
             return
         put(self._world, place)  # it changes where the robot begins once more

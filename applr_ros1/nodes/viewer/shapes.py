@@ -113,7 +113,7 @@ class Costmap:
     def draw(self, listener: Listener) -> None:
         """Draw what is new, at most once in PERIOD."""
         due = self._changed and time.monotonic() - self._drawn >= PERIOD
-        place = listener.place(self._frame) if due else None
+        place = listener.frame_pose(self._frame) if due else None
         if place is None:
             return
         self._drawn, self._changed = time.monotonic(), False

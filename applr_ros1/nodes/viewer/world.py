@@ -131,7 +131,7 @@ class WorldTab:
             self._change_obstacle(x, y)
 
     def _change_obstacle(self, x: float, y: float) -> None:
-        place = self.listener.place("world")
+        place = self.listener.frame_pose("world")
         if place is None:
             self.say("no simulated world: obstacles stay as they are")
             return

@@ -23,7 +23,6 @@ from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
 from applr_ros1.policy.methods.check import check_method
 from applr_ros1.policy.methods.foreign import ForeignActor
 from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
-from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.methods.registry import (
     FORMS,
@@ -34,6 +33,7 @@ from applr_ros1.policy.methods.registry import (
     parse,
     shipped,
 )
+from applr_ros1.policy.methods.user_method import UserMethod
 
 __all__ = [
     "COMMAND_PERIOD",
@@ -46,7 +46,7 @@ __all__ = [
     "FrozenParameter",
     "Method",
     "ObservationPolicy",
-    "OwnMethod",
+    "UserMethod",
     "RandomParameters",
     "absolute",
     "check_method",

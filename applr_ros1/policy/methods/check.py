@@ -13,8 +13,8 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError, one_line, reason
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.methods.own import OwnMethod
 from applr_ros1.policy.methods.protocol import Method
+from applr_ros1.policy.methods.user_method import UserMethod
 from applr_ros1.policy.observation import LAYOUT, Layout, observe
 from applr_ros1.policy.parameter_space import SPACE, Space
 
@@ -31,7 +31,7 @@ def check_method(method: Any) -> None:
         ApplrError: One line with the promise that is broken.
     """
     name = type(method).__name__
-    used = method if isinstance(method, Method) else OwnMethod(method, name)
+    used = method if isinstance(method, Method) else UserMethod(method, name)
     _need(np.isfinite(used.period) and 0.05 <= used.period <= 60.0, name, "period is %r s, not .05 to 60" % used.period)
     contexts = scenes(DECISIONS, used.space, used.layout)
     first = _course(used, contexts, 7, name)

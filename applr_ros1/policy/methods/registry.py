@@ -16,15 +16,15 @@ from applr_ros1.policy.methods.included import (
     RandomParameters,
     at_period,
 )
-from applr_ros1.policy.methods.own import make_own
 from applr_ros1.policy.methods.protocol import Method
+from applr_ros1.policy.methods.user_method import make_user_method
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import counts_cells, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # of a method in trials.csv
 POLICY = "applr.safetensors"  # of a robot alone, or of every robot
-OWN = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text, module:Class:text
+USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)(?::(.*))?$")  # my_file.py:Class:text
 
 
 def shipped(name: str = POLICY, robot: Optional[Robot] = None) -> str:
@@ -85,19 +85,19 @@ FORMS = (
 )
 
 
-def make(spec: str, robot: Robot = JACKAL, own: bool = True, commands: Optional[bool] = None) -> Method:
+def make(spec: str, robot: Robot = JACKAL, user_code: bool = True, commands: Optional[bool] = None) -> Method:
     """A method by its specification (FORMS) for a robot.
 
     Args:
         spec: The specification.
         robot: Whose parameters the method sets.
-        own: Whether a person's own module or file may be imported for it.
+        user_code: Whether a person's own module or file may be imported for it.
         commands: True refuses a method that chooses parameters, False one that commands velocities.
 
     Raises:
         ApplrError: Of one line.
     """
-    method = _made(spec, robot, own)
+    method = _made(spec, robot, user_code)
     if method.space.robot != robot.name:
         raise ApplrError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
     if commands is not None and commands != method.commands:
@@ -115,21 +115,21 @@ def for_robot(method: Method, robot: Robot) -> Method:
     return method
 
 
-class _Parts(NamedTuple):
+class _Specification(NamedTuple):
     """A specification, taken apart.
 
     wrappers: (kind, word) of each "frozen:PARAMETER:" and "period:SECONDS:" before the rest, the first one first.
     kind: a name of METHODS or FILES; "" for a person's own class. file: of a policy or of a set.
-    own: (module or .py file, class, text for its constructor or None), else None.
+    user: (module or .py file, class, text for its constructor or None), else None.
     """
 
     wrappers: Tuple[Tuple[str, str], ...]
     kind: str
     file: str = ""
-    own: Optional[Tuple[str, str, Optional[str]]] = None
+    user: Optional[Tuple[str, str, Optional[str]]] = None
 
 
-def _taken_apart(spec: str) -> _Parts:
+def _parsed(spec: str) -> _Specification:
     """The parts of a specification of any form but ablation. Raises ApplrError where there is no such form."""
     rest, wrappers = spec, []
     while rest.startswith(("frozen:", "period:")):
@@ -137,25 +137,25 @@ def _taken_apart(spec: str) -> _Parts:
         rest = rest[:-1]
         wrappers.append((wrapper, word))
     kind, colon, file = rest.partition(":")
-    match = OWN.match(rest)
+    match = USER_METHOD.match(rest)
     if rest in METHODS:
-        return _Parts(tuple(wrappers), rest)
+        return _Specification(tuple(wrappers), rest)
     if kind in FILES and (colon or kind == "fixed"):
-        return _Parts(tuple(wrappers), kind, file)
+        return _Specification(tuple(wrappers), kind, file)
     if match:
-        return _Parts(tuple(wrappers), "", "", (match.group(1), match.group(2), match.group(3)))
+        return _Specification(tuple(wrappers), "", "", (match.group(1), match.group(2), match.group(3)))
     for ending, kind in ((".safetensors", "applr"), (".json", "fixed")):
         if rest.endswith(ending):
-            return _Parts(tuple(wrappers), kind, rest)
+            return _Specification(tuple(wrappers), kind, rest)
     raise ApplrError("method %r is not known: give %s" % (rest, FORMS))
 
 
-def _made(spec: str, robot: Robot, own: bool) -> Method:
-    parts = _taken_apart(spec)
-    if parts.own and not own:
+def _made(spec: str, robot: Robot, user_code: bool) -> Method:
+    parts = _parsed(spec)
+    if parts.user and not user_code:
         raise ApplrError("method %s is code of one's own: start the node with it, as its parameter ~method" % spec)
-    if parts.own:
-        method = make_own(":".join(filter(None, parts.own)), *parts.own)
+    if parts.user:
+        method = make_user_method(":".join(filter(None, parts.user)), *parts.user)
     elif parts.file or parts.kind not in METHODS:
         method = FILES[parts.kind](parts.file, robot)
     else:
@@ -171,10 +171,10 @@ def absolute(spec: str) -> str:
 
     The text for the constructor of a person's own class becomes a path where it is that of a file here.
     """
-    parts = _taken_apart(spec)
+    parts = _parsed(spec)
     words = [word for pair in parts.wrappers for word in pair]
-    if parts.own:
-        module, name, text = parts.own
+    if parts.user:
+        module, name, text = parts.user
         file = module if module.endswith(".py") else module + ".py"
         words += [os.path.abspath(file) if module.endswith(".py") or os.path.isfile(file) else module, name]
         words += [] if text is None else [os.path.abspath(text) if os.path.isfile(text) else text]
@@ -204,8 +204,8 @@ def parse(text: str, robot: Robot = JACKAL) -> List[Tuple[str, str]]:
 
 def _name(spec: str) -> str:
     """What a method is called where the person gave no name."""
-    parts = _taken_apart(spec)
-    name = parts.own[1] if parts.own else os.path.splitext(os.path.basename(parts.file))[0] or parts.kind
+    parts = _parsed(spec)
+    name = parts.user[1] if parts.user else os.path.splitext(os.path.basename(parts.file))[0] or parts.kind
     for kind, word in reversed(parts.wrappers):
         name += "-without-%s" % word if kind == "frozen" else "-%ss" % word
     return name

@@ -20,11 +20,11 @@ from training.actors.ray import start_ray
 from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import POLICY, Answer, Collect, RunnerSpec, Trial, TrialResult, WorkerSettings
 from training.learner.learner import Learner, LearnerOptions
-from training.replay.trajectory import Layout, Trajectory
+from training.replay.trajectory import Trajectory, TransitionLayout
 from training.td3.td3 import TD3, TD3Options
 from training.train import main
 
-LAYOUT = Layout(0, 1, 1)
+LAYOUT = TransitionLayout(0, 1, 1)
 SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2", "--device=cpu"]
 
 

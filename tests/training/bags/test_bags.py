@@ -18,11 +18,11 @@ from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpis
 from training import bags_to_dataset
 from training.bags.episodes import BagReport, trajectories
 from training.bags.goals import goals
-from training.bags.reader import BagError, find, read
+from training.bags.reader import BagError, find, read_bag
 from training.bags.writer import nanoseconds
 from training.env.reward import Reward
-from training.replay.store import Store
-from training.replay.trajectory import Layout
+from training.replay.store import TrajectoryStore
+from training.replay.trajectory import TransitionLayout
 
 
 class Drive:
@@ -91,14 +91,14 @@ def record(path, **options):
 
 def rebuild(path, **options):
     report = BagReport()
-    return list(trajectories(read(path), report=report, **options)), report
+    return list(trajectories(read_bag(path), report=report, **options)), report
 
 
 def assert_equal(trajectory, drive, count=None):
     """The trajectory is what the node saw and did."""
     count = len(drive.thetas) if count is None else count
     assert len(trajectory) == count
-    layout = Layout()
+    layout = TransitionLayout()
     expected = np.array(drive.observations[: count + 1])
     np.testing.assert_array_equal(trajectory.scan, layout.quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
@@ -116,7 +116,7 @@ def test_transitions_are_what_the_node_saw(tmp_path, node):
     assert report.skipped == {}
     assert report.verified == (5 if node else 0)
     # R_f = -1 until the goal; R_p the metres towards it; R_c = -.05 / nearest range
-    nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * Layout().step - 1.0)
+    nearest = 1.0 + (trajectory.scan[1:].min(axis=1) * TransitionLayout().step - 1.0)
     expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / nearest
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
 
@@ -162,7 +162,7 @@ def test_a_goal_without_a_result_ends_where_the_next_is_sent(tmp_path):
     with StackWriter(tmp_path / "a.bag") as writer:
         Drive(writer, begin=10.0, seconds=9.0, goal="g0", without=("status", "result"))
         Drive(writer, begin=20.0, seconds=9.0, goal="g1", seed=1)
-    recording = read(tmp_path / "a.bag")
+    recording = read_bag(tmp_path / "a.bag")
     recording.status = []
     recording.sent = [(nanoseconds(10.0), "g0"), (nanoseconds(20.0), "g1")]
     found = goals(recording, lambda reason: None)
@@ -189,7 +189,7 @@ def test_rosbags_convert_round_trip(tmp_path):
     for name in ("a.bag", "ros2"):
         folders.append(tmp_path / ("from_" + name))
         assert bags_to_dataset.main([str(tmp_path / name), "--out", str(folders[-1])]) == 0
-    first, second = ([t for _, t in Store(folder).trajectories()] for folder in folders)
+    first, second = ([t for _, t in TrajectoryStore(folder).trajectories()] for folder in folders)
     np.testing.assert_array_equal(first[0].scan, second[0].scan)
     np.testing.assert_array_equal(first[0].reward, second[0].reward)
 
@@ -235,7 +235,7 @@ def damaged(tmp_path):
 def test_fault_18_damaged_bags_are_skipped_and_counted(tmp_path, capsys):
     reasons = damaged(tmp_path)
     assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
-    store = Store(tmp_path / "out")
+    store = TrajectoryStore(tmp_path / "out")
     source = store.about("source")
     said = {bag["name"]: bag for bag in source["bags"]}
     assert (source["robot"], source["decision_period"]) == ("jackal", 2.0)
@@ -366,7 +366,7 @@ def test_the_smallest_range_is_that_of_the_recordings_robot(tmp_path):
     with StackWriter(tmp_path / "a.bag") as writer:
         Near(writer, node=False)
     robot = replace(robots.JACKAL, laser=robots.JACKAL.laser.model_copy(update={"range_min": 0.4}))
-    recording = read(tmp_path / "a.bag", robot=robot)
+    recording = read_bag(tmp_path / "a.bag", robot=robot)
     (trajectory,) = trajectories(recording, Reward(c_f=0.0, c_p=0.0), report=BagReport())
     np.testing.assert_allclose(trajectory.reward, -0.05 / 0.4, rtol=1e-5)
 
@@ -421,7 +421,9 @@ def test_recorded_simulation_equals_the_environment(tmp_path):
     found, report = rebuild(tmp_path / "a.bag")
     assert report.verified == len(actions) == report.transitions
     assert not report.skipped
-    np.testing.assert_array_equal(np.concatenate([t.scan for t in found]), Layout().quantise(np.array(observations)))
+    np.testing.assert_array_equal(
+        np.concatenate([t.scan for t in found]), TransitionLayout().quantise(np.array(observations))
+    )
     np.testing.assert_allclose(np.concatenate([t.rest for t in found]), np.array(observations)[:, 720:], atol=1e-6)
     np.testing.assert_allclose(np.concatenate([t.action for t in found]), actions, atol=1e-6)
 
@@ -456,5 +458,5 @@ def test_writing_where_nothing_can_be_written(tmp_path):
         with pytest.raises(StorageError):
             StackWriter(path)
     with pytest.raises(BagError):
-        read(tmp_path / "nowhere.bag")
+        read_bag(tmp_path / "nowhere.bag")
     assert find([tmp_path]) == [Path(tmp_path / "a.bag")]

@@ -39,7 +39,7 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     robot, path = load("turtlebot3_waffle_pi"), tmp_path / "waffle.bag"
     words = [str(path), "--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
     assert demonstrate_main(words) == 0
-    d = demonstration.read(path, TopicNames.of(robot), robot)
+    d = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
     assert d.source["robot"] == robot.name
     assert 0.2 < d.command[:, 0].max() <= robot.base.max_speed
     assert d.ranges.shape[1] == robot.laser.beams
@@ -52,7 +52,7 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
 
 
 def test_bag_is_read_as_it_was_driven(bag):
-    d = demonstration.read(bag)
+    d = demonstration.read_demonstration(bag)
     assert d.source["demonstrator"].startswith("scripted")
     assert d.source["world"] == "generated:3"
     assert len(d.time) == len(d.command) == len(d.ranges)
@@ -106,7 +106,7 @@ def test_changepoints_are_found_where_they_are():
 
 def test_search_finds_the_speed_of_a_demonstration(bag):
     """What the planner itself commanded under other parameters is matched again, to the last bit at those."""
-    d = demonstration.read(bag)
+    d = demonstration.read_demonstration(bag)
     span = [contexts.Segment(0, 30, 60, 0)]
     (stretch,) = appld_fit.stretches(d, span, 60)
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
@@ -142,7 +142,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
     assert str(tmp_path) not in (tmp_path / "mine_log.json").read_text()
     method = methods.make(str(out))
-    d = demonstration.read(bag)
+    d = demonstration.read_demonstration(bag)
     obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
     theta = method.policy.theta(obs)
     assert np.array_equal(theta, method.policy.theta(obs))

@@ -124,7 +124,7 @@ def _rows(folder):
 def test_the_tables_follow_the_plan_whatever_order_trials_come_in(tmp_path):
     plan = trials.plan([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
     for begin in (0, 3):  # a second session goes on
-        store = trial_store.Store(tmp_path, {}, plan)
+        store = trial_store.TrialStore(tmp_path, {}, plan)
         assert len(store.results) == begin
         for task in plan[::-1][begin : begin + 3]:
             store.add(task, TrialResult(time_s=math.pi, path_length_m=1.0))
@@ -165,14 +165,14 @@ def test_more_trials_only_append(tmp_path):
 
 def test_another_evaluations_folder_is_refused(tmp_path):
     plan = trials.plan([("w", "w")], [("m", "m")], 3, seed=0)
-    store = trial_store.Store(tmp_path, {"seed": 0}, plan)
+    store = trial_store.TrialStore(tmp_path, {"seed": 0}, plan)
     for task in plan:
         store.add(task, TrialResult())
     store.close()
 
     def refuse(words, settings=None):
         with pytest.raises(StorageError) as error:
-            trial_store.Store(tmp_path, settings or {"seed": 0}, plan)
+            trial_store.TrialStore(tmp_path, settings or {"seed": 0}, plan)
         assert words in str(error.value)
         assert "\n" not in str(error.value)
 
@@ -182,7 +182,7 @@ def test_another_evaluations_folder_is_refused(tmp_path):
     (tmp_path / "trials.sqlite").unlink()
     refuse("evaluation.json or trials.sqlite is missing")
     (tmp_path / "trials.csv").unlink()
-    trial_store.Store(tmp_path, {"seed": 0}, plan).close()
+    trial_store.TrialStore(tmp_path, {"seed": 0}, plan).close()
     (tmp_path / "evaluation.json").write_text("{")
     refuse("not JSON")
     for text in ("a,b\n1,2\n", ",".join(trials.COLUMNS) + "\nw,m,0\n"):
@@ -311,9 +311,9 @@ def test_store_and_traces(tmp_path):
     trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(11)])
     trace.decided = [0.0]
     plan = trials.plan([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
-    store = trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
+    store = trial_store.TrialStore(tmp_path, {"worlds": ["generated:0"]}, plan)
     with pytest.raises(StorageError, match="another"):
-        trial_store.Store(tmp_path, {"worlds": ["generated:0"]}, plan)
+        trial_store.TrialStore(tmp_path, {"worlds": ["generated:0"]}, plan)
     store.add(plan[0], TrialResult(), trials.pack_trace(trace))
     store.close()
     assert trial_store.read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)

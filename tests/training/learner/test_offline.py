@@ -14,18 +14,18 @@ from training.learner.config import TrainConfig, parse
 from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
 from training.learner.run import MANY_ERRORS, TrainingRun
-from training.replay.store import NAME, Store
-from training.replay.trajectory import Layout, Trajectory
+from training.replay.store import NAME, TrajectoryStore
+from training.replay.trajectory import Trajectory, TransitionLayout
 from training.train import main
 
-LAYOUT = Layout(0, 1, 1)
+LAYOUT = TransitionLayout(0, 1, 1)
 
 
 def write(folder, source=None, episodes=40, seed=0, layout=LAYOUT):
     """A dataset of ten transitions an episode; its folder as text."""
     rng = np.random.default_rng(seed)
     folder.mkdir(exist_ok=True)
-    store = Store(folder / NAME, layout)
+    store = TrajectoryStore(folder / NAME, layout)
     for number in range(episodes):
         observations, actions = rng.uniform(-1, 1, (11, layout.size)), rng.uniform(-1, 1, (10, layout.action))
         info = {"actor": "another", "episode": number}
@@ -55,7 +55,7 @@ def test_a_run_is_a_dataset_that_td3bc_learns_from(tmp_path):
     assert main(toy(tmp_path / "b", *offline, "--gradient-steps", "150")) == 0
     assert main(["--resume", "--out", str(tmp_path / "b"), "--gradient-steps", "400"]) == 0
     assert state_of(tmp_path / "a") == state_of(tmp_path / "b")
-    assert Store(tmp_path / "a").last == 0  # the dataset is not copied
+    assert TrajectoryStore(tmp_path / "a").last == 0  # the dataset is not copied
     assert str(tmp_path).encode() not in (tmp_path / "a" / "actor.safetensors").read_bytes()  # names no folders
     rounds = [json.loads(line) for line in (tmp_path / "a" / "evaluations.jsonl").read_text().splitlines()]
     assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
@@ -89,7 +89,7 @@ def test_an_offline_run_that_is_resumed_makes_no_step_beyond_its_own(data, tmp_p
 
 @pytest.mark.fault("18b")
 def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
-    layout = Layout()
+    layout = TransitionLayout()
     for number, (source, line) in enumerate(
         (
             ({"decision_period": 1.0}, "--decision-period is 2.0, but the dataset .* driven with 1.0"),

@@ -23,7 +23,7 @@ from training.evaluation.periodic import PeriodicEvaluation
 from training.learner.config import parse
 from training.learner.learner import Learner
 from training.learner.run import TrainingRun
-from training.replay.store import Store
+from training.replay.store import TrajectoryStore
 from training.train import main
 
 
@@ -45,7 +45,7 @@ def test_learns_and_leaves_everything_behind(whole):
     assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # standing still
     files = {"config.json", "checkpoint.json", "replay.sqlite", "actor.safetensors", "best.safetensors", "curves.png"}
     assert {p.name for p in whole.iterdir()} >= files
-    infos = Store(whole).infos()
+    infos = TrajectoryStore(whole).infos()
     assert [info["transitions"] for info in infos] == [10] * 80
     assert np.mean([info["return"] for info in infos[-20:]]) > np.mean([info["return"] for info in infos[:20]])
     best = (whole / "best.safetensors").read_bytes()
@@ -68,10 +68,10 @@ def test_a_ring_that_has_been_around_resumes_to_the_same_numbers(tmp_path):
     small = ["--buffer-size", "100", "--exploration-noise-steps", "600", *NO_EVALUATION]
     assert main(toy(tmp_path / "whole", "--total-timesteps", "600", *small)) == 0
     assert main(toy(tmp_path / "run", "--total-timesteps", "300", *small)) == 0
-    assert Store(tmp_path / "run").dropped() == (20, 200)
+    assert TrajectoryStore(tmp_path / "run").dropped() == (20, 200)
     assert main(["--resume", "--out", str(tmp_path / "run"), "--total-timesteps", "600"]) == 0
     assert state_of(tmp_path / "run") == state_of(tmp_path / "whole")
-    assert len(Store(tmp_path / "run").infos()) == 60
+    assert len(TrajectoryStore(tmp_path / "run").infos()) == 60
 
 
 def test_the_policy_at_the_end_of_the_minutes_is_evaluated(tmp_path, monkeypatch):
@@ -103,7 +103,7 @@ def kill_and_resume(out, times, steps, seed=0):
         return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
     def taken():
-        return Store(out).last if (out / "config.json").exists() else 0
+        return TrajectoryStore(out).last if (out / "config.json").exists() else 0
 
     for _ in range(times):
         before, process = taken(), start()
@@ -141,7 +141,7 @@ def test_ctrl_c_saves_and_stops(tmp_path):
         stdout=subprocess.PIPE,
         text=True,
     )
-    while not (out / "config.json").exists() or not Store(out).last:
+    while not (out / "config.json").exists() or not TrajectoryStore(out).last:
         assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
@@ -321,7 +321,7 @@ def test_tensorboard_shows_terms_of_the_reward_and_hyper_parameters(tmp_path, mo
     assert main(["--resume", "--out", str(out), "--total-timesteps", "140"]) == 0
     written = EventAccumulator(str(out / "tensorboard"), size_guidance={"scalars": 0}).Reload()
     near, far, total = (written.Scalars(tag) for tag in ("reward/near", "reward/far", "episode/return"))
-    trajectories = [trajectory for _, trajectory in Store(out).trajectories()]
+    trajectories = [trajectory for _, trajectory in TrajectoryStore(out).trajectories()]
     assert len(near) == len(total) == len(trajectories) == 14
     for a, b, c, trajectory in zip(near, far, total, trajectories):
         assert a.value == pytest.approx(0.25 * trajectory.reward.sum(), abs=1e-4)

@@ -88,7 +88,7 @@ def test_a_bag_that_unpacks_to_too_much_is_one_line_in_little_memory(tmp_path, m
     tracemalloc.start()
     try:
         with pytest.raises(reader.BagError, match="bomb.bag: .*unpacks to more than 4 MiB"):
-            reader.read(tmp_path / "bomb.bag")
+            reader.read_bag(tmp_path / "bomb.bag")
         peak = tracemalloc.get_traced_memory()[1]
         measured("memory for an archive of 64 MiB, bound 4 MiB", peak / 2**20, "MiB")
         assert peak < 1 << 24
@@ -123,7 +123,7 @@ def test_bags_that_are_no_files(tmp_path):
     os.mkfifo(tmp_path / "ros2" / "metadata.yaml")
     for name in ("pipe.bag", "device.bag", "ros2"):
         with pytest.raises(reader.BagError, match="is a pipe or device"):
-            reader.read(tmp_path / name)
+            reader.read_bag(tmp_path / name)
 
 
 @pytest.mark.fault("18d")
@@ -142,7 +142,7 @@ def test_a_stopped_demonstration_says_that_it_is_partial(tmp_path, monkeypatch, 
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "part.bag holds a part of a demonstration" in error
-    assert demonstration.read(bag).source["partial"] is True
+    assert demonstration.read_demonstration(bag).source["partial"] is True
 
 
 # -- pipes and devices where a run keeps its files --------------------------------------------------------------------

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from applr_ros1.common.errors import ApplrError
 from training.learner.batch import draw_batch
 from training.replay.buffer import Replay
-from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
-SMALL = Layout(scan=4, rest=2, action=2)
+SMALL = TransitionLayout(scan=4, rest=2, action=2)
 
 
 def episode(t, number=0, terminated=False, actor="a", layout=SMALL, rng=None, rewards=None):
@@ -29,7 +29,7 @@ def episode(t, number=0, terminated=False, actor="a", layout=SMALL, rng=None, re
 
 
 def test_the_scan_comes_back_within_half_a_step():
-    layout = Layout()
+    layout = TransitionLayout()
     observations = np.random.default_rng(0).uniform(-1, 1, (5, layout.size)).astype(np.float32)
     back = layout.restore(layout.quantise(observations), observations[:, layout.scan :])
     assert np.abs(back - observations)[:, :720].max() <= layout.step / 2 + 1e-6
@@ -162,4 +162,4 @@ def test_bytes_there_and_back_and_nonsense_refused():
 def test_a_replay_that_memory_cannot_hold_is_refused(monkeypatch):
     monkeypatch.setattr("training.replay.buffer.os.sysconf", lambda name: 4096 if "SIZE" in name else 2**20)  # 4 GiB
     with pytest.raises(ValueError, match=r"a replay of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB; give"):
-        Replay(Layout(), 10**8)
+        Replay(TransitionLayout(), 10**8)

@@ -11,10 +11,10 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
 from training.learner.learner import Learner, LearnerOptions
-from training.replay.store import NAME, Store, dataset
-from training.replay.trajectory import Layout, Trajectory, TrajectoryError
+from training.replay.store import NAME, TrajectoryStore, dataset
+from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
-LAYOUT = Layout(4, 2, 2)
+LAYOUT = TransitionLayout(4, 2, 2)
 
 
 def episode(number, t=3, actor="a", layout=LAYOUT, **info):
@@ -27,14 +27,14 @@ def episode(number, t=3, actor="a", layout=LAYOUT, **info):
 @pytest.fixture
 def store(tmp_path):
     """A store of five episodes of three transitions."""
-    made = Store(tmp_path / NAME, LAYOUT)
+    made = TrajectoryStore(tmp_path / NAME, LAYOUT)
     for number in range(5):
         made.append(episode(number))
     return made
 
 
 def test_what_is_appended_comes_back_in_order_also_to_another_reader(store, tmp_path):
-    reader = Store(tmp_path)
+    reader = TrajectoryStore(tmp_path)
     assert reader.layout == LAYOUT
     for found in (store, reader):
         back = list(found.trajectories())
@@ -71,9 +71,9 @@ def test_the_same_episode_twice_is_refused_in_any_order(store):
 
 THREADS = """
 import sys, threading
-from training.replay.store import Store
+from training.replay.store import TrajectoryStore
 sys.setswitchinterval(1e-6)
-store = Store(sys.argv[1])
+store = TrajectoryStore(sys.argv[1])
 def ask(question):
     for _ in range(1500):
         question()
@@ -92,8 +92,8 @@ def test_a_closed_store_is_one_file_that_can_be_moved(store, tmp_path):
     store.close()
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
     moved = (tmp_path / NAME).rename(tmp_path / "mine.sqlite")
-    assert Store(moved).about("source") == {"robot": "jackal"}
-    assert Store(moved).about("skipped") == {}
+    assert TrajectoryStore(moved).about("source") == {"robot": "jackal"}
+    assert TrajectoryStore(moved).about("skipped") == {}
 
 
 @pytest.mark.fault("18b")
@@ -110,15 +110,15 @@ def test_what_is_no_store_is_one_line(store, tmp_path):
         ("cut", "malformed"),
     ):
         with pytest.raises(StorageError, match=words) as refused:
-            list(Store(tmp_path / name).trajectories())
+            list(TrajectoryStore(tmp_path / name).trajectories())
         assert "\n" not in str(refused.value)
-    with pytest.raises(StorageError, match="its layout is .*, Layout.* is needed"):
-        Store(tmp_path / NAME, Layout())
+    with pytest.raises(StorageError, match="its layout is .*, TransitionLayout.* is needed"):
+        TrajectoryStore(tmp_path / NAME, TransitionLayout())
     with pytest.raises(ApplrError, match="its layout is"):
-        dataset(tmp_path, Layout())
+        dataset(tmp_path, TransitionLayout())
     assert dataset(tmp_path, LAYOUT).last == 5
     (tmp_path / "empty").mkdir()
-    Store(tmp_path / "empty" / NAME, LAYOUT).close()
+    TrajectoryStore(tmp_path / "empty" / NAME, LAYOUT).close()
     with pytest.raises(ApplrError, match="holds no transitions"):
         dataset(tmp_path / "empty")
 
@@ -139,7 +139,7 @@ def test_a_damaged_episode_is_named_and_left_out_and_nothing_else_comes_back_cha
         damaged[at] ^= 1 << rng.integers(8)
         (tmp_path / "flipped").write_bytes(damaged)
         try:
-            with closing(Store(tmp_path / "flipped")) as reader:
+            with closing(TrajectoryStore(tmp_path / "flipped")) as reader:
                 found, told, source = read(reader)
         except StorageError:
             continue
@@ -161,10 +161,10 @@ def test_rows_that_are_lost_without_a_trace_are_told(store, tmp_path, capsys):
     page = next(at for at in range(4096, len(data), 4096) if data[at] == 13 and data[at + 4] == 5)
     data[page + 4] = 4  # rows of a leaf of a table
     (tmp_path / NAME).write_bytes(data)
-    Store(tmp_path)
+    TrajectoryStore(tmp_path)
     assert "episodes may be missing" in capsys.readouterr().err
     with pytest.raises(StorageError, match="cannot be used"):
-        Store(tmp_path, LAYOUT)
+        TrajectoryStore(tmp_path, LAYOUT)
 
 
 @pytest.mark.fault("18b")
@@ -188,7 +188,7 @@ def test_a_store_without_checksums_is_one_line(store, tmp_path):
     with closing(sqlite3.connect(tmp_path / NAME, isolation_level=None)) as database:
         database.execute("PRAGMA user_version = 1")
     with pytest.raises(StorageError, match="without checksums"):
-        Store(tmp_path)
+        TrajectoryStore(tmp_path)
 
 
 @pytest.mark.parametrize("ratio", [0.5, 2.0])

@@ -34,7 +34,7 @@ def folder(tmp_path):
     worlds = ["generated:7", "gone"]
     plan = trials.plan([(w, w) for w in worlds], [(m, m) for m in METHODS], 2, seed=0, traces=2)
     settings = dict(SETTINGS, worlds=worlds, world_specs=["generated:7", "/gone.world"])
-    store = trial_store.Store(tmp_path, settings, plan)
+    store = trial_store.TrialStore(tmp_path, settings, plan)
     for task in plan:
         good = task.method == "dwa"
         result = TrialResult(good, not good, False, 6.1, 6.0, "finished" if good else "</script>", 7.0)
@@ -86,7 +86,7 @@ def test_evaluations_of_other_worlds_or_methods_are_joined(folder, tmp_path_fact
         plan = trials.plan([(world, world)], [(m, m) for m in methods], 1, seed=0)
         settings = {**SETTINGS, "worlds": [world], "world_specs": [world], **changed}
         settings["methods"] = {name: {"kind": about} for name in methods}
-        store = trial_store.Store(out, settings, plan)
+        store = trial_store.TrialStore(out, settings, plan)
         for task in plan:
             store.add(task, TrialResult(True, False, False, 5.0, 6.0, "finished", 7.0), trials.pack_trace(TRACE))
         store.close()

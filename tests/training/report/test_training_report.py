@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
     settings = dict(SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0)
     learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor", "frozen": "max_vel_x"}}
     settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
-    store = trial_store.Store(out, settings, plan)
+    store = trial_store.TrialStore(out, settings, plan)
     rng = np.random.default_rng(1)
     for task in plan:
         mean = 20.0 + 0.4 * worlds.index(task.world)
@@ -195,7 +195,7 @@ def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
     """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
     worlds = ["generated:%d" % n for n in range(1, 7)]
     plan = trials.plan([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
-    store = trial_store.Store(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"), plan)
+    store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"), plan)
     for trial in plan:
         good = trial.method == "dwa" and trial.world != worlds[0]  # there the baseline hits something, too
         seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
@@ -260,7 +260,7 @@ def test_report_is_whole(folder):
 
 def test_report_of_one_method_and_one_world(tmp_path):
     plan = trials.plan([("house", "/gone.world")], [("mine", "dwa")], 1, seed=0)
-    store = trial_store.Store(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]), plan)
+    store = trial_store.TrialStore(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["/gone.world"]), plan)
     result = TrialResult(False, True, True, 100.0, 3.0, "time limit", *[math.nan] * 5, decisions=50)
     store.add(plan[0], result, trials.pack_trace(Trace))
     store.close()

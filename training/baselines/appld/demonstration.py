@@ -13,7 +13,7 @@ from typing import Any, Dict, Tuple
 import numpy as np
 
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.reader import SECOND, BagError, Recording, TopicNames, hear, refused
+from training.bags.reader import SECOND, BagError, Recording, TopicNames, read_messages, refused
 from training.env.episode import CONTROL_PERIOD
 
 DRIVING_SPEED = 0.02  # m/s and rad/s; less is no driving
@@ -60,14 +60,14 @@ class Demonstration:
         return np.abs(self.command).max(axis=1) > DRIVING_SPEED
 
 
-def read(path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL) -> Demonstration:
+def read_demonstration(path, topics: TopicNames = TopicNames(), robot: Robot = JACKAL) -> Demonstration:
     """A ROS 1 or ROS 2 bag with scans, odometry and commands. Raises BagError with one line.
 
     The goal is the newest one sent to move_base, in the odometry's frame; without one, where the demonstration ends.
     Where no command was recorded, the odometry's twist one cycle later stands for it.
     """
     with refused(path):
-        recording = hear(path, topics, robot)
+        recording = read_messages(path, topics, robot)
         for what, topic, found in (
             ("scan", topics.scan, recording.scan_at),
             ("odometry", topics.odometry, recording.odometry.at),

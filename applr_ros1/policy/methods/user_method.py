@@ -18,7 +18,7 @@ from applr_ros1.policy.methods.protocol import Method
 PERIODS = 0.01, 60.0  # [s] between two decisions
 
 
-class OwnMethod(Method):
+class UserMethod(Method):
     """Wraps an object that has theta(context) or command(context).
 
     It may have reset(seed), describe(), static, period, layout and per_cell as well.
@@ -86,12 +86,12 @@ class OwnMethod(Method):
         return ApplrError("method %s %s: %s" % (self.spec, what, one_line(error)))
 
 
-def make_own(spec: str, module: str, name: str, text: Optional[str]) -> Method:
+def make_user_method(spec: str, module: str, name: str, text: Optional[str]) -> Method:
     """The class `name` of a module or of a .py file, made with `text` where there is one. Raises ApplrError."""
     try:
         made = getattr(user_module.load(module), name)
         made = made(text) if text is not None else made()
-        return made if isinstance(made, Method) else OwnMethod(made, spec)
+        return made if isinstance(made, Method) else UserMethod(made, spec)
     except ApplrError:
         raise
     except Exception as error:  # whatever a person's module does wrong is theirs to hear in one line
