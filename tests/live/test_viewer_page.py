@@ -9,6 +9,7 @@ from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import Float64, String
 from visualization_msgs.msg import MarkerArray
 
+from applr_ros1.nodes.viewer.admission import TOKEN
 from tests.support.ros_harness import free_port, session, wait_for
 
 pytest.importorskip("viser")
@@ -29,24 +30,34 @@ NODES = {
 WIDTH, HEIGHT = 1000, 640
 
 
+def start(name, **env):
+    return session().python("applr_ros1/scripts/%s.py" % name, "_robot:=jackal", *NODES[name], **env)
+
+
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
-    ros = session()
+def nodes():
+    session()
     rospy.set_param("/use_sim_time", True)
-    nodes = [ros.python("applr_ros1/scripts/%s.py" % name, "_robot:=jackal", *words) for name, words in NODES.items()]
+    made = {name: start(name) for name in NODES}
     try:
-        wait_for(lambda: rospy.get_param("/viewer/address", "") or not nodes[-1].alive(), 60.0, "the page")
-        assert nodes[-1].alive(), nodes[-1].text
-        with open_page(rospy.get_param("/viewer/address"), tmp_path_factory.mktemp("browser"), WIDTH, HEIGHT) as made:
-            made.wait("waits for a goal", "parameters by policy", seconds=90.0)
-            yield made
-            assert made.look(0.1) == []
+        yield made
     finally:
-        for node in reversed(nodes):
+        for node in reversed(made.values()):
             node.end()
         for name in NODES:
             rospy.delete_param("/" + name)
         rospy.set_param("/use_sim_time", False)
+
+
+@pytest.fixture(scope="module")
+def page(nodes, tmp_path_factory):
+    viewer = nodes["viewer"]
+    wait_for(lambda: rospy.get_param("/viewer/address", "") or not viewer.alive(), 60.0, "the page")
+    assert viewer.alive(), viewer.text
+    with open_page(rospy.get_param("/viewer/address"), tmp_path_factory.mktemp("browser"), WIDTH, HEIGHT) as made:
+        made.wait("waits for a goal", "parameters by policy", seconds=90.0)
+        yield made
+        assert made.look(0.1) == []
 
 
 def rectangle(page, selector):
@@ -211,3 +222,17 @@ def test_a_race_ends_with_two_times(page):
     assert [first[1], second[1]] == ["default parameters", "policy"]
     assert float(first[2].split()[0]) > float(second[2].split()[0]) > 3.0
     assert rospy.wait_for_message("/sim_bridge/current_world", String, 5.0).data == first[0] == "generated:0"
+
+
+def test_a_page_comes_back_with_its_viewer(page, nodes):
+    """viser's own attempts, one a second, make a browser hold back all further ones, and a start takes longer than that."""
+    token = rospy.get_param("/viewer/address").split("/")[3]
+    nodes["viewer"].end()
+    page.wait("No connection to the viewer")
+    page.complaints.clear()
+    page.look(8.0)
+    assert len([what for what in page.complaints if "WebSocket" in what]) <= 1
+    nodes["viewer"] = start("viewer", **{TOKEN: token})
+    wait_for(lambda: "No connection" not in page.text, 60.0, "the page")
+    page.wait("max_vel_x [m/s]", "waits for a goal")
+    page.complaints.clear()

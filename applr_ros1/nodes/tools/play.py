@@ -71,4 +71,5 @@ def main():
             with announced(COMPILES.format("move_base"), say, first=10.0, every=60.0):
                 stack.wait(lambda: find_reconfigure_services() or other(), math.inf, "", pause=0.5)
         wanted = stack.wait(other, math.inf, "", pause=0.2)
+    wanted = [word for word in wanted if not word.startswith("record:=")]  # that bag has been written
     os.execv(sys.executable, [sys.executable, sys.argv[0], "--no-browser", *wanted])
