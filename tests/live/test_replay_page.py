@@ -37,6 +37,7 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
                 bag.write("/applr/decision", decision, now)
     ros = session()
     rospy.set_param("/use_sim_time", True)
+    rospy.set_param("/play/arguments", ["seed:=3"])
     player = ros.python("applr_ros1/scripts/replay.py", str(tmp_path / "drive.bag"))
     words = "_replay:=true", "_port:=%d" % free_port()
     node = ros.python("applr_ros1/scripts/viewer.py", *words, APPLR_PLAY_FOLDER=str(tmp_path))
@@ -65,9 +66,13 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
             wait_for(lambda: at() > 0.7 * LENGTH and "Pause" in page.text, 20.0, "the new time")
             page.turn_to("Bags", "record:=drive.bag")
             assert page.evaluate("[...document.querySelectorAll('input')].some(e => e.value == 'drive.bag')")
+            page.click_on("open")
+            page.wait("drive.bag starts")
+            assert rospy.get_param("/play/arguments") == ["seed:=3", "bag:=%s" % (tmp_path / "drive.bag")]
             assert page.look(0.1) == []
     finally:
         assert node.end() == 0, node.text
         player.end()
-        rospy.delete_param("/viewer")
+        for name in ("/viewer", "/play"):
+            rospy.delete_param(name)
         rospy.set_param("/use_sim_time", False)

@@ -18,7 +18,7 @@ STYLE = """
   display: flex; align-items: center; gap: 4px 14px; background: #fff; border-top: 1px solid #dee2e6; color: #343a40;
   font-size: 14px }
 #state { flex: 1; display: flex; flex-wrap: wrap; gap: 2px 16px; align-items: baseline; overflow: hidden;
-  max-height: 100% }
+  max-height: 100% } #state span:empty { display: none }
 #state .speed { min-width: 4.5em; font-variant-numeric: tabular-nums } #state .trouble { color: #c92a2a }
 #buttons { display: flex; gap: 8px }
 #buttons button, .mantine-Button-root:not([style*="--button-bg"]) { background: #f1f3f5; color: #343a40;

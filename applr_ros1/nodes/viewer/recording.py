@@ -78,7 +78,7 @@ class Bags:
 
     def __init__(self, gui: Any, folder: str, restart: Callable[..., bool], replay: bool, say: Say):
         self._folder, self._restart, self._say, self._looked = folder, restart, say, 0.0
-        gui.add_markdown(f"Bags in `{folder}`. Record one with `./applr play record:=drive.bag`.")
+        gui.add_markdown(f"Bags in `{folder}`. `./applr play record:=drive.bag` records one until Ctrl-C.")
         self._bags = gui.add_dropdown("bag", ("",))
         self._open = gui.add_button("open")
         self._open.on_click(lambda _: self._play(os.path.join(folder, self._bags.value)))
@@ -100,4 +100,4 @@ class Bags:
             names = tuple(sorted(os.path.basename(path) for path in glob.glob(os.path.join(self._folder, "*.bag"))))
             if names != self._bags.options:
                 self._bags.options = names or ("",)
-            self._open.visible = bool(names)
+            self._bags.visible = self._open.visible = bool(names)
