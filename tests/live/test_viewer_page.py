@@ -225,7 +225,7 @@ def test_a_race_ends_with_two_times(page):
 
 
 def test_a_page_comes_back_with_its_viewer(page, nodes):
-    """viser's own attempts, one a second, make a browser hold back all further ones, and a start takes longer than that."""
+    """Attempts of viser, one a second, would make a browser hold back all further ones before a start has ended."""
     token = rospy.get_param("/viewer/address").split("/")[3]
     nodes["viewer"].end()
     page.wait("No connection to the viewer")

@@ -58,7 +58,7 @@ SCRIPT = """
       const {target, pointerId} = event;
       if (target.dataset.engine && target.hasPointerCapture(pointerId)) target.releasePointerCapture(pointerId);
     }, true);
-    // viser's own attempts to come back, one a second, would fail so often that browsers hold further ones back for longer
+    // viser's own attempts to come back, one a second, fail so often that browsers hold back all further ones
     let back = false, asked = 0;
     document.hasFocus = () => back;  // viser tries while this holds, and looks at it when the focus changes
     setInterval(() => {
