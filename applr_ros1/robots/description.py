@@ -263,11 +263,6 @@ class Robot:
             raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
         return copy.deepcopy(tree)
 
-    def start_value(self, parameter: SpaceParameter) -> Optional[float]:
-        """The value of a parameter of the space in the files; None where these leave the planner's default."""
-        first = parameter.settings[0]
-        return find(self.move_base.without_map, first.server, first.names)
-
 
 def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
     """A value of a server in a nested parameter tree under the first of `names` that is there, else None.

@@ -15,7 +15,6 @@ from PIL import Image
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.nodes import parameter_panel
 from applr_ros1.nodes.move_base.robot_parameters import with_robot
 from applr_ros1.nodes.tools import record as recording
 from applr_ros1.nodes.tools import rviz
@@ -170,18 +169,6 @@ def test_rviz_shows_what_the_robot_and_its_local_planner_publish(name):
     assert sum(planner in topic for topic in topics) == 4
     keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
     assert not any(topic.startswith("/") for topic in keys)  # they follow the namespace
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_panel_shows_every_parameter_between_its_bounds(name):
-    space = space_of(load(name))
-    values, lines = space.as_dict((space.low + space.high) / 2), ("time", "commands")
-    drawn, empty = (parameter_panel.picture(shown, lines, space) for shown in (values, {}))
-    bars = (drawn == (0x4A, 0x90, 0xD9)).all(axis=2)
-    rows = np.flatnonzero(bars.any(axis=1))
-    assert len(np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)) == len(values)
-    assert rows[-1] < len(drawn) - 1  # all within the picture
-    assert not (empty == (0x4A, 0x90, 0xD9)).all(axis=2).any()
 
 
 def test_install_space(tmp_path):

@@ -1,7 +1,6 @@
 """Messages of this package: what the applr node publishes, and what a bag's reader makes of it."""
 
 import math
-import xml.etree.ElementTree as xml
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +14,6 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1.nodes.applr import topics as applr_topics
 from applr_ros1.nodes.applr.inputs import Snapshot
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support import ROOT
 from training.bags.reader import read_bag
 
 
@@ -107,9 +105,3 @@ def test_fields_of_the_parameters_are_named_for_plotting():
     empty = applr_topics.parameters_message(None, rospy.Time(3))
     assert empty.names == []
     assert math.isnan(empty.max_vel_x)
-
-
-def test_packages_that_build_upon_the_messages_get_what_these_need():
-    package = xml.parse(ROOT / "package.xml").getroot()
-    exported = {node.text for node in package if node.tag in ("depend", "build_export_depend")}
-    assert {"std_msgs", "message_runtime"} <= exported

@@ -20,7 +20,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Actor, load, save
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.network import Mirror, with_mirror_images
-from applr_ros1.policy.observation import LAYOUT, Layout, ObservationError, goal_angle, local_goal, observe, smooth
+from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
 from tests.support.weights import make_weights
 from training.evaluation import trials
@@ -79,13 +79,6 @@ def test_space_errors_are_one_line():
             call()
         assert "\n" not in str(e.value)
     assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
-
-
-def test_every_parameter_has_a_server():
-    servers = {t.server for targets in SPACE.targets.values() for t in targets}
-    assert servers == {PLANNER, *INFLATION, *COSTMAPS}
-    assert [t.sign for t in SPACE.targets["max_vel_theta"]] == [1.0, -1.0]
-    assert SPACE.targets["pdist_scale"][0].names == ("path_distance_bias", "pdist_scale")
 
 
 def test_ranges_lie_within_the_servers_bounds():
@@ -401,16 +394,6 @@ def test_shipped_policy_says_what_made_it_and_drives():
         times[task.world, task.method] = result.time_s
     applr, dwa = (sum(times[world, method] for world in SHIPPED_DRIVES) for method in ("applr", "dwa"))
     assert applr < 0.75 * dwa, times
-
-
-def test_the_robot_is_described_alike_on_both_sides():
-    """The simulated Jackal's scan and outline are those of observation and collision monitor."""
-    from applr_ros1 import robots
-    from applr_ros1.monitor.settings import MonitorSettings
-
-    robot = robots.load("jackal")
-    assert Layout(robot.laser.beams, robot.laser.first_angle, robot.laser.last_angle) == LAYOUT
-    assert MonitorSettings.of(robot).body == ((0.229, 0.208), (0.229, -0.208), (-0.229, -0.208), (-0.229, 0.208))
 
 
 @pytest.mark.parametrize("name", ["jackal", "turtlebot3_waffle_pi"])

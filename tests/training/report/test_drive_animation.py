@@ -1,4 +1,4 @@
-"""The animation of a drive: its colours, its shape, and moving obstacles where the world's time puts them."""
+"""The animation of a drive: moving obstacles where the world's time puts them."""
 
 import numpy as np
 from PIL import Image, ImageColor
@@ -12,9 +12,9 @@ NOTHING = np.empty((0, 2))
 FOOTPRINT = np.array([(-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2), (0.2, -0.2)])
 
 
-def last_frame(path, world, time, world_time=0.0, samples=NOTHING):
+def last_frame(path, world, time, world_time=0.0):
     """(height, width, 3) of the animation's only frame, at `time` of a drive."""
-    view = picture.View(time, (0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, samples)
+    view = picture.View(time, (0.0, 0.0, 0.0), NOTHING, NOTHING, NOTHING, NOTHING)
     drive = picture.Drive(world, np.zeros((1, 5)), views=[view], world_time=world_time)
     animation.save(drive, FOOTPRINT, str(path / "a.gif"))
     with Image.open(path / "a.gif") as image:
@@ -40,12 +40,3 @@ def test_moving_obstacles_follow_the_worlds_time(tmp_path):
     assert begins.sum() > 200
     assert not np.array_equal(begins, driven)
     assert np.array_equal(driven, later)  # a drive that begins 3 s after the world
-
-
-def test_shape_and_samples(tmp_path):
-    grid = np.stack(np.meshgrid(np.linspace(0, 1, 10), np.linspace(0, 1, 10)), axis=-1).reshape(-1, 2)
-    plain, sampled = (last_frame(tmp_path, wide_world(), 0.0, samples=rows) for rows in (NOTHING, grid))
-    assert plain.shape[1] > plain.shape[0]  # a wide world in a wide picture
-    key = of_colour(plain, animation.SAMPLES).sum()
-    assert key > 0  # explained in the panel
-    assert of_colour(sampled, animation.SAMPLES).sum() > key + 50
