@@ -56,7 +56,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     file = options.out / FILE
     if file.exists():
         raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
-    said = from_parameters.read_parameters([str(path) for path in options.parameters])
+    said = from_parameters.read_parameter_files([str(path) for path in options.parameters])
     scan = next(iter(said.scans()), {})
     found = from_urdf.read_urdf(
         str(options.urdf), arguments, said.base_frame, str(scan.get("sensor_frame", "")).lstrip("/")

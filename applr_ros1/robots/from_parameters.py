@@ -61,7 +61,7 @@ class Parameters:
         return branch(self.tree, str(self.tree.get("base_local_planner", _PLANNERS[0])).rpartition("/")[2])
 
 
-def read_parameters(paths: Sequence[str]) -> Parameters:
+def read_parameter_files(paths: Sequence[str]) -> Parameters:
     """What the parameter files of a navigation package say.
 
     Raises:

@@ -28,7 +28,7 @@ def read_parameters(path: str) -> Dict[str, Any]:
     """The parameters of move_base in a YAML file, without the level move_base of one that is loaded beside the node.
 
     Raises:
-        ApplrError: As `read` does.
+        ApplrError: As `read_yaml` does.
     """
     found = read_yaml(path)
     inner = found.get("move_base")

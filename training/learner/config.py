@@ -29,8 +29,7 @@ from training.env import drawn_robots, protocols
 from training.env.reward import RewardOptions
 from training.env.rollout import NAVIGATION
 from training.env.ruler import PAPER
-from training.learner.learner import MOST_ROWS, LearnerOptions
-from training.policy_file import POLICY_FILE
+from training.learner.learner import MOST_ROWS, POLICY_FILE, LearnerOptions
 from worlds.loading import FORMS
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"

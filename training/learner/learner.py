@@ -18,17 +18,19 @@ from pydantic import ConfigDict
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json, sha256, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.actor import GeneralActor, load
 from training.common.command_line import Seed
 from training.common.folders import make_folder
 from training.common.options import option
 from training.learner.batch import draw_batch
-from training.policy_file import POLICY_FILE, begun_policy
 from training.replay.buffer import Replay
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
+from training.td3.networks import Weights
 from training.td3.td3 import TD3, TD3Options
 
 MOST_ROWS = 10**8
+POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
 PACE = ("utd_ratio", "learning_starts")  # options that say when gradient steps are due
 
 
@@ -261,6 +263,13 @@ class Learner:
         if before != [getattr(self.options, name) for name in PACE]:
             self._pace = (self._counted, self.td3.updates)
         return last
+
+
+def begun_policy(path: str) -> Weights:
+    """The network in the file of a policy in the dimensionless form, without its mirror image. Raises ApplrError."""
+    layers = load(path, kinds=[GeneralActor]).layers
+    single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
+    return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
 
 
 class PolicyLag:

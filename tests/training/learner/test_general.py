@@ -4,7 +4,7 @@ import numpy as np
 
 from applr_ros1.policy.actor import load
 from tests.support.toy_training import one_line
-from training.policy_file import begun_policy
+from training.learner.learner import begun_policy
 from training.train import main
 
 FORM = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-period", "1", "--device", "cpu"]
