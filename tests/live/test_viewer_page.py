@@ -7,6 +7,7 @@ import pytest
 import rospy
 from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import Float64, String
+from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
 from applr_ros1.nodes.viewer.admission import TOKEN
@@ -140,6 +141,16 @@ def test_the_bar_stays_and_stops_the_robot(page):
     press(page, "Stop")
     page.wait("goal cancelled")
     assert rectangle(page, "#bar")[3] == HEIGHT
+
+
+def test_a_clock_that_stands_is_said_and_nobody_is_blamed_for_it(page):
+    pause = rospy.ServiceProxy("/sim_bridge/pause", SetBool)
+    pause(True)
+    page.wait("the clock stands still")
+    page.look(2.0)
+    assert "waits for a goal" in page.text or "goal cancelled" in page.text
+    pause(False)
+    wait_for(lambda: "the clock stands still" not in page.text, 10.0, "the clock")
 
 
 def test_the_view_changes_by_a_button(page):

@@ -35,7 +35,7 @@ class Listener:
         self.fixed = fixed
         self._came: Dict[str, Deque[Any]] = {}
         self._read: Dict[str, Any] = {}
-        self._heard: Dict[str, float] = {}  # wall time of the newest message
+        self._heard: Dict[str, Tuple[float, float]] = {}  # wall and ROS time of the newest message
         self._subscribers: List[Any] = []
         self._transforms = Transforms()
 
@@ -54,7 +54,7 @@ class Listener:
 
             def keep(message: Any) -> None:
                 came.append(message._buff)
-                self._heard[topic] = time.monotonic()
+                self._heard[topic] = time.monotonic(), rospy.get_time()
 
             self._subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, keep, queue_size=KEPT, buff_size=2**24))
         came, found = self._came[topic], []
@@ -84,8 +84,9 @@ class Listener:
         return (message, place) if place is not None else (None, None)
 
     def age(self, topic: str) -> float:
-        """Wall time [s] since the newest message came; inf before the first."""
-        return time.monotonic() - self._heard.get(topic, -math.inf)
+        """Wall or ROS time [s] since the newest message came, the shorter of both; inf before the first."""
+        wall, now = self._heard.get(topic, (-math.inf, -math.inf))
+        return min(time.monotonic() - wall, rospy.get_time() - now)
 
     def frame_pose(self, frame: str) -> Optional[Pose]:
         """The newest pose (x, y, yaw) of a frame in the fixed one; None where tf has none."""

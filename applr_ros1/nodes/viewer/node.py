@@ -59,7 +59,7 @@ class Viewer:
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._pages: Dict[Any, Page] = {}
-        self._ready, self._leaving, self._now = False, "", 0.0
+        self._ready, self._leaving, self._now, self._moved = False, "", 0.0, 0.0
         tabs, self.text = gui.add_tab_group(), ""
         if replay:
             with tabs.add_tab("Replay"):
@@ -128,7 +128,8 @@ class Viewer:
         if rospy.get_time() < self._now:  # a bag that is played from an earlier time
             self.listener.close()
             self.scene.forget()
-        self._now = rospy.get_time()
+        if rospy.get_time() != self._now:
+            self._now, self._moved = rospy.get_time(), time.monotonic()
         odometry = self.listener.newest(self._robot.topics.odometry, Odometry)
         speed = odometry.twist.twist.linear.x if odometry is not None else 0.0
         goal = panel.goal_status(self.listener)
@@ -149,6 +150,8 @@ class Viewer:
     def _write(self, goal: Any, speed: float, driving: bool) -> None:
         """Bring the bar and the notice of every page up to date."""
         silence = [] if self._replay else self.panel.silence()
+        if self._ready and time.monotonic() - self._moved > panel.SILENT and not self._replay:
+            silence.insert(0, "the clock stands still")
         whole = not self._replay  # a bag may lack what was done
         parts = {"doing": self.panel.doing(goal) if whole or goal is not None else ""}
         parts["speed"] = f"{speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"

@@ -64,12 +64,13 @@ SCRIPT = """
     setInterval(() => {
       const sheet = document.querySelector('.mantine-Paper-root[style*="fixed"]');
       document.documentElement.style.setProperty("--sheet", (sheet ? sheet.offsetHeight : 0) + "px");
-      const silent = (Date.now() - window.applr.heard) / 1000, now = window.applr.now;
-      const lost = silent > 4 && !now.notice ? "No connection to the viewer: waiting for it." : now.notice || "";
+      const now = window.applr.now;  // a slow page hears only when it draws
+      const silent = Date.now() - window.applr.heard > 4000 && window.applr.drawn > 8;
+      const lost = silent && !now.notice ? "No connection to the viewer: waiting for it." : now.notice || "";
       const text = lost ? lost.replace("SECONDS", Math.round((Date.now() - window.applr.since) / 1000))
         : localStorage.getItem("applr") ? "" : now.hint || "";
       if (at("notice").innerHTML !== text) at("notice").innerHTML = text;
-      if (silent > 4 && Date.now() - asked > 6000) {
+      if (silent && Date.now() - asked > 6000) {
         asked = Date.now();
         fetch(location.href, {cache: "no-store"}).then(() => {
           for (back of [true, false]) window.dispatchEvent(new Event("focus"));
@@ -79,12 +80,15 @@ SCRIPT = """
     window.applr = parts => {
       const applr = window.applr;
       applr.heard = Date.now();
+      applr.drawn = 0;
       if ((parts.notice || "") !== (applr.now.notice || "") && "notice" in parts) applr.since = Date.now();
       for (const name of ["state", "buttons", "legend"]) if (name in parts) at(name).innerHTML = parts[name];
       if (parts.title) document.title = parts.title;
       Object.assign(applr.now, parts);
     };
-    Object.assign(window.applr, {now: {}, heard: Date.now(), since: Date.now()});
+    Object.assign(window.applr, {now: {}, heard: Date.now(), since: Date.now(), drawn: 0});
+    const draw = () => { window.applr.drawn++; requestAnimationFrame(draw); };
+    draw();
   }
 })();
 """.replace("STYLE", json.dumps(STYLE))

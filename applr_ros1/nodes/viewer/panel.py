@@ -30,7 +30,7 @@ SPEED, CLEARANCE = "speed [m/s]", "clearance ahead [m]"
 CURVES = 3
 SPAN = 30.0  # s that the plots show
 PLOTTED = 0.5  # wall seconds between two looks of the plots
-SILENT = 3.0  # wall seconds after which a topic counts as silent
+SILENT = 3.0  # seconds after which a topic counts as silent, the clock as standing
 STANDING = 0.02  # m/s, below which the speed is noise
 
 

@@ -43,8 +43,6 @@ class Replay:
         by_hand(self._line, self._touch)
         self._rate = gui.add_dropdown("speed", RATES, initial_value="1")
         by_hand(self._rate, lambda rate: self._set(self._speed, float(rate)))
-        self._button = gui.add_button(self.next)
-        self._button.on_click(lambda _: self.play())
 
     def _touch(self, _: float) -> None:
         self._touched = True
@@ -69,8 +67,6 @@ class Replay:
             show(self._line, round(min(max(rospy.get_time() - self._start, 0.0), self._length), 1))
         over = self._line.value >= self._length - END
         self.next = "Again" if over else "Play" if self._paused else "Pause"
-        if self._button.label != self.next:
-            self._button.label = self.next
 
 
 class Bags:
