@@ -11,6 +11,7 @@ from rosbags.highlevel import AnyReader
 
 import sim_bridge
 import worlds
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
@@ -120,7 +121,7 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert found.theta[0] > 0.7
 
 
-def test_classifier_tells_scans_apart_in_the_mirror_too():
+def test_classifier_tells_scans_apart_in_the_mirror_too_and_its_file_is_checked(tmp_path):
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
@@ -129,8 +130,15 @@ def test_classifier_tells_scans_apart_in_the_mirror_too():
     weights, result = appld_classifier.train(scans, labels, 2, steps=60)
     assert result["accuracy"] > 0.98
     assert result["held_out"] > 0.98
-    net = actor.ContextPolicy({"a": SPACE.paper.theta0, "b": SPACE.paper.high}, weights)
+    path = tmp_path / "contexts.safetensors"
+    actor.save_contexts(path, {"a": SPACE.paper.theta0, "b": SPACE.paper.high}, weights)
+    net = actor.load(path, kinds=[actor.ContextPolicy])
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
+    damaged = bytearray(path.read_bytes())
+    damaged[-5] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(ApplrError, match="its checksum is wrong"):
+        actor.load(path, kinds=[actor.ContextPolicy])
 
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
@@ -166,4 +174,6 @@ def test_shipped_file_drives():
     found = actor.load(path, kinds=[actor.ContextPolicy])
     assert 2 <= len(found.names) <= 8
     assert "scripted" in found.metadata["training"]["demonstrations"][0]["demonstrator"]
+    with pytest.raises(ApplrError, match='for the robot "jackal": here husky runs'):
+        methods.make(path, load("husky"))
     assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
