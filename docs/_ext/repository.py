@@ -20,7 +20,6 @@ PAGES = {
     "explanation/models/jackal": "applr_ros1/robots/jackal/applr.md",
     "explanation/models/jackal_static": "applr_ros1/robots/jackal/static.md",
     "explanation/models/appld": "applr_ros1/robots/jackal/appld.md",
-    "explanation/models/waffle_pi": "applr_ros1/robots/turtlebot3_waffle_pi/applr.md",
     "explanation/models/husky_static": "applr_ros1/robots/husky/static.md",
     "explanation/models/waffle_pi_static": "applr_ros1/robots/turtlebot3_waffle_pi/static.md",
 }
