@@ -89,13 +89,6 @@ def ahead(page):
     return (left + right) / 2, (top + bottom) / 2
 
 
-def turn_view(page):
-    """Through all views, back to the one from behind: a page that draws slowly may have lost its angle."""
-    for before, view in (("behind", "above"), ("above", "free"), ("free", "behind")):
-        page.click_on("View: " + before, kind="#buttons button")
-        page.wait("View: " + view)
-
-
 def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
     assert max_vel_x() == 0.5
     page.slide("max_vel_x [m/s]", 0.9)
@@ -161,7 +154,9 @@ def test_a_clock_that_stands_is_said_and_nobody_is_blamed_for_it(page):
 
 
 def test_the_view_changes_by_a_button(page):
-    turn_view(page)
+    for view in ("above", "free", "behind"):
+        page.click_on("View: " + {"above": "behind", "free": "above", "behind": "free"}[view], kind="#buttons button")
+        page.wait("View: " + view)
 
 
 def test_on_a_telephone_a_tap_sets_a_goal_and_nothing_leaves_the_screen(page, tmp_path):
@@ -191,7 +186,6 @@ def test_a_click_sets_a_goal_and_the_robot_arrives(page):
     wait_for(factor.get_num_connections, 10.0, "the simulator")
     factor.publish(0.03)  # else it arrives before anybody has seen the goal: a page may draw nothing for seconds
     try:
-        turn_view(page)
         page.click(*ahead(page))
         wait_for(lambda: shown(page, "/goal") and shown(page, "/global plan/line"), 20.0, "goal and plan")
         factor.publish(1.0)
@@ -215,7 +209,6 @@ def test_an_obstacle_put_down_is_driven_around(page):
     wait_for(lambda: heard, 5.0, "obstacles")
     before = heard[-1]
     time.sleep(1.0)  # the camera follows the robot to its start
-    turn_view(page)
     page.choose("sets a goal", "puts an obstacle down")
     page.click(*ahead(page))
     wait_for(lambda: heard[-1] == before + 1, 10.0, "the obstacle")
