@@ -30,6 +30,7 @@ OPTIONS = (
 )
 # as root, Chromium would give itself priority over the robot
 NO_PRIORITY = ("setpriv", "--bounding-set=-sys_nice") if os.geteuid() == 0 else ()
+FEW_PIXELS = "fixedDpr=0.3"  # viser would else try now and then how many it can draw, and stand still with too many
 # Drawn in software, sixty frames a second would keep the cores from the robot. Each still waits for the browser's own
 # turn to draw: frames that are ordered faster than they are drawn would hold the page up for minutes.
 TEN_FRAMES_A_SECOND = """
@@ -185,7 +186,7 @@ def open_page(url, folder, width=1000, height=640):
         with connect(target["webSocketDebuggerUrl"], max_size=2**26, proxy=None, ping_interval=None) as socket:
             page = Page(socket)
             page.call("Page.addScriptToEvaluateOnNewDocument", source=TEN_FRAMES_A_SECOND)
-            page.call("Page.navigate", url=url)
+            page.call("Page.navigate", url=url + ("&" if "?" in url else "?") + FEW_PIXELS)
             yield page
     except ConnectionClosed:
         raise AssertionError("the browser ended: %s" % (folder / "browser.log").read_text()) from None
