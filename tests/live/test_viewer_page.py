@@ -218,6 +218,7 @@ def test_an_obstacle_put_down_is_driven_around(page):
     wait_for(lambda: table(page)[0][3] == "finished", 40.0, "the finish, without a contact")
 
 
+@pytest.mark.long  # it begins where the two before it have ended
 def test_a_race_ends_with_two_times(page):
     page.turn_to("Race", "end the race")
     drives = len(table(page))
