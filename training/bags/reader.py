@@ -46,7 +46,7 @@ class TopicNames:
     collision: str = "/sim_bridge/collision"
     applr: str = "/applr"
     command: str = "/cmd_vel"
-    demonstration: str = "/demonstration"  # String: JSON of who demonstrated (teleop.py, demonstrate.py)
+    demonstration: str = "/demonstration"  # String: JSON of who demonstrated (demonstrate.py)
 
     @classmethod
     def of(cls, robot: robots.Robot) -> "TopicNames":

@@ -96,7 +96,7 @@ class BagWriter:
         self._put(self.topics.command, "geometry_msgs/msg/Twist", time, self._vector(v), self._vector(0.0, 0.0, w))
 
     def demonstrator(self, time: float, **what) -> None:
-        """Who demonstrates and where, as JSON; the teleoperation node says the same."""
+        """Who demonstrates and where, as JSON."""
         self._put(self.topics.demonstration, "std_msgs/msg/String", time, json.dumps(what))
 
     def goal(self, time: float, goal) -> None:

@@ -1,1 +1,1 @@
-"""Programs that a person starts beside the robot: demo, teleoperation, recording, RViz, the BARN Challenge."""
+"""Programs that a person starts beside the robot: demo, recording, RViz, the BARN Challenge."""

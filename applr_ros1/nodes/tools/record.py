@@ -19,7 +19,7 @@ from .processes import become
 
 SHARED = ("/clock", "/tf", "/tf_static", "/diagnostics")  # of all robots on a master
 STACK = (
-    "{scan} {odometry} {cmd_vel} {imu} map demonstration "
+    "{scan} {odometry} {cmd_vel} {imu} map "
     "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "
     "move_base/cmd_vel move_base/local_costmap/footprint move_base/NavfnROS/plan "
     "move_base/{planner}/global_plan move_base/{planner}/local_plan move_base/{planner}/parameter_updates "

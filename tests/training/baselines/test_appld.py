@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-import sim_bridge
 import worlds
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor, methods
@@ -22,24 +21,21 @@ from training.baselines.appld import demonstration
 from training.baselines.appld import fit as appld_fit
 from training.baselines.appld import scripted_driver as demonstrator
 from training.baselines.appld import segmentation as contexts
-from training.demonstrate import demonstrate
-from training.demonstrate import main as demonstrate_main
+from training.demonstrate import main as demonstrate
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """A scripted demonstration of a generated world, about 9 s."""
     path = tmp_path_factory.mktemp("appld") / "demonstration.bag"
-    found = demonstrate(worlds.load("generated:3"), sim_bridge.make("kinematic"), path, seed=1)
-    assert found["contacts"] == 0
-    assert 5.9 < found["metres"] < 8.0
+    assert demonstrate([str(path), "--world", "generated:3", "--simulator", "kinematic", "--seed", "1"]) == 0
     return path
 
 
 def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     robot, path = load("turtlebot3_waffle_pi"), tmp_path / "waffle.bag"
     words = [str(path), "--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
-    assert demonstrate_main(words) == 0
+    assert demonstrate(words) == 0
     d = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
     assert d.source["robot"] == robot.name
     assert 0.2 < d.command[:, 0].max() <= robot.base.max_speed

@@ -14,7 +14,6 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from training import appld, bags_to_dataset, demonstrate, static_search
 from training.bags import compression, reader
-from training.baselines.appld import demonstration
 from training.baselines.appld.scripted_driver import Demonstrator
 
 
@@ -127,22 +126,14 @@ def test_bags_that_are_no_files(tmp_path):
 
 
 @pytest.mark.fault("18d")
-def test_a_stopped_demonstration_says_that_it_is_partial(tmp_path, monkeypatch, capsys):
-    drive, commands = Demonstrator.command, []
-
-    def stopped(self, *arguments):
-        commands.append(1)
-        if len(commands) > 150:
-            raise KeyboardInterrupt
-        return drive(self, *arguments)
+def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
 
     monkeypatch.setattr(Demonstrator, "command", stopped)
     bag = tmp_path / "part.bag"
     assert demonstrate.main([str(bag), "--world", "generated:0", "--simulator", "kinematic"]) == 130
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1
-    assert "part.bag holds a part of a demonstration" in error
-    assert demonstration.read_demonstration(bag).source["partial"] is True
+    assert not bag.exists()
 
 
 # -- pipes and devices where a run keeps its files --------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """A demonstration: the commands that somebody gave, with the poses and scans that went with them.
 
-APPLD (appld.py) reads it from a bag, which the teleoperation node recorded on a robot or the scripted demonstrator
+APPLD (appld.py) reads it from a bag, recorded while a person drove the robot or by the scripted demonstrator
 (demonstrate.py) wrote.
 """
 
