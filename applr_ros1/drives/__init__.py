@@ -1,1 +1,1 @@
-"""A recorded drive as a picture and as an animation; knows nothing of ROS."""
+"""Recorded drives as pictures and animations, and the comparison of two methods by theirs; knows nothing of ROS."""

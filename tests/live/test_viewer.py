@@ -87,19 +87,15 @@ def drives(who, *seconds, touched=False):
 @pytest.mark.parametrize(
     ("of_policy", "of_default", "says"),
     [
-        ([10.0], [14.1], "policy 41 % faster than default parameters, both without contact"),
-        ([14.1], [10.0], "default parameters 41 % faster than policy, both without contact"),
-        (
-            [12.0],
-            [np.nan],
-            "policy ahead of default parameters, default parameters did not arrive, both without contact",
-        ),
+        ([10.0], [14.1], "policy took 29.1 % less time than default parameters"),
+        ([14.1], [10.0], "default parameters took 29.1 % less time than policy"),
+        ([12.0], [np.nan], "policy took 88.0 % less time than default parameters, default parameters did not arrive"),
         ([np.nan], [np.nan], "nobody arrived"),
         (
             [10.0, 10.0, np.nan],
             [20.0, 5.0, 9.0],
-            "default parameters 20 % slower than policy, ahead in 2 of 3 worlds, policy did not arrive 1 times, "
-            "both without contact",
+            "default parameters cannot be told from policy in time (-71.7 %, 95 % interval -91.0 to +100.0 %), "
+            "ahead in 2 of 3 worlds, policy did not arrive 1 times",
         ),
     ],
 )
@@ -108,9 +104,9 @@ def test_a_race_ends_with_who_was_best_by_how_much(of_policy, of_default, says):
     assert verdict(drives("policy", *of_policy)) == ""
 
 
-def test_a_contact_weighs_more_than_time():
+def test_a_contact_counts_as_five_seconds():
     says = verdict(drives("policy", 10.0, touched=True) + drives("default parameters", 14.1))
-    assert says == "default parameters 29 % slower than policy, policy touched something"
+    assert says == "default parameters took 6.0 % less time than policy, policy touched something"
 
 
 def by_hand(element, value):

@@ -14,6 +14,7 @@ import rospy
 from std_msgs.msg import Bool
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
+from applr_ros1.drives.comparison import compare
 from applr_ros1.robots import Robot
 
 from .page import ACCENT
@@ -23,7 +24,8 @@ from .shapes import PALETTE, Lines, Model
 from .world import WorldTab
 
 COLLISION = "sim_bridge/collision"
-LIMIT = 100.0  # s of ROS time for one drive of a race
+LIMIT = 100.0  # s of ROS time for one drive of a race, and what one that does not arrive counts as
+CONTACT = 5.0  # s that a contact counts as
 PATIENCE = 20.0  # wall seconds for each thing that a race waits for
 SETTLING = 1.0  # wall seconds between a reset and the next goal: the costmaps see the world again
 BREAK = 2.0  # wall seconds between two rounds of the ghosts
@@ -53,9 +55,14 @@ class Drive:
         return self.ended + ", touched something" * self.touched + ", **winner**" * self.won
 
     @property
-    def rank(self) -> Tuple[bool, bool, float]:
-        """Smallest for the best: one that arrived, without a contact, sooner."""
-        return self.ended not in FINISHED, self.touched, self.seconds
+    def arrived(self) -> bool:
+        """Whether it ended at its goal."""
+        return self.ended in FINISHED
+
+    @property
+    def score(self) -> float:
+        """Its time [s], LIMIT where it did not arrive, and CONTACT more where it touched something."""
+        return (self.seconds if self.arrived else LIMIT) + CONTACT * self.touched
 
 
 def verdict(drives: Sequence[Drive]) -> str:
@@ -65,22 +72,18 @@ def verdict(drives: Sequence[Drive]) -> str:
         of.setdefault(drive.who, {})[drive.world] = drive
     if len(of) < 2:
         return ""
-    ranks = {who: np.sum([drive.rank for drive in found.values()], axis=0).tolist() for who, found in of.items()}
-    best, other = sorted(of, key=ranks.__getitem__)[:2]
-    pairs = [(of[best][world], of[other][world]) for world in of[best] if world in of[other]]
-    arrived = [(a.seconds, b.seconds) for a, b in pairs if not a.rank[0] and not b.rank[0]]
-    if ranks[best][0] == len(pairs):
+    best, other = sorted(of, key=lambda who: sum(drive.score for drive in of[who].values()))[:2]
+    pairs = [(drive, of[other][world]) for world, drive in of[best].items() if world in of[other]]
+    if not any(drive.arrived for drive in of[best].values()):
         return "nobody arrived"
-    text = f"{best} ahead of {other}"
-    if arrived:
-        share = np.divide(*np.sum(arrived, axis=0)[::-1]) - 1.0
-        text = f"{best} {abs(share):.0%} {'faster' if share > 0 else 'slower'} than {other}".replace("%", " %")
-    if len(pairs) > 1:
-        text += f", ahead in {sum(a.rank < b.rank for a, b in pairs)} of {len(pairs)} worlds"
-    for k, none, some in ((0, "", "did not arrive"), (1, "both without contact", "touched something")):
-        lines = [f"{who} {some}" + (f" {ranks[who][k]:.0f} times" if len(pairs) > 1 else "") for who in (best, other)]
-        found = [line for line, who in zip(lines, (best, other)) if ranks[who][k]] or [none]
-        text += ", " * bool(found[0]) + ", ".join(found)
+    found = compare([ours.score for ours, _ in pairs], [theirs.score for _, theirs in pairs])
+    text = found.sentence(best, other)
+    if found.worlds > 1:
+        text += f", ahead in {found.ahead} of {found.worlds} worlds"
+    for who, drives_of in ((who, of[who].values()) for who in (best, other)):
+        failed, touched = sum(not drive.arrived for drive in drives_of), sum(drive.touched for drive in drives_of)
+        for count, what in ((failed, "did not arrive"), (touched, "touched something")):
+            text += f", {who} {what}" + f" {count} times" * (found.worlds > 1) if count else ""
     return text
 
 
@@ -230,9 +233,9 @@ class RaceTab:
         for choice in self._choices:
             if choice.value != NOBODY:
                 self._drive(self._methods[choice.value])
-        drives = sorted(self.drives[before:], key=lambda drive: drive.rank)
+        drives = sorted(self.drives[before:], key=lambda drive: drive.score)
         if len(drives) > 1:
-            drives[0].won = not drives[0].rank[0]
+            drives[0].won = drives[0].arrived
         self._write()
 
     def _drive(self, method: str) -> None:
