@@ -93,7 +93,7 @@ def test_a_robot_without_files_for_a_map():
         (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"/collision_monitor", "/applr", "/send_goal"}),
         (
             ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
-            {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/record", "/rviz", "/parameter_panel"},
+            {"/sim_bridge", "/move_base", "/collision_monitor", "/applr", "/record", "/rviz"},
         ),
     ],
 )

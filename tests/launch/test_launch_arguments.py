@@ -52,7 +52,7 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     robot, bag = str(tmp_path / "my robot"), str(tmp_path / "a drive.bag")
     shutil.copytree(JACKAL, robot)
     found = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
-    for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal", "parameter_panel"):
+    for node in ("sim_bridge", "move_base", "collision_monitor", "applr", "send_goal"):
         assert found["parameters"]["/%s/robot" % node] == robot
     assert found["parameters"]["/sim_bridge/world"] == found["parameters"]["/send_goal/world"] == "/a b.world"
     assert found["words"]["record"] == [bag, "--costmaps", "false", "--robot", robot]
