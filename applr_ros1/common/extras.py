@@ -10,7 +10,6 @@ from typing import Iterator, Optional
 EXTRAS = {
     **dict.fromkeys(("matplotlib", "PIL"), "report"),
     **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4"), "train"),
-    **dict.fromkeys(("onnx", "onnxruntime", "onnxscript"), "export"),
     **dict.fromkeys(("yourdfpy", "xacro"), "urdf"),
     "pybullet": "pybullet",
     "ray": "cluster",

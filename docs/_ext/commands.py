@@ -10,7 +10,7 @@ from unittest import mock
 MODULES = {
     "training": ["train"],
     "experiments": ["evaluate", "static_search", "appld", "demonstrate", "bags_to_dataset"]
-    + ["export", "new_robot", "check_robot", "try_robot", "compare_recording", "report.__main__"],
+    + ["new_robot", "check_robot", "try_robot", "compare_recording", "report.__main__"],
     "worlds": ["draw"],
     "sim_bridge": ["check"],
     "applr_ros1.nodes.tools": ["barn", "measure_braking", "record", "replay", "rviz"],

@@ -225,13 +225,13 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     extras = dict.fromkeys(
         ("appld", "bags_to_dataset", "compare_recording", "demonstrate", "static_search", "train"), "train"
     )
-    program = [sys.executable, "-c", WITHOUT_EXTRAS, *extras, "export"]
+    program = [sys.executable, "-c", WITHOUT_EXTRAS, *extras]
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
     done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     said = done.stdout.splitlines()
-    assert "the report is without pictures: Python's matplotlib is not installed" in said[-9]
+    assert "the report is without pictures: Python's matplotlib is not installed" in said[-8]
     assert (tmp_path / "results/report/table_1.csv").exists()
-    for extra, line in zip([*extras.values(), "export"], said[-7:]):
+    for extra, line in zip(extras.values(), said[-6:]):
         assert line.startswith("ended with: Python's "), line
         assert line.endswith(f"pip install '.[{extra}]'"), line
