@@ -10,13 +10,6 @@ class Line(gymnasium.Env):
     observation_space = gymnasium.spaces.Box(-10, 10, (1,), np.float32)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
 
-    class space:  # as ApplrEnv's: what the default parameters are
-        theta0 = np.zeros(1)
-
-        @staticmethod
-        def to_action(theta):
-            return np.asarray(theta)
-
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
         self.x, self.t = self.np_random.uniform(-1, 1), 0

@@ -1,17 +1,70 @@
 """Training runs of the toy environment (toy_env.py), what they leave, and the one line with which they refuse."""
 
+import json
 import re
 
-from applr_ros1.common.tensors import unpack
-from training.learner.learner import Learner
-from training.replay.store import TrajectoryStore
-from training.train import main
+import numpy as np
+import safetensors.numpy
 
+from applr_ros1.common.errors import run_main
+from applr_ros1.common.files import write_bytes
+from applr_ros1.common.tensors import unpack
+from training.actors.collector import layout_of
+from training.actors.tasks import POLICY, Answer, RunnerSpec, TrialResult, WorkerSettings
+from training.env.rollout import make_environment, roll_out
+from training.learner.config import parse
+from training.learner.learner import Learner
+from training.learner.prepare import Preparation
+from training.learner.run import TrainingRun
+from training.replay.store import TrajectoryStore
+
+LINE = "tests.support.toy_env:Line"
 TOY = [
-    *("--env", "tests.support.toy_env:Line", "--net-arch", "32", "32", "--batch-size", "32", "--utd-ratio", "0.5"),
+    *("--net-arch", "32", "32", "--batch-size", "32", "--utd-ratio", "0.5"),
     *("--eval-freq", "200", "--device=cpu", "--actor-lr=1e-3", "--decision-period=0.5"),
 ]
 NO_EVALUATION = ["--eval-worlds", "none"]
+
+
+class ToyTrials:
+    """Runner of trials in a toy environment; the default stands still."""
+
+    def __init__(self, env):
+        self.env = make_environment(env, {})
+
+    def run(self, task, policy):
+        """Drives one episode of the policy, or of the default where the task names another method."""
+        policy = policy if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
+        episode = roll_out(self.env, policy, task.seed)
+        return Answer(task, result=TrialResult(decisions=10, total_reward=float(sum(episode.rewards))))
+
+
+def toy_settings(env):
+    """Who drives in a toy environment "module:Class"."""
+    return WorkerSettings(
+        RunnerSpec("training.actors.collector:Collector", {"env": env, "options": {}}),
+        RunnerSpec("tests.support.toy_training:ToyTrials", {"env": env}),
+    )
+
+
+def toy_run(config, env=LINE):
+    """A training run in a toy environment."""
+
+    class ToyRun(TrainingRun):
+        @staticmethod
+        def prepare(config):
+            held_out = [("environment", "")] * (config.eval_worlds != "none")
+            return Preparation(toy_settings(env), None, held_out, layout_of(make_environment(env, {})))
+
+        def write_policy(self, path, weights, metadata):
+            write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
+
+    return ToyRun(config)
+
+
+def main(arguments=None, env=LINE):
+    """train.py in a toy environment."""
+    return run_main(lambda: toy_run(parse(arguments), env).run(), "train.py")
 
 
 def toy(out, *more):
@@ -32,7 +85,7 @@ def state_of(folder):
     return data, header, {key: checkpoint[key] for key in keys}, taken
 
 
-def one_line(capsys, arguments, pattern):
+def one_line(capsys, arguments, pattern, main=main):
     """Asserts that train.py ends with one line on stderr that matches the pattern."""
     capsys.readouterr()
     assert main([str(a) for a in arguments]) > 0

@@ -1,6 +1,6 @@
-"""What an actor does in an environment: training episodes with exploration noise, and trials in one that is not ours.
+"""What an actor does in an environment: training episodes with exploration noise.
 
-Workers make these runners (training/actors/worker.py); learner/prepare.py names them.
+Workers make this runner (training/actors/worker.py); learner/prepare.py names it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any, Dict, Optional
 import gymnasium
 import numpy as np
 
-from training.actors.tasks import POLICY, Answer, Collect, Trial, TrialResult
+from training.actors.tasks import Answer, Collect
 from training.actors.worker import PolicyWeights
 from training.env.rollout import make_environment, roll_out
 from training.replay.trajectory import Trajectory, TransitionLayout
@@ -55,38 +55,6 @@ class Collector:
             self.layout, episode.observations, episode.actions, episode.rewards, episode.terminated, info
         )
         return Answer(task, data=trajectory.pack())
-
-
-class EnvironmentTrials:
-    """Runner of Trial tasks in an environment that is not ours, which may know nothing of courses and times.
-
-    The default action is its space's theta0 where it has that, as ApplrEnv has, else zero.
-    """
-
-    def __init__(self, env: str, options: Dict[str, Any]):
-        self.env = make_environment(env, options)
-        space, layout = getattr(self.env.unwrapped, "space", None), layout_of(self.env)
-        self.seen = layout.seen
-        default = np.zeros(layout.action) if space is None else space.to_action(space.theta0)
-        self.default = np.asarray(default, np.float32)
-
-    def run(self, task: Trial, policy: Optional[PolicyWeights]) -> Answer:
-        """Drives one episode of the policy, or of the default action where the task names another method."""
-
-        def act(observation: np.ndarray) -> np.ndarray:
-            asked = policy if task.method_spec == POLICY else None
-            return self.default if asked is None else asked(observation[: self.seen])
-
-        episode = roll_out(self.env, act, task.seed)
-        result = TrialResult(
-            success=bool(episode.info.get("success", False)),
-            collided=bool(episode.info.get("collided", False)),
-            timeout=bool(episode.info.get("timeout", False)),
-            time_s=float(episode.info.get("time_s", float("nan"))),
-            decisions=len(episode.rewards),
-            total_reward=float(sum(episode.rewards)),
-        )
-        return Answer(task, result=result)
 
 
 def layout_of(env: gymnasium.Env) -> TransitionLayout:

@@ -12,24 +12,19 @@ from training.env.outcome import Outcome
 
 
 class RewardOptions(Options):
-    """The coefficients. The paper publishes none: those of its terms are ours, the rest are off by default."""
+    """How the paper's terms are counted, and the coefficients of terms beyond them, which are off by default."""
 
     model_config = ConfigDict(title="Reward")
 
     # fmt: off
-    c_f: float = option(1.0, "Coefficient of the time term: what each 2 s before the goal cost.")
-    c_p: float = option(1.0,
-        "Coefficient of the progress term: what each metre of progress towards the goal earns.")
-    c_c: float = option(0.05,
-        "Coefficient of the clearance term: what 1/d costs in 2 s, with d the distance [m] of the nearest obstacle in "
-        "the laser scan.")
     along_y: bool = option(False,
         "Measure progress along the y axis of the world, as the paper simplified it, instead of in the direction of "
         "the goal.")
     exact_time: bool = option(False,
         "Count the time term in seconds, including the fraction of the last decision, instead of in whole decisions.")
     lowest: bool = option(False,
-        "Take d of the clearance term from all scans of a decision period instead of from its last scan.")
+        "Take the distance of the nearest obstacle in the clearance term from all scans of a decision period instead "
+        "of from its last scan.")
     failure_seconds: float = option(40.0,
         "Time [s] that a failure for good costs, at most what is left until the limit: the robot gave up, lies on its "
         "side, or has stalled or touched something where that ends an episode. The default is what standing for ever "
@@ -53,6 +48,10 @@ class Reward(RewardOptions):
     - c_collision is charged for a decision in which the robot touched something, c_switch for the mean change of the
       parameters, in action units (paper's future work), times the decision period / 2 s.
     """
+
+    c_f: float = 1.0  # the paper publishes no coefficients; these are ours
+    c_p: float = 1.0
+    c_c: float = 0.05
 
     NEAREST: ClassVar[float] = 0.1
     FARTHEST: ClassVar[float] = 2.0

@@ -8,7 +8,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional
 import gymnasium
 import numpy as np
 
-NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task, which is trained in unless another is named
+NAVIGATION = "training.env.env:ApplrEnv"  # the navigation task
 
 
 class Rollout(NamedTuple):

@@ -27,7 +27,6 @@ from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import drawn_robots, protocols
 from training.env.reward import RewardOptions
-from training.env.rollout import NAVIGATION
 from training.env.ruler import PAPER
 from training.learner.learner import MOST_ROWS, POLICY_FILE, LearnerOptions
 from worlds.loading import FORMS
@@ -50,8 +49,8 @@ class RunOptions(Options):
         "Folder for the configuration, the checkpoints, all trajectories, the actors, and the learning curves.")
     resume: bool = option(False,
         "Continue the run in the folder --out with the options that it was started with. Options that are given again "
-        "replace the stored ones, except for the networks, the replay buffer's size, the seed, the environment, the "
-        "robot and --init-from.")
+        "replace the stored ones, except for the networks, the replay buffer's size, the seed, the robot and "
+        "--init-from.")
     total_timesteps: int = option(PAPER_STEPS,
         "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
     minutes: float = option(0.0,
@@ -82,14 +81,11 @@ class ActorOptions(Options):
 
 
 class TaskOptions(Options):
-    """Environment, worlds and robot."""
+    """Worlds and robot."""
 
     model_config = ConfigDict(title="Worlds and robot")
 
     # fmt: off
-    env: str = option(NAVIGATION,
-        "Training environment as MODULE:CLASS. An environment other than the default is constructed without arguments.",
-        fixed=True)
     decision_period: float = option(PERIOD,
         "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
     robot: str = option("jackal",
@@ -160,7 +156,8 @@ class OfflineOptions(Options):
         "(period, reward and worlds may differ); or from a parameter set as the policy's first output, static for the "
         "robot's own best single set or a JSON file, which also gives the parameters that a policy in the "
         "dimensionless form does not choose; or from a policy in the dimensionless form, applr for the "
-        "included one or its file. Default: the policy's first output is near the middle of the ranges.",
+        "included one or its file, which stands still while the critics learn alone for 2,000 gradient steps. Default: "
+        "the policy's first output is near the middle of the ranges.",
         fixed=True)
     # fmt: on
 
@@ -196,8 +193,6 @@ class TrainConfig(
         for name in SPANS:
             if getattr(self, name) != sorted(getattr(self, name)):
                 raise ApplrError(f"{dashed(name)} is {getattr(self, name)}: give the smaller number first")
-        if self.env != NAVIGATION and self.mirror:
-            raise ApplrError("--mirror is for the navigation task: leave it out, or --env")
         return self
 
     # -- what the parts need

@@ -27,7 +27,7 @@ from training.replay.buffer import Replay
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 from training.td3.networks import Weights
-from training.td3.td3 import TD3, TD3Options
+from training.td3.td3 import CRITICS_ALONE, TD3, TD3Options
 
 MOST_ROWS = 10**8
 POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
@@ -48,7 +48,7 @@ class LearnerOptions(TD3Options):
     utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
     mirror: bool = option(False,
         "Mirror half of each batch left to right (scan and local goal), which doubles the experience: robot, planner "
-        "and parameters are symmetric. It is for the default --env only.")
+        "and parameters are symmetric.")
     learning_starts: int = option(0,
         "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
         "--init-from they are driven by the policy with exploration noise.", ge=0, le=10**9)
@@ -88,6 +88,8 @@ class Learner:
             layout.policy_mirror,
             layout.hidden,
         )
+        if begin_with.endswith(POLICY_FILE):
+            self.td3.policy_starts = CRITICS_ALONE
         self.replay = Replay(layout, options.buffer_size)
         self.rng = np.random.default_rng([options.seed, 1])
         if self.saved(folder) is None:

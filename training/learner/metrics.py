@@ -11,14 +11,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, StrMethodFormatter
 from torch.utils.tensorboard import SummaryWriter
-from torch.utils.tensorboard.summary import hparams
 
 from applr_ros1.common.files import write_bytes
 from training.evaluation.periodic import THETA0, PeriodicEvaluation
 from training.replay.store import TrajectoryStore
 
-NOT_HYPER = ("out", "resume", "ray_address")  # options that say where a run is, not how it learns
-JUDGED_BY = ("held_out/score", "held_out/success")  # what TensorBoard's table of hyper-parameters shows of each run
 EPISODE = ("return", "length", "success", "collided", "time_s")
 
 
@@ -28,14 +25,10 @@ class TensorBoardLog:
     Args:
         folder: of the run.
         step: where it goes on; what a killed run wrote behind it is dropped.
-        options: of the run, the hyper-parameters by which TensorBoard compares runs.
     """
 
-    def __init__(self, folder: Path, step: int, options: Dict[str, Any]):
+    def __init__(self, folder: Path, step: int):
         self.writer: Any = SummaryWriter(str(Path(folder) / "tensorboard"), purge_step=step + 1)
-        shown = {k: str(v) if isinstance(v, list) else v for k, v in options.items() if k not in NOT_HYPER}
-        for summary in hparams(shown, dict.fromkeys(JUDGED_BY)):
-            self.writer.file_writer.add_summary(summary)  # type: ignore[attr-defined]
 
     def scalars(self, prefix: str, values: Dict[str, Any], step: int) -> None:
         """The finite numbers among `values`, as prefix/name."""

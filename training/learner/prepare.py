@@ -10,13 +10,13 @@ import numpy as np
 import torch
 
 import sim_bridge
-from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import load
 from training.actors.collector import layout_of
 from training.actors.tasks import RunnerSpec, WorkerSettings
-from training.common.options import dashed
 from training.env.env import ApplrEnv, load_worlds
-from training.env.rollout import NAVIGATION, make_environment
+from training.env.reward import Reward
+from training.env.rollout import NAVIGATION
 from training.evaluation.trials import ROBOTS_TRIALS, TRIAL_RUNNER, world_list
 from training.learner.config import TrainConfig
 from training.replay.store import TrajectoryStore, dataset
@@ -28,7 +28,7 @@ class Preparation:
     """What prepare() found."""
 
     settings: WorkerSettings
-    worlds: Optional[int]  # how many there are to train in; None where the environment has none of ours
+    worlds: Optional[int]  # how many there are to train in; None: the environment chooses
     held_out: List[Tuple[str, str]]  # (name, specification) of the periodic evaluation's worlds
     layout: TransitionLayout
 
@@ -36,17 +36,6 @@ class Preparation:
 def prepare(config: TrainConfig) -> Preparation:
     """Checks worlds and environment before anything is begun. Raises ApplrError with one line."""
     evaluates = config.eval_worlds != "none"
-    if config.env != NAVIGATION:
-        environment = {"env": config.env, "options": {}}
-        settings = WorkerSettings(
-            RunnerSpec("training.actors.collector:Collector", environment),
-            RunnerSpec("training.actors.collector:EnvironmentTrials", environment),
-        )
-        try:
-            layout = layout_of(make_environment(config.env, {}))
-        except Exception as error:  # whatever a person's environment raises
-            raise ApplrError(f"--env {config.env} cannot be made: {type(error).__name__}: {reason(error)}") from None
-        return Preparation(settings, None, [("environment", "")] if evaluates else [], layout)
     robot, worlds = load(config.eval_robot), load_worlds(config.worlds)
     held_out = [world[:2] for world in world_list(config.eval_worlds, config.eval_protocol, robot)] if evaluates else []
     sim_bridge.Randomisation(**config.randomisation())
@@ -77,7 +66,7 @@ def prepare(config: TrainConfig) -> Preparation:
     env.close()
     return Preparation(
         WorkerSettings(
-            RunnerSpec("training.actors.collector:Collector", {"env": config.env, "options": options}),
+            RunnerSpec("training.actors.collector:Collector", {"env": NAVIGATION, "options": options}),
             RunnerSpec(
                 ROBOTS_TRIALS if len(config.eval_robots) > 1 else TRIAL_RUNNER,
                 dict(common, observation=config.observation, protocol=config.eval_protocol),
@@ -100,9 +89,11 @@ def set_threads(config: TrainConfig) -> None:
 
 def driven_with(config: TrainConfig) -> Dict[str, Any]:
     """What the experience of a run is driven with, as its store notes it and as an offline run must have it."""
-    if config.env != NAVIGATION:
-        return {"decision_period": config.decision_period}
-    return {"decision_period": config.decision_period, "robot": config.robot_name, **config.reward()}
+    return {
+        "decision_period": config.decision_period,
+        "robot": config.robot_name,
+        **Reward(**config.reward()).model_dump(),
+    }
 
 
 def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[TrajectoryStore]:
@@ -119,7 +110,7 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Trajec
     for name, value in driven_with(config).items():
         if source.get(name, value) != value:
             raise ApplrError(
-                f"{dashed(name)} is {value}, but the dataset {config.dataset} was driven with {source[name]}: give "
+                f"{name} is {value}, but the dataset {config.dataset} was driven with {source[name]}: give "
                 "that, or make the dataset anew"
             )
     return store

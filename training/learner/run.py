@@ -20,7 +20,7 @@ import safetensors.numpy
 from tqdm import tqdm
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import StorageError, read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.files import StorageError, read_bytes, read_json, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
@@ -31,7 +31,6 @@ from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import Answer, Trial
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
-from training.env.rollout import NAVIGATION
 from training.env.ruler import PAPER
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.score import CONTACT_SECONDS
@@ -51,10 +50,12 @@ STATUS_SECONDS = 10.0  # between two lines of TensorBoard's "training", and of t
 class TrainingRun:
     """A run. run() returns the exit status: 0 done, 130 stopped by a signal and saved."""
 
+    prepare = staticmethod(prepare)
+
     def __init__(self, config: TrainConfig):
         self.began = time.monotonic()
         config = config.resolved()
-        made = prepare(config)
+        made = self.prepare(config)
         self.dataset = dataset_of(config, made.layout)
         if self.dataset is not None:
             config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
@@ -88,7 +89,7 @@ class TrainingRun:
             self.learner.store.next_episode,
         )
         self.scheduler.transitions = self.learner.transitions
-        self.board = TensorBoardLog(self.folder, self.steps, config.model_dump())
+        self.board = TensorBoardLog(self.folder, self.steps)
         self.stopping: Optional[str] = None
         self.errors = self.refusals = 0  # in a row
         self._published = -1
@@ -300,13 +301,15 @@ class TrainingRun:
             "result": result,
             "default": self.evaluation.default if result else None,
         }
-        if self.config.env == NAVIGATION and self.config.observation != PAPER:
+        self.write_policy(path, weights, metadata)
+
+    def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
+        """The file of a policy in the form that the run learns."""
+        if self.config.observation != PAPER:
             actor.save_general(path, weights, {**metadata, "base": self.config.base()})
-        elif self.config.env == NAVIGATION:
+        else:
             robot = load(self.config.robot)
             actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
-        else:
-            write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
 
     # -- progress ------------------------------------------------------------------------------------------
     def _say(self, text: str) -> None:

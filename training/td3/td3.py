@@ -27,6 +27,7 @@ from training.td3.networks import MLP, Weights, parameters
 
 INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
 SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
+CRITICS_ALONE = 2000  # gradient steps before the first one of a policy that fresh critics would spoil
 
 
 class TD3Options(Options):
@@ -49,9 +50,6 @@ class TD3Options(Options):
     target_noise_clip: float = option(0.5,
         "Largest absolute value of the smoothing noise on target actions.", ge=0, le=2)
     policy_delay: int = option(2, "Number of critic updates per policy update.", ge=1, le=100)
-    policy_starts: int = option(0,
-        "Number of gradient steps in which the critics learn alone, before the first one of the policy. It keeps fresh "
-        "critics from spoiling a policy that --init-from names.", ge=0, le=10**9)
     policy_ema_decay: float = option(0.0,
         "Decay per policy step of a running average of the policy, such as 0.999; actors and actor files then hold the "
         "average. 0 uses the policy itself.", ge=0, le=0.999999)
@@ -156,7 +154,7 @@ class TD3:
             self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), options.actor_lr, fused=True)
         self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), options.critic_lr, fused=True)
-        self.updates = 0
+        self.updates = self.policy_starts = 0
         self.losses: Dict[str, torch.Tensor] = {}
 
     @torch.no_grad()
@@ -188,7 +186,7 @@ class TD3:
         self.updates += 1
         self._update_critics(batch)
         if self.updates % self.options.policy_delay == 0:
-            if self.updates > self.options.policy_starts:
+            if self.updates > self.policy_starts:
                 self._update_actor(batch)
             self._update_targets()
 

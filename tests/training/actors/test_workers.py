@@ -12,6 +12,8 @@ import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
 from tests.support.processes import is_alive
+from tests.support.toy_training import LINE, main
+from tests.support.toy_training import toy_settings as settings
 from training.actors import local
 from training.actors.collector import Collector
 from training.actors.local import ROOT
@@ -22,21 +24,12 @@ from training.actors.tasks import POLICY, Answer, Collect, RunnerSpec, Trial, Tr
 from training.learner.learner import Learner, LearnerOptions
 from training.replay.trajectory import Trajectory, TransitionLayout
 from training.td3.td3 import TD3, TD3Options
-from training.train import main
 
 LAYOUT = TransitionLayout(0, 1, 1)
 SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2", "--device=cpu"]
 
 
-def settings(env):
-    options = {"env": env, "options": {}}
-    return WorkerSettings(
-        RunnerSpec("training.actors.collector:Collector", options),
-        RunnerSpec("training.actors.collector:EnvironmentTrials", options),
-    )
-
-
-TOY, SLOW = settings("tests.support.toy_env:Line"), settings("tests.support.toy_env:Slow")
+TOY, SLOW = settings(LINE), settings("tests.support.toy_env:Slow")
 
 
 def scheduler(**options):
@@ -175,13 +168,13 @@ def test_actors_that_all_die_end_the_run_in_one_line():
 
 def test_training_with_processes_some_of_which_die(tmp_path, capsys):
     out = tmp_path / "run"
-    options = ["--env=tests.support.toy_env:Dying", "--total-timesteps=1500", "--eval-worlds=none"]
-    assert main([*SMALL, *options, "--out", str(out)]) == 0
+    options, env = ["--total-timesteps=1500", "--eval-worlds=none"], "tests.support.toy_env:Dying"
+    assert main([*SMALL, *options, "--out", str(out)], env) == 0
     saved = Learner.saved(out)
     assert saved["transitions"] >= 1500
     assert saved["updates"] == saved["transitions"] // 10
     assert "died; a new one takes its place" in capsys.readouterr().err
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "1700"]) == 0  # another incarnation, new episodes
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "1700"], env) == 0  # new episodes
     assert Learner.saved(out)["transitions"] >= 1700
 
 

@@ -17,9 +17,10 @@ def test_a_policy_over_drawn_robots_and_a_specialist_that_begins_with_it(tmp_pat
     assert main([*learning, "--robot", "drawn", "--eval-worlds", "none", "--out", str(run)]) == 0
     policy = str(run / "actor.safetensors")
     assert load(policy).period == 1.0
-    alone = [*learning, "--robot", "husky", "--init-from", policy, "--policy-starts", "1000"]
+    alone = [*learning, "--robot", "husky", "--init-from", policy]
     assert main([*alone, "--eval-worlds", "generated:1", "--eval-freq", "12", "--out", str(own)]) == 0
     before, after = begun_policy(policy), begun_policy(str(own / "actor.safetensors"))
     assert all(np.array_equal(before[name], after[name]) for name in before)  # the critics have learnt alone
-    one_line(capsys, [*FORM, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"], "the same --net-arch")
-    one_line(capsys, ["--robot", "drawn", "--out", tmp_path / "d"], "needs --observation dimensionless")
+    other = [*FORM, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"]
+    one_line(capsys, other, "the same --net-arch", main)
+    one_line(capsys, ["--robot", "drawn", "--out", tmp_path / "d"], "needs --observation dimensionless", main)

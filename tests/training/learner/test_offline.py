@@ -8,7 +8,7 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from tests.support.toy_env import Line
-from tests.support.toy_training import NO_EVALUATION, one_line, state_of, toy
+from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
 from training.env.reward import Reward
 from training.learner.config import TrainConfig, parse
 from training.learner.learner import Learner
@@ -16,7 +16,6 @@ from training.learner.prepare import dataset_of
 from training.learner.run import MANY_ERRORS, TrainingRun
 from training.replay.store import NAME, TrajectoryStore
 from training.replay.trajectory import Trajectory, TransitionLayout
-from training.train import main
 
 LAYOUT = TransitionLayout(0, 1, 1)
 
@@ -79,7 +78,7 @@ def test_an_offline_run_that_is_resumed_makes_no_step_beyond_its_own(data, tmp_p
         with monkeypatch.context() as patch:
             patch.setattr(TrainingRun, "save", die)
             with pytest.raises(Killed):
-                TrainingRun(parse(toy(out, *options))).run()
+                toy_run(parse(toy(out, *options))).run()
     else:
         assert main(toy(out, *options)) == 0
     assert main(["--resume", "--out", str(out)]) == 0
@@ -92,10 +91,10 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
     layout = TransitionLayout()
     for number, (source, line) in enumerate(
         (
-            ({"decision_period": 1.0}, "--decision-period is 2.0, but the dataset .* driven with 1.0"),
-            ({"robot": "husky"}, "--robot is jackal, but the dataset .* driven with husky"),
-            ({"exact_time": True}, "--exact-time is False, but the dataset .* with True"),
-            ({"c_c": 0.06}, "--c-c is 0.05, but the dataset .* with 0.06"),
+            ({"decision_period": 1.0}, "decision_period is 2.0, but the dataset .* driven with 1.0"),
+            ({"robot": "husky"}, "robot is jackal, but the dataset .* driven with husky"),
+            ({"exact_time": True}, "exact_time is False, but the dataset .* with True"),
+            ({"c_c": 0.06}, "c_c is 0.05, but the dataset .* with 0.06"),
             ({"decision_period": 2, "robot": "jackal", **Reward().model_dump(), "bags": ["a"]}, ""),
         )
     ):
@@ -106,7 +105,7 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
         else:
             assert dataset_of(config, layout).transitions == 10
     toys = write(tmp_path / "toys", {"decision_period": 1.0})
-    one_line(capsys, toy(tmp_path / "run", "--dataset", toys), "--decision-period is 0.5, but")
+    one_line(capsys, toy(tmp_path / "run", "--dataset", toys), "decision_period is 0.5, but")
     assert not (tmp_path / "run").exists()
     with pytest.raises(ApplrError, match="its layout is .*, this training has"):
         dataset_of(TrainConfig(dataset=toys), layout)
@@ -137,8 +136,8 @@ class Uneven(Line):
 
 def test_failures_in_a_row_are_counted_from_the_last_success(data, tmp_path, capsys):
     out = tmp_path / "run"
-    options = ["--env", "test_offline:Uneven", "--dataset", data, "--gradient-steps", "60", "--eval-freq", "10"]
-    assert main(toy(out, *options, "--n-eval-episodes", "150")) == 0, capsys.readouterr().err
+    options = ["--dataset", data, "--gradient-steps", "60", "--eval-freq", "10"]
+    assert main(toy(out, *options, "--n-eval-episodes", "150"), "test_offline:Uneven") == 0, capsys.readouterr().err
     rounds = [json.loads(line) for line in (out / "evaluations.jsonl").read_text().splitlines()]
     assert sum(150 - r["trials"] for r in rounds) > MANY_ERRORS
     assert not any(r["best"] for r in rounds if r["trials"] < 150)  # what failed may have been the hard ones

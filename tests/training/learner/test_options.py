@@ -5,7 +5,7 @@ import json
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from tests.support.toy_training import one_line, toy
+from tests.support.toy_training import main, one_line, toy
 from training import train
 from training.learner import config as options
 from training.learner.config import TrainConfig, parse
@@ -17,20 +17,17 @@ from training.learner.config import TrainConfig, parse
     [
         (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
         (["--net-arch", "512", "0"], "--net-arch is '0': input should be greater than or equal to 1"),
-        (["--env", "training.env.env:ApplrEnv", "--worlds", "generated:900"], "generated:900"),
+        (["--worlds", "generated:900"], "generated:900"),
         (["--latency", "0.2", "0.1"], "--latency is .*: give the smaller number first"),
         (["--planner", "theirs"], "--planner is 'theirs': input should be 'ours', 'cpp-like' or 'drawn'"),
         (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
-        (["--env", "os:getcwd"], "--env os:getcwd cannot be made: TypeError: it is no gymnasium.Env"),
-        (["--mirror"], "--mirror is for the navigation task"),
-        (["--symmetric"], "no scan and angle to mirror"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, jackal, paper"),
     ],
 )
 def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
-    one_line(capsys, toy(tmp_path / "run", *arguments), pattern)
+    one_line(capsys, toy(tmp_path / "run", *arguments), pattern, train.main)
     assert not (tmp_path / "run").exists()
 
 
@@ -39,7 +36,7 @@ def test_what_the_machine_lacks_is_one_line_and_the_folder_can_be_used_again(tmp
     one_line(capsys, toy(out, "--device", "meta"), "--device is 'meta': this program learns on")
     one_line(capsys, toy(out, "--buffer-size", "1"), "a replay of 1 rows holds no transition")
     assert not (out / "config.json").exists()
-    assert train.main(toy(out, "--total-timesteps", "20", "--eval-worlds", "none")) == 0
+    assert main(toy(out, "--total-timesteps", "20", "--eval-worlds", "none")) == 0
 
 
 def test_a_file_of_options_takes_the_names_of_the_command_line(tmp_path):
