@@ -11,7 +11,6 @@ import numpy as np
 from applr_ros1.policy.parameter_space import SPACE, Space
 
 PERIOD = 2.0  # s between two decisions in the paper; files that state no other period have this one
-COMMAND_PERIOD = 0.05  # s between two commands of a method that commands velocities and states no period
 
 
 @dataclass(frozen=True)

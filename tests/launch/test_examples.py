@@ -70,12 +70,6 @@ def test_reading_a_trace(tmp_path):
     assert (tmp_path / "out" / "trace.png").stat().st_size > 5000
 
 
-def test_own_controller(tmp_path):
-    lines = run("07_own_controller", tmp_path, "--worlds", "generated:7", "--trials", 1, "--out", "out")
-    times = {line.split()[0]: float(line.split()[-2]) for line in lines if " trial 0: goal after " in line}
-    assert times["pursuit"] < times["dwa"]
-
-
 def test_side_by_side(tmp_path):
     run("08_side_by_side", tmp_path, "--out", "out.gif")
     with Image.open(tmp_path / "out.gif") as animation:

@@ -115,8 +115,6 @@ def test_names_clock_and_cap_reach_the_nodes():
     assert "front/scan:=/lidar/scan" in shown.stdout, shown.stdout
     plain = yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH, "sim:=false").stdout)
     assert "/use_sim_time" not in plain  # Gazebo's stays
-    method = inside("roslaunch", "--dump-params", "applr_ros1", "velocity_method.launch", "method:=own.py:Own")
-    assert "/use_sim_time" not in yaml.safe_load(method.stdout), method.stderr
     assert yaml.safe_load(inside("roslaunch", "--dump-params", *LAUNCH).stdout)["/use_sim_time"] is True
 
 

@@ -77,7 +77,6 @@ def test_launch_files_clear_what_an_earlier_launch_left():
         ("jackal_applr.launch", ("rviz:=true",)),
         ("barn_controller.launch", ()),
         ("two_jackals.launch", ()),
-        ("velocity_method.launch", ("method:=a:B",)),
         ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
         ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
     ):
@@ -104,7 +103,6 @@ def test_roslaunch_refuses_values_of_the_wrong_type():
         (["wrold:=generated:7"], "wrold:=generated:7 is no argument: give ARG:=VALUE; there are robot, map, world, "),
         (["world:=generated:300"], "generated:300"),
         (["method:=faster"], "method 'faster' is not known"),
-        (["method:=examples/07_own_controller/pursuit.py:Pursuit"], "start it with velocity_method.launch"),
         (["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
         (["goal:=none"], "the demo needs sim:=true"),
         (["limit:=long"], "limit is 'long': give a number from 1 to 3600"),

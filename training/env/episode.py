@@ -40,18 +40,6 @@ def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
     return dict(parameters, TrajectoryPlannerROS=planner)
 
 
-class _NoLocalPlanner:
-    """Stands in the planner's place while a method commands the base: it makes no command and is never stuck."""
-
-    goal_reached = remembers_reached = False
-
-    def set_plan(self, plan) -> None:
-        pass
-
-    def compute_velocity(self, pose, twist, costmap, frame=None):
-        return True, (0.0, 0.0)
-
-
 class Episode:
     """Drives courses, one after the other, with one planner in one simulator.
 
@@ -132,7 +120,6 @@ class Episode:
         self._acceleration = None
         self._jerks = self._turns = 0.0
         self._cycles = 0
-        self._command: Optional[Tuple[float, float]] = None
         self._scan_due = state.time
         self._ranges = np.empty(0, np.float32)  # the newest scan of the control cycles
         theta = self.apply(self.space.theta0 if theta is None else theta)
@@ -151,36 +138,15 @@ class Episode:
         )
         return self.outcome
 
-    def take_over(self) -> None:
-        """From now to the next reset drive() commands the base; MoveBase keeps maps and plan, and never gives up."""
-        self._command = (0.0, 0.0)
-        self.move_base.local_planner = _NoLocalPlanner()
-        self.move_base.reconfigure("", {"oscillation_timeout": 0.0, "planner_patience": TIME_LIMIT})
-
     def decide(self, theta) -> Outcome:
         """Drive one decision period (less where the course ends) with parameters theta (n,), and say how it went."""
-        was = self._open()
+        was = self.outcome
+        if was is None or was.over:
+            raise RuntimeError("the trial is over: call reset() before decide()")
         theta = self.apply(theta)
         if self.record:
             self.trace.theta.append(theta)
             self.trace.decided.append(self.simulator.state.time - self.began)
-        return self._drive_period(was, theta)
-
-    def drive(self, v: float, w: float) -> Outcome:
-        """Drive one decision period with the velocity v [m/s], w [rad/s]; take_over() comes before the first."""
-        was = self._open()
-        if self._command is None:
-            raise RuntimeError("the planner drives: call take_over() after reset() and before drive()")
-        self._command = (float(v), float(w))
-        return self._drive_period(was, was.theta)
-
-    def _open(self) -> Outcome:
-        if self.outcome is None or self.outcome.over:
-            raise RuntimeError("the trial is over: call reset() before decide() or drive()")
-        return self.outcome
-
-    def _drive_period(self, was: Outcome, theta: np.ndarray) -> Outcome:
-        """Drive one decision period from where the trial is, with parameters theta (n,) in force."""
         since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
         now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf)
         for _ in range(self.cycles):
@@ -245,15 +211,14 @@ class Episode:
         simulator, state = self.simulator, self.simulator.state
         scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
         cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, scan)
-        command = cycle.command if self._command is None else self._command
+        command = cycle.command
         if self.monitor is not None:
             if scan is not None:
                 self.monitor.see(scan)
             if command is not None:
                 verdict = self.monitor.filter(state.time, state.odom_pose, state.odom_twist, command)
                 command = verdict.command
-                if self._command is None:  # what is held back of a method's commands is none of the planner's
-                    self.move_base.report_held(verdict.held)
+                self.move_base.report_held(verdict.held)
         if command is not None:
             simulator.command(*command)
         return cycle, simulator.advance(CONTROL_PERIOD)
@@ -286,7 +251,7 @@ class Episode:
             self.trace.time.append(state.time - self.began)
             self.trace.pose.append(tuple(state.pose))
             self.trace.twist.append(tuple(state.twist))
-            self.trace.command.append(self._command or cycle.command or (0.0, 0.0))
+            self.trace.command.append(cycle.command or (0.0, 0.0))
         self._judge(now, cycle, state)
 
     def _judge(self, now: Outcome, cycle, state) -> None:

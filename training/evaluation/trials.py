@@ -162,15 +162,11 @@ class TrialRunner:
         episode = self.episode(task.planner, method.period)
         episode.layout = method.layout
         outcome = episode.reset(world, task.seed)
-        if method.commands:
-            episode.take_over()
         changes: List[float] = []
         total = 0.0
         while not outcome.over:
             context, before = episode.context(), outcome.theta
-            outcome = (
-                episode.drive(*method.command(context)) if method.commands else episode.decide(method.theta(context))
-            )
+            outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
             total += self.ruler.judge(before, episode)[0]
         result = TrialResult(

@@ -1,1 +1,1 @@
-"""The applr node, which sets the planner's parameters at every decision, and the velocity node."""
+"""The applr node, which sets the planner's parameters at every decision."""

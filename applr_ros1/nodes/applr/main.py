@@ -29,7 +29,7 @@ from applr_ros1.srv import SetMethod, SetMethodResponse
 def make_method(spec, robot=JACKAL):
     """(method, ""), or (the planner's defaults, one line) where the method cannot be made: nothing else is lost."""
     try:
-        return methods.make(spec, robot, commands=False), ""
+        return methods.make(spec, robot), ""
     except (ApplrError, OSError) as e:
         return methods.make("dwa", robot), str(e)
 
@@ -48,7 +48,7 @@ def set_method(node, first, request):
     """
     spec = request.method or node.method.name
     try:
-        method = methods.make(spec, node.robot, user_code=spec == first, commands=False)
+        method = methods.make(spec, node.robot, user_code=spec == first)
     except (ValueError, OSError) as problem:
         rospy.logerr("applr: method stays %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))

@@ -143,7 +143,7 @@ def prepare(words, file):
     if values["policy"] != "none":
         kind = "applr" if values["method"] == "auto" else values["method"]
         values = with_folders(dict(values, method=kind + ":" + values["policy"]))
-    values["method"] = methods.make(values["method"], robot, commands=False).name
+    values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
     values["sent"] = send_goal.course_goal(world.course)
     if values["goal"] != "auto":  # given in odom, whose origin is the start

@@ -10,16 +10,12 @@ A person's own is a class of this shape, in any module:
             slow = context.ranges.min() < 0.4
             return SPACE.from_dict({"max_vel_x": 0.3 if slow else 1.0})     # names left out keep theta_0
 
-    class Follow:                                # commands the base itself, here 10 times a second
-        period = 0.1
-        def command(self, context): return 0.5, context.phi                 # v [m/s], w [rad/s]
-
 A class may also stand in a file: `my_methods.py:Cautious`. `module:Class:text` gives the text to the constructor.
 Parameters that come back are clipped to the space's bounds; NaN is refused. `check_method(Cautious())` says whether it
 keeps the contract. An actor of another project is a ForeignActor.
 """
 
-from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
+from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.methods.check import check_method
 from applr_ros1.policy.methods.foreign import ForeignActor
 from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
@@ -36,7 +32,6 @@ from applr_ros1.policy.methods.registry import (
 from applr_ros1.policy.methods.user_method import UserMethod
 
 __all__ = [
-    "COMMAND_PERIOD",
     "FORMS",
     "METHODS",
     "PERIOD",

@@ -25,7 +25,7 @@ def check_method(method: Any) -> None:
     """Put a method to its contract. Returns nothing when it is kept.
 
     Args:
-        method: A Method, or an object of one's own with theta(context) or command(context).
+        method: A Method, or an object of one's own with theta(context).
 
     Raises:
         ApplrError: One line with the promise that is broken.
@@ -35,7 +35,7 @@ def check_method(method: Any) -> None:
     _need(np.isfinite(used.period) and 0.05 <= used.period <= 60.0, name, "period is %r s, not .05 to 60" % used.period)
     contexts = scenes(DECISIONS, used.space, used.layout)
     first = _course(used, contexts, 7, name)
-    _need(_course(used, contexts, 7, name) == first, name, "the same seed and contexts gave other %s" % _what(used))
+    _need(_course(used, contexts, 7, name) == first, name, "the same seed and contexts gave other parameters")
     _course(used, contexts[::-1], 8, name)
     _need(_course(used, contexts, 7, name) == first, name, "what it decides depends on an earlier course")
     if used.static:
@@ -63,28 +63,25 @@ def scenes(count: int, space: Space = SPACE, layout: Layout = LAYOUT) -> List[Co
     return found
 
 
-def _what(method: Method) -> str:
-    return "velocities" if method.commands else "parameters"
-
-
 def _course(method: Method, contexts: List[Context], seed: int, name: str) -> List[bytes]:
     method.reset(seed)
     return [_decide(method, context, name) for context in contexts]
 
 
 def _decide(method: Method, context: Any, name: str) -> bytes:
-    before, asked = _content(context), "command" if method.commands else "theta"
+    before = _content(context)
     try:
-        decided = np.array(getattr(method, asked)(context), dtype=np.float64)
+        decided = np.array(method.theta(context), dtype=np.float64)
     except ApplrError:
         raise
     except Exception as error:
-        raise ApplrError("%s: %s(context) raised %s" % (name, asked, one_line(error))) from None
-    size = 2 if method.commands else len(method.space)
-    _need(decided.shape == (size,), name, "%s has shape %s, not (%d,)" % (asked, decided.shape, size))
-    _need(bool(np.isfinite(decided).all()), name, "%s is not finite" % asked)
-    inside = method.commands or np.array_equal(method.space.clip(decided), decided)
-    _need(inside, name, "theta lies outside the ranges, or a count is broken")
+        raise ApplrError("%s: theta(context) raised %s" % (name, one_line(error))) from None
+    size = len(method.space)
+    _need(decided.shape == (size,), name, "theta has shape %s, not (%d,)" % (decided.shape, size))
+    _need(bool(np.isfinite(decided).all()), name, "theta is not finite")
+    _need(
+        np.array_equal(method.space.clip(decided), decided), name, "theta lies outside the ranges, or a count is broken"
+    )
     _need(before == _content(context), name, "it changed the context that it was given")
     return decided.tobytes()
 

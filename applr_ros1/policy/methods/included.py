@@ -143,8 +143,6 @@ class FrozenParameter(Method):
     def __init__(self, inner: Method, name: str):
         if name not in inner.space.names:
             raise ApplrError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(inner.space.names)))
-        if inner.commands:
-            raise ApplrError("frozen:%s: the method commands velocities and has no parameters to hold" % name)
         self.inner, self.index, self.frozen = inner, inner.space.names.index(name), name
         self.static, self.period, self.per_cell = inner.static, inner.period, inner.per_cell
         self.space, self.layout = inner.space, inner.layout

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional
 
 import numpy as np
 
@@ -12,14 +12,12 @@ from applr_ros1.policy.parameter_space import SPACE, Space
 
 
 class Method:
-    """Chooses the planner's parameters at each decision, or commands the base's velocity in the planner's place.
+    """Chooses the planner's parameters at each decision.
 
     Attributes:
         name: The specification that it was made from.
         static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
             what a person changes later stands.
-        commands: Whether it commands velocities: then command() is asked, theta() never, and the planner makes global
-            plans alone.
         period: Time [s] between two decisions.
         space: The parameters that it chooses. `make` gives it the robot's where it states none.
         layout: How it sees a scan: what Context.ranges and Context.observation are made with. `make` gives it the
@@ -32,7 +30,6 @@ class Method:
 
     name = ""
     static = False
-    commands = False
     period = PERIOD
     space: Space = SPACE
     layout: Layout = LAYOUT
@@ -44,10 +41,6 @@ class Method:
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
         """The parameters (n,) until the next decision. Raises ApplrError where there are none to be had."""
-        raise NotImplementedError
-
-    def command(self, context: Context) -> Tuple[float, float]:
-        """The velocity (v [m/s], w [rad/s]) that the base is to have until the next decision."""
         raise NotImplementedError
 
     def describe(self) -> Dict[str, Any]:

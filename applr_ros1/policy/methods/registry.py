@@ -85,14 +85,13 @@ FORMS = (
 )
 
 
-def make(spec: str, robot: Robot = JACKAL, user_code: bool = True, commands: Optional[bool] = None) -> Method:
+def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
     """A method by its specification (FORMS) for a robot.
 
     Args:
         spec: The specification.
         robot: Whose parameters the method sets.
         user_code: Whether a person's own module or file may be imported for it.
-        commands: True refuses a method that chooses parameters, False one that commands velocities.
 
     Raises:
         ApplrError: Of one line.
@@ -100,9 +99,6 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True, commands: Opt
     method = _made(spec, robot, user_code)
     if method.space.robot != robot.name:
         raise ApplrError("method %s is for the robot %s: here %s runs" % (spec, method.space.robot, robot.name))
-    if commands is not None and commands != method.commands:
-        what, file = ("velocities", "velocity_method") if method.commands else ("parameters", "jackal_applr")
-        raise ApplrError("method %s chooses %s: start it with %s.launch" % (spec, what, file))
     method.name = robot.method if spec == "auto" else spec
     return method
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
-from typing import Any, Dict, Optional, Tuple
+from typing import Any, Dict, Optional
 
 import numpy as np
 
@@ -12,19 +11,18 @@ from applr_ros1.common import user_module
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.files import read_bytes, sha256
-from applr_ros1.policy.decision import COMMAND_PERIOD, PERIOD, Context
+from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.methods.protocol import Method
 
 PERIODS = 0.01, 60.0  # [s] between two decisions
 
 
 class UserMethod(Method):
-    """Wraps an object that has theta(context) or command(context).
+    """Wraps an object that has theta(context).
 
     It may have reset(seed), describe(), static, period, layout and per_cell as well.
 
-    Parameters that come back are clipped to the ranges, velocities must be two finite numbers; whatever the object
-    raises becomes an ApplrError of one line.
+    Parameters that come back are clipped to the ranges; whatever the object raises becomes an ApplrError of one line.
 
     Args:
         made: The object.
@@ -33,14 +31,10 @@ class UserMethod(Method):
 
     def __init__(self, made: Any, spec: str):
         self.made, self.spec = made, spec
-        self.commands = callable(getattr(made, "command", None))
-        if not self.commands and not callable(getattr(made, "theta", None)):
-            raise ApplrError(
-                "method %s has no theta(context) and no command(context); see docs/tutorials/own_method.md for examples"
-                % spec
-            )
-        self.static = not self.commands and bool(getattr(made, "static", False))
-        self.period = float(getattr(made, "period", COMMAND_PERIOD if self.commands else PERIOD))
+        if not callable(getattr(made, "theta", None)):
+            raise ApplrError("method %s has no theta(context); see docs/tutorials/own_method.md for an example" % spec)
+        self.static = bool(getattr(made, "static", False))
+        self.period = float(getattr(made, "period", PERIOD))
         if not self.static:
             number_within("the period of method %s" % spec, self.period, *PERIODS)
         self.per_cell = bool(getattr(made, "per_cell", False))
@@ -61,16 +55,6 @@ class UserMethod(Method):
             return self.space.clip(self.made.theta(context))
         except Exception as error:
             raise self._failed("gave no parameters", error) from error
-
-    def command(self, context: Context) -> Tuple[float, float]:
-        """The object's velocity (v [m/s], w [rad/s]), as two finite numbers."""
-        try:
-            v, w = (float(number) for number in self.made.command(context))
-            if not (math.isfinite(v) and math.isfinite(w)):
-                raise ValueError("(%g, %g) is not finite" % (v, w))
-            return v, w
-        except Exception as error:
-            raise self._failed("gave no velocity", error) from error
 
     def describe(self) -> Dict[str, Any]:
         """What the object says of itself, else its specification; for a class in a file also the file's checksum."""
