@@ -74,9 +74,3 @@ def test_side_by_side(tmp_path):
     run("08_side_by_side", tmp_path, "--out", "out.gif")
     with Image.open(tmp_path / "out.gif") as animation:
         assert animation.n_frames > 100
-
-
-def test_foreign_actor(tmp_path):
-    lines = run("06_foreign_actor", tmp_path, "--worlds", "generated:7", "--trials", 1, "--out", "out")
-    assert [line.split()[0] for line in lines[-2:]] == ["dwa", "barn"]
-    assert (tmp_path / "random_actor.safetensors").exists()

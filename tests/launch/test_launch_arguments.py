@@ -135,7 +135,7 @@ def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
         ("applr", "applr"),
         ("mine.safetensors", "applr:{0}/mine.safetensors"),
         ("fixed:set.json", "fixed:{0}/set.json"),
-        ("frozen:vx_samples:period:1:mine.safetensors", "frozen:vx_samples:period:1:applr:{0}/mine.safetensors"),
+        ("period:1:mine.safetensors", "period:1:applr:{0}/mine.safetensors"),
         ("own.py:Own:weights.txt", "{0}/own.py:Own:{0}/weights.txt"),
         ("own:Own:0.5", "{0}/own.py:Own:0.5"),
         ("json:Own", "json:Own"),

@@ -268,7 +268,7 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
         ("applr:%s" % (tmp_path / "none.safetensors"), "none.safetensors"),
         ("fast", "method 'fast' is not known"),
         (own, "start the node with it"),
-        ("frozen:max_vel_x:" + own, "start the node with it"),
+        ("period:1:" + own, "start the node with it"),
     ):
         answer = service("set_method", SetMethod, method)
         assert not answer.success

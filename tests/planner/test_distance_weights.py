@@ -101,6 +101,6 @@ def test_learned_sets_count_per_cell_and_a_persons_own_are_sent_as_they_are(tmp_
     path.write_text(json.dumps({"meter_scoring": True, "parameters": {}}))
     with pytest.raises(ApplrError, match="meter_scoring is True: sets count per cell"):
         methods.make(str(path))
-    learned = {"applr", "static", "appld", "frozen:vx_samples:applr"}
+    learned = {"applr", "static", "appld", "period:2:applr"}
     names = learned | {"dwa", "random"}
     assert {name for name in names if methods.make(name).per_cell} == learned

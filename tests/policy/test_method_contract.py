@@ -1,99 +1,76 @@
-"""Every method of the package keeps the contract, and the check finds each way of breaking it."""
+"""Every method of the package repeats itself under a seed, within the ranges; what a person's own class does wrong."""
+
+import json
 
 import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
+from applr_ros1.policy.observation import observe
 from applr_ros1.policy.parameter_space import SPACE
 
 
-@pytest.mark.parametrize("spec", [*methods.METHODS, "frozen:max_vel_x:applr", "frozen:vx_samples:random"])
+def scenes(method, count=8):
+    """Contexts as they come up while driving: open and narrow, no returns, any parameters in force."""
+    draw, found = np.random.default_rng(0), []
+    for k in range(count):
+        ranges = draw.uniform(0.1, 0.4 + k, method.layout.beams).astype(np.float32)
+        ranges[draw.random(method.layout.beams) < k / count] = np.inf
+        phi, theta = draw.uniform(-np.pi, np.pi), method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space)))
+        pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
+        plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
+        seen = observe(ranges, phi, theta, method.space, method.layout)
+        moving = (0.1 * k, 0.0)
+        found.append(methods.Context(seen, ranges, phi, theta, 2.0 * k, pose, moving, goal, plan, method.space))
+    return found
+
+
+@pytest.mark.parametrize("spec", methods.METHODS)
 def test_methods_of_the_package(spec):
-    methods.check_method(methods.make(spec))
+    method = methods.make(spec)
+    contexts = scenes(method)
 
+    def course(seed, seen):
+        method.reset(seed)
+        return [method.theta(context).tolist() for context in seen]
 
-class Good:
-    def theta(self, context):
-        return SPACE.from_dict({"max_vel_x": 0.3 if context.ranges.min() < 0.4 else 1.0})
-
-
-class Short(Good):
-    def theta(self, context):
-        return np.zeros(7)
-
-
-class Nan(Good):
-    def theta(self, context):
-        return np.full(len(SPACE), np.nan)
-
-
-class Raises(Good):
-    def theta(self, context):
-        raise IndexError("list index out of range\nwith a second line")
-
-
-class Unseeded(Good):
-    def theta(self, context):
-        return SPACE.to_theta(np.random.default_rng().uniform(-1, 1, len(SPACE)))
-
-
-class Remembers(Good):
-    decisions = 0
-
-    def theta(self, context):
-        self.decisions += 1
-        return SPACE.from_dict({"vx_samples": 4 + min(16, self.decisions)})
-
-
-class NotStatic(Good):
-    static = True
-
-    def theta(self, context):
-        return super().theta(context) if context else SPACE.theta0
-
-
-class Meddles(Good):
-    def theta(self, context):
-        context.theta[:] = 0.5
-        return SPACE.theta0
-
-
-class Outside(methods.Method):
-    def theta(self, context):
-        return SPACE.high + 1.0
-
-
-class Endless(Good):
-    period = float("nan")
-
-
-class Mute(Good):
-    def describe(self):
-        return {"parameters": SPACE.theta0}
-
-
-def test_a_class_of_ones_own_that_is_good():
-    methods.check_method(Good())
+    first = course(7, contexts)
+    course(8, contexts[::-1])
+    assert course(7, contexts) == first
+    assert np.array_equal(method.space.clip(first), first)
+    for context, fresh in zip(contexts, scenes(method)):
+        for name in ("observation", "ranges", "theta", "plan"):
+            assert np.array_equal(getattr(context, name), getattr(fresh, name)), name
+    if method.static:
+        assert first == [method.theta(None).tolist()] * len(contexts)
+    assert json.loads(json.dumps(method.describe()))
 
 
 @pytest.mark.parametrize(
-    ("broken", "line"),
+    ("answer", "line"),
     [
-        (Short, "shape"),
-        (Nan, "not finite"),
-        (Raises, "IndexError: list index out of range"),
-        (Unseeded, "same seed"),
-        (Remembers, "same seed"),
-        (NotStatic, "static"),
-        (Meddles, "changed the context"),
-        (Outside, "outside the ranges"),
-        (Endless, "period"),
-        (Mute, "describe"),
-        (object, "no theta"),
+        (lambda: np.zeros(7), "shape"),
+        (lambda: np.full(len(SPACE), np.nan), "not finite"),
+        (lambda: {}["max\nvel"], "KeyError"),
     ],
 )
-def test_what_breaks_the_contract_is_named_in_one_line(broken, line):
+def test_what_a_class_of_ones_own_does_wrong_is_one_line(answer, line):
+    class Own:
+        def theta(self, context):
+            return answer()
+
     with pytest.raises(ApplrError, match=line) as error:
-        methods.check_method(broken())
+        methods.UserMethod(Own(), "Own").theta(None)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("period", [float("nan"), 0.0, 61.0])
+def test_a_class_of_ones_own_with_a_period_that_cannot_be_is_refused(period):
+    class Own:
+        def theta(self, context):
+            return SPACE.theta0
+
+    Own.period = period
+    with pytest.raises(ApplrError, match="period"):
+        methods.UserMethod(Own(), "Own")

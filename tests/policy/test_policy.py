@@ -407,7 +407,7 @@ def test_a_loaded_policy_predicts_what_its_method_decides(name):
     action, state = policy.predict(seen, state=("kept",), episode_start=np.ones(1, bool), deterministic=False)
     assert environment.action_space.contains(action)
     assert state == ("kept",)
-    np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-6)
+    np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5)  # float32 sums
     method = methods.make("applr", robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())

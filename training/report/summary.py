@@ -14,12 +14,12 @@ def summary(results: Results) -> List[str]:
     """Three sentences over the test worlds where there are at least two of them, else over all worlds.
 
     Times are compared as in Table I: over all trials of the worlds that both methods have driven, with intervals by
-    bootstrap over worlds. Methods with frozen parameters are left to the table of ablation.
+    bootstrap over worlds.
     """
     base = results.baseline
     test = results.both(base, results.of_set("Test"), base)
     worlds, kind = (test, "test worlds") if len(test) > 1 else (results.worlds, "worlds")
-    methods = [m for m in results.methods if "frozen" not in results.settings["methods"].get(m, {})]
+    methods = results.methods
     where = f"{len(worlds)} {kind}" if len(worlds) > 1 else worlds[0]
     rivals = [m for m in methods if m != base and results.both(m, worlds)]
     gains = [100 * value for m in rivals for value in statistics.gain(results, m, worlds)]

@@ -277,10 +277,9 @@ def smoothness(results: Results) -> Table:
 def pairs(results: Results) -> Table:
     """Every method against every other: paired over worlds, and world by world."""
     rows = []
-    whole = [m for m in results.methods if "-without-" not in m]  # the ablation has a table of its own
     for name in SETS:
         worlds = results.of_set(name)
-        couples = [c for c in combinations(whole, 2) if results.both(c[0], worlds, c[1])]
+        couples = [c for c in combinations(results.methods, 2) if results.both(c[0], worlds, c[1])]
         found = [statistics.paired(results, a, b, worlds) for a, b in couples]
         adjusted = statistics.holm_adjusted(np.array([f.p for f in found]))
         for (a, b), f, p in zip(couples, found, adjusted):
@@ -313,34 +312,6 @@ def pairs(results: Results) -> Table:
     )
 
 
-def ablation(results: Results) -> Table:
-    """Methods X-without-P beside X: what share of X's gain goes when P stays at theta_0."""
-    rows = []
-    for name in results.methods:
-        method, found, parameter = name.partition("-without-")
-        if not found or method not in results.methods:
-            continue
-        worlds = results.both(method, results.both(name, results.worlds))
-        base, whole, without = (statistics.mean_counted(results, m, worlds) for m in (results.baseline, method, name))
-        lost = 100.0 * (without - whole) / (base - whole) if base != whole else np.nan
-        rows.append(
-            {
-                "method": method,
-                "parameter held": parameter,
-                "time, all trials [s]": number(without),
-                "success [%]": _rate(results, name, worlds, "success"),
-                "share of the gain lost [%]": number(lost, 0),
-            }
-        )
-    return Table.of(
-        "ablation",
-        "Ablation: one parameter at a time held at θ₀",
-        rows,
-        "Means over all trials in the worlds that all three have driven, a failed one counting as the limit. Shares "
-        "need not add up to 100: parameters act together, and one that is held may be made up for by the others.",
-    )
-
-
 def methods(results: Results) -> Table:
     """What each method is, as recorded when it was driven."""
     rows = []
@@ -369,4 +340,4 @@ def _rate(results: Results, method: str, worlds: List[str], field: str) -> str:
     return f"{100 * share:.1f} ({100 * low:.1f} to {100 * high:.1f})"
 
 
-MORE = [pairs, rates, smoothness, ablation, methods]
+MORE = [pairs, rates, smoothness, methods]

@@ -11,14 +11,11 @@ A person's own is a class of this shape, in any module:
             return SPACE.from_dict({"max_vel_x": 0.3 if slow else 1.0})     # names left out keep theta_0
 
 A class may also stand in a file: `my_methods.py:Cautious`. `module:Class:text` gives the text to the constructor.
-Parameters that come back are clipped to the space's bounds; NaN is refused. `check_method(Cautious())` says whether it
-keeps the contract. An actor of another project is a ForeignActor.
+Parameters that come back are clipped to the space's bounds; NaN is refused.
 """
 
 from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.methods.check import check_method
-from applr_ros1.policy.methods.foreign import ForeignActor
-from applr_ros1.policy.methods.included import FixedParameters, FrozenParameter, ObservationPolicy, RandomParameters
+from applr_ros1.policy.methods.included import FixedParameters, ObservationPolicy, RandomParameters
 from applr_ros1.policy.methods.protocol import Method
 from applr_ros1.policy.methods.registry import (
     FORMS,
@@ -37,14 +34,11 @@ __all__ = [
     "PERIOD",
     "Context",
     "FixedParameters",
-    "ForeignActor",
-    "FrozenParameter",
     "Method",
     "ObservationPolicy",
     "UserMethod",
     "RandomParameters",
     "absolute",
-    "check_method",
     "for_robot",
     "make",
     "parse",

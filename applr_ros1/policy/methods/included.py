@@ -1,4 +1,4 @@
-"""The methods that come with the package: fixed sets, random sets, functions of the observation; and their variants."""
+"""The methods that come with the package: fixed sets, random sets, functions of the observation."""
 
 from __future__ import annotations
 
@@ -130,37 +130,6 @@ class GeneralPolicy(ObservationPolicy):
             self.stalls += 1
             action = self._draws.uniform(-1.0, 1.0, len(action))
         return self.encoding.theta(action)
-
-
-class FrozenParameter(Method):
-    """Another method with one parameter held at theta_0: what share of the gain does it carry?
-
-    Args:
-        inner: The method that decides over the others.
-        name: The parameter that is held.
-    """
-
-    def __init__(self, inner: Method, name: str):
-        if name not in inner.space.names:
-            raise ApplrError("frozen:%s: no such parameter; give one of %s" % (name, ", ".join(inner.space.names)))
-        self.inner, self.index, self.frozen = inner, inner.space.names.index(name), name
-        self.static, self.period, self.per_cell = inner.static, inner.period, inner.per_cell
-        self.space, self.layout = inner.space, inner.layout
-
-    def reset(self, seed: int) -> None:
-        """Begin a course with the inner method."""
-        self.inner.period = self.period
-        self.inner.reset(seed)
-
-    def theta(self, context: Optional[Context]) -> np.ndarray:
-        """The inner method's parameters but for the one that is held."""
-        theta = np.array(self.inner.theta(context), dtype=np.float64)
-        theta[self.index] = self.space.theta0[self.index]
-        return theta
-
-    def describe(self) -> Dict[str, Any]:
-        """The inner method's description and the parameter that is held."""
-        return dict(self.inner.describe(), frozen=self.frozen)
 
 
 def at_period(method: Method, seconds: str) -> Method:

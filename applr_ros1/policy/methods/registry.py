@@ -1,4 +1,4 @@
-"""Methods by name, for the nodes and for evaluation alike: make("applr"), make("frozen:vx_samples:applr")."""
+"""Methods by name, for the nodes and for evaluation alike: make("applr"), make("period:2:applr")."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor
 from applr_ros1.policy.methods.included import (
     FixedParameters,
-    FrozenParameter,
     GeneralPolicy,
     ObservationPolicy,
     RandomParameters,
@@ -80,8 +79,8 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
 }
 FILES: Dict[str, Callable[[str, Robot], Method]] = {"applr": _policy, "fixed": _fixed}  # KIND:FILE
 FORMS = (
-    "%s, a policy (.safetensors), a set (.json), frozen:PARAMETER:METHOD, ablation:METHOD, "
-    "period:SECONDS:METHOD, module:Class or my_file.py:Class, or NAME=any of these" % ", ".join(METHODS)
+    "%s, a policy (.safetensors), a set (.json), period:SECONDS:METHOD, module:Class or my_file.py:Class, or "
+    "NAME=any of these" % ", ".join(METHODS)
 )
 
 
@@ -114,35 +113,33 @@ def for_robot(method: Method, robot: Robot) -> Method:
 class _Specification(NamedTuple):
     """A specification, taken apart.
 
-    wrappers: (kind, word) of each "frozen:PARAMETER:" and "period:SECONDS:" before the rest, the first one first.
+    period: the text of SECONDS of "period:SECONDS:" before the rest; None without it.
     kind: a name of METHODS or FILES; "" for a person's own class. file: of a policy or of a set.
     user: (module or .py file, class, text for its constructor or None), else None.
     """
 
-    wrappers: Tuple[Tuple[str, str], ...]
+    period: Optional[str]
     kind: str
     file: str = ""
     user: Optional[Tuple[str, str, Optional[str]]] = None
 
 
 def _parsed(spec: str) -> _Specification:
-    """The parts of a specification of any form but ablation. Raises ApplrError where there is no such form."""
-    rest, wrappers = spec, []
-    while rest.startswith(("frozen:", "period:")):
-        wrapper, word, rest = (rest + ":").split(":", 2)
-        rest = rest[:-1]
-        wrappers.append((wrapper, word))
+    """The parts of a specification. Raises ApplrError where there is no such form."""
+    period, rest = None, spec
+    if spec.startswith("period:"):
+        period, _, rest = spec[len("period:") :].partition(":")
     kind, colon, file = rest.partition(":")
     match = USER_METHOD.match(rest)
     if rest in METHODS:
-        return _Specification(tuple(wrappers), rest)
+        return _Specification(period, rest)
     if kind in FILES and (colon or kind == "fixed"):
-        return _Specification(tuple(wrappers), kind, file)
+        return _Specification(period, kind, file)
     if match:
-        return _Specification(tuple(wrappers), "", "", (match.group(1), match.group(2), match.group(3)))
+        return _Specification(period, "", "", (match.group(1), match.group(2), match.group(3)))
     for ending, kind in ((".safetensors", "applr"), (".json", "fixed")):
         if rest.endswith(ending):
-            return _Specification(tuple(wrappers), kind, rest)
+            return _Specification(period, kind, rest)
     raise ApplrError("method %r is not known: give %s" % (rest, FORMS))
 
 
@@ -156,10 +153,7 @@ def _made(spec: str, robot: Robot, user_code: bool) -> Method:
         method = FILES[parts.kind](parts.file, robot)
     else:
         method = METHODS[parts.kind][0](robot)
-    method = for_robot(method, robot)
-    for kind, word in reversed(parts.wrappers):
-        method = FrozenParameter(method, word) if kind == "frozen" else at_period(method, word)
-    return method
+    return for_robot(method if parts.period is None else at_period(method, parts.period), robot)
 
 
 def absolute(spec: str) -> str:
@@ -168,7 +162,7 @@ def absolute(spec: str) -> str:
     The text for the constructor of a person's own class becomes a path where it is that of a file here.
     """
     parts = _parsed(spec)
-    words = [word for pair in parts.wrappers for word in pair]
+    words = [] if parts.period is None else ["period", parts.period]
     if parts.user:
         module, name, text = parts.user
         file = module if module.endswith(".py") else module + ".py"
@@ -185,11 +179,7 @@ def parse(text: str, robot: Robot = JACKAL) -> List[Tuple[str, str]]:
     for item in (part.strip() for part in text.split(",")):
         name, given, spec = item.partition("=")
         spec = spec if given else item
-        if spec.startswith("ablation:"):
-            frozen = ["frozen:%s:%s" % (parameter, spec[len("ablation:") :]) for parameter in space_of(robot).names]
-            found += [(_name(one), one) for one in frozen]
-        else:
-            found.append((name if given else _name(spec), spec))
+        found.append((name if given else _name(spec), spec))
     for name, spec in found:
         if not NAME.match(name):
             raise ApplrError("method %r cannot be called %r: use letters, digits and ._:+-" % (spec[:80], name[:80]))
@@ -202,6 +192,4 @@ def _name(spec: str) -> str:
     """What a method is called where the person gave no name."""
     parts = _parsed(spec)
     name = parts.user[1] if parts.user else os.path.splitext(os.path.basename(parts.file))[0] or parts.kind
-    for kind, word in reversed(parts.wrappers):
-        name += "-without-%s" % word if kind == "frozen" else "-%ss" % word
-    return name
+    return name if parts.period is None else "%s-%ss" % (name, parts.period)

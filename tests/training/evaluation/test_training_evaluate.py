@@ -206,7 +206,6 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path):
         (["--worlds", "generated:1,generated:1"], ["two worlds"]),
         (["--methods", "dwa,dwa"], ["two methods"]),
         (["--methods", "no_such_module:Mine"], ["no_such_module"]),
-        (["--methods", "frozen:speed:dwa"], ["speed", "max_vel_x"]),
         (["--methods", "period:0:dwa"], ["period:0", "0.05"]),
         (["--methods", "a b=dwa"], ["letters"]),
         (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
@@ -279,21 +278,15 @@ def test_a_persons_own_class(tmp_path, monkeypatch):
     assert methods.parse("dwa,mine=my_module:Cautious") == [("dwa", "dwa"), ("mine", "my_module:Cautious")]
 
 
-def test_ablation_freezes_one_parameter_at_a_time():
-    found = methods.parse("ablation:fast_dwa")
-    assert len(found) == len(SPACE)
-    assert found[0] == ("fast_dwa-without-max_vel_x", "frozen:max_vel_x:fast_dwa")
+def test_a_method_at_another_period():
     assert methods.parse("period:0.5:random") == [("random-0.5s", "period:0.5:random")]
     assert methods.make("period:0.5:random").period == 0.5
-    frozen = methods.make(found[0][1])
-    assert theta(frozen, "max_vel_x") == 0.5
-    assert theta(frozen, "vx_samples") == 12
 
 
 # -- the real stack --------------------------------------------------------------------------------------------------
 def test_trial_depends_on_its_task_only():
     """Driven first, or after another world with another method: the same, to the last digit."""
-    (tmp_set, other) = ("frozen:inflation_radius:fast_dwa", "generated:64")
+    (tmp_set, other) = ("fast_dwa", "generated:64")
     task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set, "ours")
     fresh = trials.TrialRunner("kinematic").run(task)
     used = trials.TrialRunner("kinematic")
