@@ -55,6 +55,7 @@ def convert(
         try:
             for trajectory in trajectories(read_bag(bag, topics, robot), reward, layout, report, finish):
                 trajectory.info.update(actor=Path(bag).name[-MAX_NAME:], episode=store.last)
+                trajectory.check(layout)
                 store.append(trajectory)
         except (BagError, TrajectoryError) as error:
             report.skip(str(error).partition(": ")[2].partition(" (")[0] if isinstance(error, BagError) else str(error))

@@ -109,11 +109,8 @@ class Learner:
     def take(self, blob: bytes) -> Optional[Trajectory]:
         """One packed trajectory from an actor. Malformed or repeated ones are counted and dropped: None."""
         try:
-            trajectory = Trajectory.unpack(blob)
-            self.replay.check(trajectory)
-            version = trajectory.info.get("version", 0)
-            if type(version) is not int:
-                raise TrajectoryError(f"policy version {version!r:.40} is not a whole number")
+            trajectory = Trajectory.unpack(blob, self.layout)
+            self.replay.check_size(trajectory)
             self.store.append(trajectory, blob)
         except TrajectoryError as error:
             self.refused[str(error)] += 1
@@ -161,7 +158,6 @@ class Learner:
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
         """A checkpoint, whole or not at all: checkpoint.json, renamed into place last, names all the rest."""
         arrays, header = self.td3.state()
-        self.store.sync()
         data = safetensors.numpy.save(arrays, metadata=header)
         number = self.checkpoints + 1
         name = f"learner-{number:06d}.safetensors"

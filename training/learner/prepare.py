@@ -19,7 +19,7 @@ from training.env.reward import Reward
 from training.env.rollout import NAVIGATION
 from training.evaluation.trials import ROBOTS_TRIALS, TRIAL_RUNNER, world_list
 from training.learner.config import TrainConfig
-from training.replay.store import TrajectoryStore, dataset
+from training.replay.store import TrajectoryStore
 from training.replay.trajectory import TransitionLayout
 
 
@@ -105,7 +105,11 @@ def dataset_of(config: TrainConfig, layout: TransitionLayout) -> Optional[Trajec
     """
     if not config.dataset:
         return None
-    store = dataset(config.dataset, layout)
+    store = TrajectoryStore(config.dataset)
+    if store.layout != layout:
+        raise ApplrError(f"{config.dataset}: its layout is {store.layout}, this training has {layout}")
+    if not store.rows:
+        raise ApplrError(f"{config.dataset}: holds no transitions")
     source = store.about("source")
     for name, value in driven_with(config).items():
         if source.get(name, value) != value:

@@ -34,7 +34,7 @@ class Sample(NamedTuple):
 
 
 class Replay:
-    """capacity: rows. add() writes whole episodes, so the ring never cuts the newest one."""
+    """A ring of `capacity` rows. add() writes whole episodes, so the ring never cuts the newest one."""
 
     def __init__(self, layout: TransitionLayout, capacity: int):
         if capacity < 2:
@@ -54,15 +54,14 @@ class Replay:
         """Rows in use."""
         return min(self.written, self.capacity)
 
-    def check(self, trajectory: Trajectory) -> None:
-        """Raises TrajectoryError where add() would refuse: malformed, or larger than the ring."""
-        trajectory.check(self.layout)
+    def check_size(self, trajectory: Trajectory) -> None:
+        """Raises TrajectoryError for one that is larger than the ring."""
         if len(trajectory) + 1 > self.capacity:
             raise TrajectoryError(f"{len(trajectory)} transitions do not fit a replay of {self.capacity} rows")
 
     def add(self, trajectory: Trajectory) -> None:
-        """Takes one episode in. Raises TrajectoryError, and changes nothing, where it is not fit."""
-        self.check(trajectory)
+        """Takes in one episode that has been checked. Raises as check_size()."""
+        self.check_size(trajectory)
         t = len(trajectory)
         rows = (self.written + np.arange(t + 1)) % self.capacity
         self.held += t - int(np.count_nonzero(self.end[rows] != NO_ACTION))
@@ -82,7 +81,7 @@ class Replay:
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """(size,) rows of transitions, uniformly among those held."""
         if not self.held:
-            raise ValueError("the replay is empty: nothing to draw from")
+            raise ApplrError("the replay is empty: there is nothing to learn from")
         rows = rng.integers(0, len(self), size)
         while True:
             bad = np.flatnonzero(self.end[rows] == NO_ACTION)
@@ -113,15 +112,7 @@ class Replay:
         return total.astype(np.float32), discount.astype(np.float32), after
 
     def sample(self, rng: np.random.Generator, size: int, n: int, gamma: float, mirror: bool = False) -> Sample:
-        """`size` n-step transitions as they are stored.
-
-        Args:
-            rng: where the rows are drawn from.
-            size: how many transitions.
-            n: steps of the returns.
-            gamma: discount per decision.
-            mirror: half of the transitions as the robot's mirror image would have met them.
-        """
+        """`size` n-step transitions as they are stored; mirror: half of them as the robot's mirror image met them."""
         rows = self.draw(rng, size)
         reward, discount, after = self.n_step_return(rows, n, gamma)
         mirrored = size // 2 if mirror else 0

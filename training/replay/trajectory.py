@@ -127,20 +127,9 @@ class Trajectory:
             dict(info or {}),
         )
 
-    @property
-    def layout(self) -> TransitionLayout:
-        """The layout that its arrays have by their last dimensions; check() says whether the rest fits it."""
-        scan, rest, action = (array.shape[-1] if array.ndim else 0 for array in (self.scan, self.rest, self.action))
-        return TransitionLayout(scan, rest, action)
-
     def check(self, layout: TransitionLayout) -> None:
-        """Raises TrajectoryError unless shapes, types and values are what the replay stores."""
-        self.check_arrays(layout)
-        self.check_info()
-
-    def check_arrays(self, layout: TransitionLayout) -> None:
-        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length."""
-        t = len(self.reward) if getattr(self.reward, "ndim", 0) == 1 else -1
+        """Raises TrajectoryError unless the arrays are of the layout, finite, and of one length, and the info fits."""
+        t = len(self.reward) if self.reward.ndim == 1 else -1
         if not 1 <= t <= MAX_TRANSITIONS:
             raise TrajectoryError(f"a trajectory of {t} transitions; 1 to {MAX_TRANSITIONS} are taken")
         wanted = {
@@ -153,16 +142,15 @@ class Trajectory:
             array = getattr(self, name)
             if array.dtype != dtype or array.shape != shape:
                 raise TrajectoryError(f"{name} is {array.dtype} {array.shape}, {np.dtype(dtype)} {shape} is needed")
-            if dtype == np.float32 and not np.isfinite(array).all():
+            if not np.isfinite(array).all():
                 raise TrajectoryError(f"{name} holds NaN or inf")
-        if t and (np.abs(self.action) > 1.0 + 1e-6).any():
+        if (np.abs(self.action) > 1.0 + 1e-6).any():
             raise TrajectoryError("an action lies outside [-1, 1]")
-
-    def check_info(self) -> None:
-        """Raises TrajectoryError unless the info identifies the episode."""
-        actor, episode = self.info.get("actor"), self.info.get("episode")
+        actor, episode, version = (self.info.get(name, 0) for name in ("actor", "episode", "version"))
         if not (isinstance(actor, str) and len(actor) <= MAX_NAME and type(episode) is int and 0 <= episode <= MAX_INT):
             raise TrajectoryError(f"no valid actor and episode number ({actor!r:.40}, {episode!r:.40})")
+        if type(version) is not int:
+            raise TrajectoryError(f"policy version {version!r:.40} is not a whole number")
 
     def pack(self) -> bytes:
         """The trajectory as safetensors bytes, for file or network; unpack() is the inverse."""
@@ -171,16 +159,17 @@ class Trajectory:
         return safetensors.numpy.save({k: np.ascontiguousarray(v) for k, v in arrays.items()}, metadata=header)
 
     @classmethod
-    def unpack(cls, blob: bytes) -> "Trajectory":
-        """The inverse of pack. Raises TrajectoryError for bytes that are none."""
+    def unpack(cls, blob: bytes, layout: TransitionLayout) -> "Trajectory":
+        """The inverse of pack, checked. Raises TrajectoryError for bytes that are none, or none of the layout."""
         try:
             arrays, header = unpack(blob, "trajectory")
-        except StorageError as error:
-            raise TrajectoryError(str(error)) from None
-        try:
             info, terminated = json.loads(header["info"]), json.loads(header["terminated"])
             if not isinstance(info, dict) or not isinstance(terminated, bool):
                 raise ValueError
-            return cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
+            made = cls(arrays["scan"], arrays["rest"], arrays["action"], arrays["reward"], terminated, info)
+        except StorageError as error:
+            raise TrajectoryError(str(error)) from None
         except (KeyError, ValueError, RecursionError):
             raise TrajectoryError("not a trajectory: arrays or header are missing or malformed") from None
+        made.check(layout)
+        return made

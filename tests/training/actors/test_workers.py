@@ -58,13 +58,13 @@ def test_exploration_noise_has_the_tasks_standard_deviation():
     for sigma in (0.0, 0.1):
         tasks = [Collect("a", episode, 0, sigma, False) for episode in range(40)]
         answers = [runner.run(task, lambda observation: np.zeros(1, np.float32)) for task in tasks]
-        actions = np.concatenate([Trajectory.unpack(answer.data).action[:, 0] for answer in answers])
+        actions = np.concatenate([Trajectory.unpack(answer.data, LAYOUT).action[:, 0] for answer in answers])
         assert 0.9 * sigma <= actions.std() <= 1.1 * sigma
 
 
 def trajectories(answers):
     assert not any(answer.error for answer in answers), answers
-    return [Trajectory.unpack(answer.data) for answer in answers]
+    return [Trajectory.unpack(answer.data, LAYOUT) for answer in answers]
 
 
 def test_in_process_is_the_same_every_time_and_pulls_the_newest_policy():

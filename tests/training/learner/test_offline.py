@@ -109,6 +109,8 @@ def test_a_dataset_that_was_driven_otherwise_is_refused(tmp_path, capsys):
     assert not (tmp_path / "run").exists()
     with pytest.raises(ApplrError, match="its layout is .*, this training has"):
         dataset_of(TrainConfig(dataset=toys), layout)
+    with pytest.raises(ApplrError, match="holds no transitions"):
+        dataset_of(TrainConfig(dataset=write(tmp_path / "empty", {}, 0, layout=layout)), layout)
 
 
 def test_a_run_is_not_resumed_with_another_dataset(data, tmp_path, capsys):
