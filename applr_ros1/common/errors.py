@@ -84,7 +84,7 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
 
 
 def run_script(module: str, node: bool = False) -> None:
-    """Imports the module of a command, runs its main() and ends the process. For the files in scripts/.
+    """Imports the module of a command, runs its main() and ends the process, for scripts/__main__.py.
 
     A Ctrl-C during the import, which takes seconds, ends the process without a word; a Python package that is missing
     is one line. The folder of the script is taken from sys.path: its sim_bridge.py would hide the package of that name.

@@ -24,7 +24,7 @@ def measure(count=200, rate=20.0):
     from tests.support.ros_harness import session, wait_for
 
     ros = session()
-    node = ros.python("-m", "applr_ros1.scripts.move_base", "cmd_vel:=/cmd_vel")
+    node = ros.node("move_base", "cmd_vel:=/cmd_vel")
     client = ReconfigureClient()
     try:
         wait_for(lambda: client.connected or not node.alive() or not client.connect(), 120.0, "parameter servers")

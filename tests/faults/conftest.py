@@ -78,7 +78,7 @@ class Stack:
 
         if name == "move_base":
             rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD}))
-        self.nodes[name] = self.ros.python("applr_ros1/scripts/%s.py" % name, *NODES[name])
+        self.nodes[name] = self.ros.node(name, *NODES[name])
         if wait:
             self.wait_until_up(name)
 

@@ -43,7 +43,7 @@ def test_two_stacks_on_one_machine(stack, measured):
     stack.under_way(room=12.0)
     other = RosMaster()
     try:
-        bridge = other.python("applr_ros1/scripts/sim_bridge.py", "_simulator:=kinematic")
+        bridge = other.node("sim_bridge", "_simulator:=kinematic")
         wait_for(lambda: "ready" in bridge.text or not bridge.alive(), 30.0, "the other robot")
         assert bridge.alive(), bridge.text
         stack.under_way(room=10.0)

@@ -60,7 +60,7 @@ def stack(ros, robot, tmp_path):
             save(tmp_path / "actor.safetensors", make_weights(hidden=(16,)) if weights is None else weights)
             method = "applr:%s" % (policy or tmp_path / "actor.safetensors")
         parameters = dict({"method": method, "period": PERIOD}, **parameters)
-        node = ros.python("-m", "applr_ros1.scripts.applr", *[f"_{k}:={v}" for k, v in parameters.items()])
+        node = ros.node("applr", *[f"_{k}:={v}" for k, v in parameters.items()])
         started.append(node)
         if not ready:
             return node, move_base, None

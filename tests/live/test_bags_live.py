@@ -22,16 +22,16 @@ def test_a_recorded_drive_is_rebuilt_as_the_node_saw_it(tmp_path):
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL)
     robot = "_world:=" + WORLD, "_simulator:=kinematic", "_real_time_factor:=2"
-    nodes = [ros.python("-m", "applr_ros1.scripts.record", bag)]
-    nodes.append(ros.python("-m", "applr_ros1.scripts.move_base", "odom:=odometry/filtered"))
-    nodes.append(ros.python("-m", "applr_ros1.scripts.sim_bridge", *robot))
-    nodes.append(ros.python("-m", "applr_ros1.scripts.applr", "_method:=random", "_seed:=3"))
+    nodes = [ros.node("record", bag)]
+    nodes.append(ros.node("move_base", "odom:=odometry/filtered"))
+    nodes.append(ros.node("sim_bridge", *robot))
+    nodes.append(ros.node("applr", "_method:=random", "_seed:=3"))
     for node in nodes[1:]:
         wait_for(lambda node=node: "ready" in node.text or not node.alive(), 180.0, "the stack")
         assert node.alive(), node.text
     decided = []
     rospy.Subscriber("/applr/decision", Decision, decided.append)
-    goal = ros.python("-m", "applr_ros1.scripts.send_goal", "_goal:=auto", "_world:=" + WORLD)
+    goal = ros.node("send_goal", "_goal:=auto", "_world:=" + WORLD)
     wait_for(lambda: len(decided) > 4 or not goal.alive(), 60.0, "decisions")
     for child in (goal, *reversed(nodes)):
         child.end()

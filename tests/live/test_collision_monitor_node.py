@@ -9,7 +9,7 @@ from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
 from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import ROOT, session, slowness, wait_for
+from tests.support.ros_harness import session, slowness, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -18,8 +18,8 @@ pytestmark = pytest.mark.ros
 def stack():
     ros = session()
     jackal = FakeJackal(circles=[(1.5, y / 10, 0.075) for y in range(-8, 9)])
-    child = ros.python(
-        ROOT / "applr_ros1/scripts/collision_monitor.py",
+    child = ros.node(
+        "collision_monitor",
         "scan:=front/scan",
         "odom:=odometry/filtered",
     )
@@ -104,7 +104,7 @@ def test_says_which_node_sends_commands_past_it(stack):
     [("_margins:=1", "no such parameter: margins"), ("_deceleration:=0", "deceleration is 0")],
 )
 def test_unknown_and_impossible_parameters_are_one_line(argument, words):
-    child = session().python(ROOT / "applr_ros1/scripts/collision_monitor.py", argument, "__name:=wrong_monitor")
+    child = session().node("collision_monitor", argument, "__name:=wrong_monitor")
     assert child.process.wait(30.0) == 1
     assert words in child.text
     assert "Traceback" not in child.text

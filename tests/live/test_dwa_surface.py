@@ -76,7 +76,7 @@ def test_drives_to_a_goal_on_what_the_applr_node_sets_and_shows_plans_and_clouds
         wanted = space.requests(theta)["DWAPlannerROS"].items()
         return any(wanted <= values.items() for values in in_force)
 
-    applr = master.python("-m", "applr_ros1.scripts.applr", "_robot:=husky", "_method:=static", "_period:=0.4")
+    applr = master.node("applr", "_robot:=husky", "_method:=static", "_period:=0.4")
     wait_for(lambda: "ready" in applr.text, 10.0, "the applr node")
     time.sleep(0.5 * ros_harness.slowness())  # it hears the plan, which comes once, from now on
     kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)

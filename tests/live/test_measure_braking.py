@@ -8,19 +8,16 @@ import numpy as np
 import pytest
 import rospy
 
-from tests.support.ros_harness import ROOT, session, wait_for
+from tests.support.ros_harness import session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 
 pytestmark = pytest.mark.ros
 
-SCRIPT = ROOT / "applr_ros1" / "scripts" / "measure_braking.py"
-
 
 def measure(*options):
-    return subprocess.run(
-        [sys.executable, str(SCRIPT), *options], env=session().env, capture_output=True, text=True, timeout=240
-    )
+    words = [sys.executable, "-m", "applr_ros1.scripts", "measure_braking", *options]
+    return subprocess.run(words, env=session().env, capture_output=True, text=True, timeout=240)
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +29,7 @@ def robot(tmp_path_factory):
     ros = session()
     rospy.set_param("/use_sim_time", True)
     options = "_simulator:=kinematic", "_world:=%s" % path, "_real_time_factor:=1"
-    child = ros.python(ROOT / "applr_ros1/scripts/sim_bridge.py", *options)
+    child = ros.node("sim_bridge", *options)
     wait_for(lambda: "ready" in child.text or not child.alive(), 90.0, "the simulated robot")
     assert child.alive(), child.text
     yield child

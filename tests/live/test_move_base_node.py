@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from tests.support.move_base_stack import PLANNER, PREEMPTED, SCRIPT, SUCCEEDED, collect, finish, goal
+from tests.support.move_base_stack import PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal
 from tests.support.ros_harness import slowness, wait_for
 
 pytestmark = pytest.mark.ros
@@ -168,7 +168,7 @@ def test_bad_parameters_are_named_and_nothing_starts(stack, master):
     import rospy
 
     rospy.set_param("/bad_one", {"TrajectoryPlannerROS": {"max_vel_x": 99.0, "pdist_scala": 1.0}, "colour": "red"})
-    child = master.python(SCRIPT, "__name:=bad_one")
+    child = master.node("move_base", "__name:=bad_one")
     child.process.wait(20.0)
     assert child.process.returncode == 1
     lines = [line for line in child.text.splitlines() if line.startswith("move_base: parameter")]

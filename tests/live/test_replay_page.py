@@ -38,9 +38,9 @@ def test_a_replay_is_paused_sought_and_begun_again(tmp_path):
     ros = session()
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/play/arguments", ["seed:=3"])
-    player = ros.python("applr_ros1/scripts/replay.py", str(tmp_path / "drive.bag"))
+    player = ros.node("replay", str(tmp_path / "drive.bag"))
     words = "_replay:=true", "_port:=%d" % free_port()
-    node = ros.python("applr_ros1/scripts/viewer.py", *words, APPLR_PLAY_FOLDER=str(tmp_path))
+    node = ros.node("viewer", *words, APPLR_PLAY_FOLDER=str(tmp_path))
     try:
         wait_for(lambda: rospy.get_param("/viewer/address", ""), 60.0, "the page")
         with open_page(rospy.get_param("/viewer/address"), tmp_path) as page:

@@ -23,7 +23,6 @@ from tests.support.ros_harness import ROOT, session, slowness, wait_for
 
 pytestmark = pytest.mark.ros
 
-SCRIPT = ROOT / "applr_ros1" / "scripts" / "sim_bridge.py"
 HEARD = {
     "/clock": Clock,
     "/front/scan": LaserScan,
@@ -39,7 +38,7 @@ HEARD = {
 
 def start(name, parameters):
     """The bridge as a process of its own (Child)."""
-    return session().python(SCRIPT, "__name:=" + name, *("_%s:=%s" % item for item in parameters.items()))
+    return session().node("sim_bridge", "__name:=" + name, *("_%s:=%s" % item for item in parameters.items()))
 
 
 class Robot:

@@ -129,7 +129,7 @@ def test_what_does_not_answer_is_said(viewer):
 
 def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer, tmp_path):
     move_base = ros.python("tests/support/fake_move_base.py")
-    applr = ros.python("-m", "applr_ros1.scripts.applr", "_method:=dwa")
+    applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: viewer.pilot.client.connected, 20.0, "the servers")
         wait_for(lambda: "default parameters" in state(viewer), 20.0, "the method")
@@ -171,7 +171,7 @@ def test_a_robot_with_another_planner_has_its_sliders(ros):
 
 def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
     jackal = FakeJackal([(1.5, 0.8, 0.15)])
-    node = ros.python("applr_ros1/scripts/viewer.py", "_port:=%d" % free_port())
+    node = ros.node("viewer", "_port:=%d" % free_port())
     made = Viewer(JACKAL, "", "odom", "127.0.0.1", free_port())
     try:
         odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)

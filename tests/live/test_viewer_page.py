@@ -32,7 +32,7 @@ WIDTH, HEIGHT = 1000, 640
 
 
 def start(name, **env):
-    return session().python("applr_ros1/scripts/%s.py" % name, "_robot:=jackal", *NODES[name], **env)
+    return session().node(name, "_robot:=jackal", *NODES[name], **env)
 
 
 @pytest.fixture(scope="module")

@@ -24,8 +24,6 @@ from worlds.barn import fields
 
 pytestmark = pytest.mark.ros
 
-SCRIPT = ROOT / "applr_ros1" / "scripts" / "barn.py"
-
 
 @pytest.fixture
 def checkout(tmp_path):
@@ -50,7 +48,7 @@ def checkout(tmp_path):
 
 def command(*arguments, **environment):
     return subprocess.run(
-        [sys.executable, str(SCRIPT), *map(str, arguments)],
+        [sys.executable, "-m", "applr_ros1.scripts", "barn", *map(str, arguments)],
         env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment),
         capture_output=True,
         text=True,

@@ -15,7 +15,6 @@ from applr_ros1.robots import RobotError
 from tests.support import ros_harness
 
 pytest.importorskip("rospy")
-SCRIPTS = ros_harness.ROOT / "applr_ros1" / "scripts"
 
 
 def start(*arguments):
@@ -45,7 +44,7 @@ def ended(process, status):
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
 def test_without_a_master(name):
-    text = ended(start(str(SCRIPTS / (name + ".py"))), 1)
+    text = ended(start("-m", "applr_ros1.scripts", name), 1)
     assert text.startswith(name + ": no ROS master at http://localhost:")
     assert "roscore" in text
 
@@ -53,7 +52,7 @@ def test_without_a_master(name):
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
 def test_words_that_are_no_parameters_start_nothing(name):
     """`send_goal.py 1 0 0` would send the robot somewhere else, and so would `send_goal.py --help`."""
-    wrong, helped = (start(str(SCRIPTS / (name + ".py")), *words) for words in (("1", "0", "0", "_a:=b"), ("-h",)))
+    wrong, helped = (start("-m", "applr_ros1.scripts", name, *words) for words in (("1", "0", "0", "_a:=b"), ("-h",)))
     assert ended(wrong, 1).startswith(name + ": 1 0 0: give parameters as _NAME:=VALUE")
     assert "~robot" in ended(helped, 0)
 

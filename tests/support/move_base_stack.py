@@ -9,7 +9,6 @@ import pytest
 from tests.support import ros_harness
 from tests.support.ros_harness import wait_for
 
-SCRIPT = "applr_ros1/scripts/move_base.py"
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
 POSTS = [(1.5, 0.8, 0.15), (1.5, 1.4, 0.15)]
 PLANNER = "/move_base/TrajectoryPlannerROS"
@@ -23,7 +22,7 @@ def start(master, parameters=None, sim_time=False, name="move_base"):
 
     rospy.set_param("/" + name, parameters or JACKAL)
     rospy.set_param("/use_sim_time", sim_time)
-    child = master.python(SCRIPT, "odom:=odometry/filtered")
+    child = master.node("move_base", "odom:=odometry/filtered")
     wait_for(lambda: "ready" in child.text or not child.alive(), 150.0, "move_base")
     rospy.set_param("/use_sim_time", False)
     assert child.alive(), child.text

@@ -103,8 +103,11 @@ class RosMaster:
 
     def python(self, *args, **env):
         """Starts a Python script (or "-m", module) with this interpreter. Returns its Child."""
-        child = self.spawn(sys.executable, *args, **env)
-        script = Path(str(args[1] if args[0] == "-m" else args[0]).replace("applr_ros1.scripts.", "")).stem
+        return self.spawn(sys.executable, *args, **env)
+
+    def node(self, script, *args, **env):
+        """Starts a program of `rosrun applr_ros1`, named without ".py". Returns its Child."""
+        child = self.python("-m", "applr_ros1.scripts", script, *args, **env)
         self._nodes.append((next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child))
         return child
 
