@@ -57,7 +57,7 @@ def td3_updates(device="cpu"):
     """Ours: sampling from the replay (4-step returns) and a gradient step; every second one of the policy, too."""
     import torch
 
-    from training.learner.batch import draw_batch
+    from training.learner.learner import draw_batch
     from training.td3.td3 import TD3, TD3Options
 
     replay, td3, rng = (

@@ -7,10 +7,10 @@ training/td3/td3.py and docs/explanation/learning_problem.md.
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Dict, List, Literal, Optional, Sequence, Tuple
+from typing import Annotated, Any, Dict, List, Literal, Optional, Sequence
 
-import numpy as np
 import yaml
 from pydantic import ConfigDict, Field, model_validator
 
@@ -28,12 +28,13 @@ from training.common.options import Options, add_options, checked, dashed, optio
 from training.env import drawn_robots, protocols
 from training.env.reward import RewardOptions
 from training.env.ruler import PAPER
-from training.learner.learner import MOST_ROWS, POLICY_FILE, LearnerOptions
+from training.learner.learner import MOST_ROWS, LearnerOptions, Start
 from worlds.loading import FORMS
 
 RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 PROVENANCE = "provenance"  # in config.json, beside the options (training/common/provenance.py)
-BASE = "base"  # in config.json, beside the options (TrainConfig.base)
+BASE = "base"  # in config.json, beside the options (Start.base)
+POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
 PAPER_STEPS = 5_000_000
 Span = List[Annotated[float, Field(ge=0)]]  # one number, or the two between which each episode draws
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
@@ -211,58 +212,37 @@ class TrainConfig(
         """What data are labelled with."""
         return self.robot if self.robot == drawn_robots.NAME else load(self.robot).name
 
-    @property
-    def start_run(self) -> str:
-        """Run or policy file that --init-from names; "" where it names a parameter set, or nothing."""
-        if self.init_from == "applr":
-            return methods.shipped()
-        return "" if self.init_from in methods.METHODS or self.init_from.endswith(".json") else self.init_from
+    @cached_property
+    def start(self) -> Start:
+        """What --init-from names. Raises ApplrError for what is of no use.
 
-    def start_action(self) -> Tuple[float, ...]:
-        """The action of the set --init-from, () without one. Raises ApplrError for one of no use.
-
-        A run that has saved a checkpoint goes on from that and needs the set no more.
+        A run that has saved a checkpoint goes on from that and does not read it again.
         """
-        if not self.init_from or self.resume and (Path(self.out) / "checkpoint.json").exists():
-            return ()
-        known = (
-            "static, applr, a JSON file with a parameter set, the file of a policy, or the folder of a training "
-            "run that has saved a checkpoint"
-        )
-        if self.start_run:
-            if self.start_run.endswith(POLICY_FILE):
-                if self.observation == PAPER:
-                    raise ApplrError(f"--init-from is {self.init_from!r}: a policy needs --observation dimensionless")
-                return ()
-            if not self.resume and not (Path(self.start_run) / "checkpoint.json").exists():
-                raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
-            return ()
+        name = methods.shipped() if self.init_from == "applr" else self.init_from
+        out, begun = Path(self.out), {}
+        if self.resume and (out / "config.json").exists():
+            begun = read_json(out / "config.json").get(BASE, {})
+        if not name or self.resume and (out / "checkpoint.json").exists():
+            return Start(base=begun)
+        if name.endswith(POLICY_FILE):
+            if self.observation == PAPER:
+                raise ApplrError(f"--init-from is {self.init_from!r}: a policy needs --observation dimensionless")
+            return Start(policy=name)
+        if (Path(name) / "checkpoint.json").exists():
+            return Start(run=name)
         robot = load(self.eval_robot)
-        values = self._start_set()
-        if values is None:
-            raise ApplrError(f"--init-from is {self.init_from!r}: give {known}")
-        paper = self.observation == PAPER
-        form = space_of(robot).paper.to_action if paper else Encoding(robot, self.decision_period).action
-        return tuple(form(values).tolist())
-
-    def _start_set(self) -> Optional[np.ndarray]:
-        """The set (n,) that --init-from names; None where it names no set."""
-        if not self.init_from or self.start_run:
-            return None
-        method = methods.make(self.init_from, load(self.eval_robot))
-        return method.values if isinstance(method, methods.FixedParameters) else None
-
-    def base(self) -> Dict[str, float]:
-        """Values of the parameters that a policy in the dimensionless form does not choose: of the set --init-from."""
-        begun = Path(self.out) / "config.json"
-        if self.resume and begun.exists() and BASE in (known := read_json(begun)):
-            return known[BASE]
-        values = self._start_set() if self.observation != PAPER and self.robot != drawn_robots.NAME else None
-        if values is None:
-            return {}
-        robot = load(self.robot)
-        chosen = Encoding(robot, self.decision_period).chosen
-        return {name: value for name, value in space_of(robot).as_dict(values).items() if name not in chosen}
+        is_method = name in methods.METHODS or name.endswith(".json")
+        method = methods.make(name, robot) if is_method else None
+        if not isinstance(method, methods.FixedParameters):
+            raise ApplrError(
+                f"--init-from is {self.init_from!r}: give static, applr, a JSON file with a parameter set, the file of "
+                "a policy, or the folder of a training run that has saved a checkpoint"
+            )
+        if self.observation == PAPER:
+            return Start(action=space_of(robot).paper.to_action(method.values).tolist())
+        form, values = Encoding(robot, self.decision_period), space_of(robot).as_dict(method.values)
+        base = {name: value for name, value in values.items() if name not in form.chosen}
+        return Start(action=form.action(method.values).tolist(), base={} if self.robot == drawn_robots.NAME else base)
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""

@@ -9,10 +9,11 @@ from __future__ import annotations
 import os
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, Optional, Sequence
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence
 
 import numpy as np
 import safetensors.numpy
+import torch
 from pydantic import ConfigDict
 
 from applr_ros1.common.errors import ApplrError
@@ -22,15 +23,12 @@ from applr_ros1.policy.actor import GeneralActor, load
 from training.common.command_line import Seed
 from training.common.folders import make_folder
 from training.common.options import option
-from training.learner.batch import draw_batch
 from training.replay.buffer import Replay
 from training.replay.store import TrajectoryStore
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
-from training.td3.networks import Weights
-from training.td3.td3 import CRITICS_ALONE, TD3, TD3Options
+from training.td3.td3 import TD3, Batch, TD3Options, Weights
 
 MOST_ROWS = 10**8
-POLICY_FILE = ".safetensors"  # how the name of a policy's file ends
 PACE = ("utd_ratio", "learning_starts")  # options that say when gradient steps are due
 
 
@@ -58,6 +56,15 @@ class LearnerOptions(TD3Options):
     # fmt: on
 
 
+class Start(NamedTuple):
+    """What a run begins with: one of the first three, or random weights."""
+
+    run: str = ""  # folder of another run, whose networks and optimisers are taken over
+    policy: str = ""  # file of a policy in the dimensionless form
+    action: Sequence[float] = ()  # the policy's first answer to any observation
+    base: Dict[str, float] = {}  # values of the parameters that a policy in the dimensionless form does not choose
+
+
 class Learner:
     """The networks, the replay buffer, and what is on disk of them.
 
@@ -65,9 +72,7 @@ class Learner:
         layout: what observations and actions consist of.
         options: how it learns.
         folder: of the run; checkpoint.json, learner-*.safetensors and replay.sqlite lie in it.
-        begin_at: the action at which the policy begins; (): that of its random first weights.
-        begin_with: folder of a run whose networks and optimisers this one begins with, or file of a policy that it
-            begins with; "": random weights.
+        start: what it begins with, unless the folder holds a checkpoint.
     """
 
     def __init__(
@@ -75,33 +80,23 @@ class Learner:
         layout: TransitionLayout,
         options: LearnerOptions,
         folder: os.PathLike | str,
-        begin_at: Sequence[float] = (),
-        begin_with: str = "",
+        start: Start = Start(),  # noqa: B008
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
-        self.td3 = TD3(
-            layout.size,
-            layout.action,
-            options,
-            options.seed,
-            options.device,
-            layout.policy_mirror,
-            layout.hidden,
-        )
-        if begin_with.endswith(POLICY_FILE):
-            self.td3.policy_starts = CRITICS_ALONE
+        sizes, mirror = (layout.size, layout.action), layout.policy_mirror
+        self.td3 = TD3(*sizes, options, options.seed, options.device, mirror, layout.hidden)
         self.replay = Replay(layout, options.buffer_size)
         self.rng = np.random.default_rng([options.seed, 1])
         if self.saved(folder) is None:
-            if begin_at:
-                self.td3.begin_at(begin_at)
-            if begin_with.endswith(POLICY_FILE):
-                self.td3.begin_with(begun_policy(begin_with), begin_with)
-            elif begin_with:
-                self._begin_with(Path(begin_with))
+            if start.action:
+                self.td3.begin_at(start.action)
+            if start.policy:
+                self.td3.begin_with(begun_policy(start.policy), start.policy)
+            if start.run:
+                self._begin_with(Path(start.run))
         self.store = TrajectoryStore(self.folder / "replay.sqlite", layout)
         self.refused: Counter[str] = Counter()  # trajectories, by reason
-        self.lag = PolicyLag()
+        self.lags: List[int] = []  # how old, in updates, the policies were that drove what was taken
         self.checkpoints = 0
         self._pace = (options.learning_starts, 0)  # of transitions and updates, from where utd_ratio counts
 
@@ -120,7 +115,7 @@ class Learner:
 
     def _add(self, trajectory: Trajectory) -> None:
         self.replay.add(trajectory)
-        self.lag.add(self.td3.updates - trajectory.info.get("version", self.td3.updates))
+        self.lags.append(self.td3.updates - trajectory.info.get("version", self.td3.updates))
 
     # -- learning ----------------------------------------------------------------------------------
     @property
@@ -219,12 +214,11 @@ class Learner:
     def _begin_with(self, folder: Path) -> None:
         """Takes over networks and optimisers of another run, and counts updates from 0. Raises as _take_networks()."""
         checkpoint = self.saved(folder)
-        if checkpoint is None:
-            raise ApplrError(f"{folder} holds no checkpoint: give the folder of a training run")
+        assert checkpoint is not None
         if checkpoint["layer_norm"] != self.options.layer_norm:  # the same weights would mean other values
             raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}; give the same")
         self._take_networks(folder, checkpoint)
-        self.td3.updates = 0
+        self.td3.updates = self.td3.policy_starts = 0
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Takes over networks and optimisers from a checkpoint that lies in `folder`.
@@ -270,17 +264,42 @@ def begun_policy(path: str) -> Weights:
     return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
 
 
-class PolicyLag:
-    """How old, in updates, the policies were whose trajectories came in."""
+def draw_batch(
+    replay: Replay,
+    rng: np.random.Generator,
+    size: int,
+    n_step: int,
+    gamma: float,
+    device: torch.device = torch.device("cpu"),
+    mirror: bool = False,
+) -> Batch:
+    """A batch for TD3.update, drawn uniformly; all randomness of a gradient step comes from `rng`: rows, then noise.
 
-    def __init__(self) -> None:
-        self.count, self.total, self.most = 0, 0, 0
+    Args:
+        replay: where the transitions are drawn.
+        rng: source of the rows and of the smoothing noise.
+        size: transitions of the batch.
+        n_step: steps of the returns.
+        gamma: discount per decision.
+        device: where the tensors go.
+        mirror: half of the transitions mirrored left for right.
+    """
+    sample = replay.sample(rng, size, n_step, gamma, mirror)
+    noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
-    def add(self, updates: int) -> None:
-        """One more trajectory, of a policy so many updates old."""
-        self.count, self.total, self.most = self.count + 1, self.total + updates, max(self.most, updates)
+    def tensor(array: np.ndarray) -> torch.Tensor:
+        made = torch.from_numpy(array)  # bytes travel to the device as bytes and become floats there
+        return (made.pin_memory().to(device, non_blocking=True) if device.type == "cuda" else made).to(torch.float32)
 
-    @property
-    def mean(self) -> float:
-        """Mean age in updates; 0 before the first trajectory."""
-        return self.total / self.count if self.count else 0.0
+    def observation(scan: np.ndarray, rest: np.ndarray) -> torch.Tensor:
+        beams = tensor(scan).mul_(replay.layout.step).sub_(1.0)
+        return torch.cat((beams, tensor(rest)), 1) if beams.shape[1] else tensor(rest)
+
+    return Batch(
+        observation(sample.scan, sample.rest),
+        tensor(sample.action),
+        tensor(sample.reward),
+        tensor(sample.discount),
+        observation(sample.next_scan, sample.next_rest),
+        tensor(noise),
+    )

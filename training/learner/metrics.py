@@ -74,14 +74,7 @@ def draw_curves(
 ) -> None:
     """The paper's figure: episode length and return averaged over `window` episodes, or a hundredth of them if more.
 
-    The evaluations are dots, that of default DWA is a dashed red line.
-
-    Args:
-        path: of the picture.
-        store: of the run.
-        evaluation: of the run.
-        period: decision period [s], which the label of the length names.
-        window: episodes that are averaged over.
+    The evaluations are dots, that of default DWA is a dashed red line; period: decision period [s].
     """
     figure = Figure(figsize=(10, 3.6), layout="constrained")
     FigureCanvasAgg(figure)

@@ -45,7 +45,7 @@ def prepare(config: TrainConfig) -> Preparation:
         "reward": config.reward(),
         "period": config.decision_period,
         "monitor": config.monitor,
-        "base": config.base(),
+        "base": config.start.base,
     }
     options = {
         **common,

@@ -59,15 +59,13 @@ class TrainingRun:
         self.dataset = dataset_of(config, made.layout)
         if self.dataset is not None:
             config = config.model_copy(update={"buffer_size": max(config.buffer_size, self.dataset.rows)})
-        self.config = config
-        begin_at = config.start_action()
-        config.check_mirror(made.layout.mirror)
+        self.config, start = config, config.start
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
             raise ApplrError(f"{self.folder} holds a run already: --resume goes on with it, another --out begins one")
         set_threads(config)
-        self.learner = Learner(made.layout, config, self.folder, begin_at, config.start_run)
+        self.learner = Learner(made.layout, config, self.folder, start)
         self.extra = self._resume()
         self.evaluation = PeriodicEvaluation(
             self.folder,
@@ -111,7 +109,7 @@ class TrainingRun:
         path, config = self.folder / "config.json", self.config
         before = read_json(path).get(PROVENANCE, []) if config.resume else []
         options = config.model_dump(exclude={"resume"})
-        write_json(path, {**options, BASE: config.base(), PROVENANCE: [*before, provenance(config.seed)]})
+        write_json(path, {**options, BASE: config.start.base, PROVENANCE: [*before, provenance(config.seed)]})
         self.learner.store.note("source", driven_with(config))
 
     def _resume(self) -> Dict[str, Any]:
@@ -306,7 +304,7 @@ class TrainingRun:
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
         """The file of a policy in the form that the run learns."""
         if self.config.observation != PAPER:
-            actor.save_general(path, weights, {**metadata, "base": self.config.base()})
+            actor.save_general(path, weights, {**metadata, "base": self.config.start.base})
         else:
             robot = load(self.config.robot)
             actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
@@ -325,8 +323,7 @@ class TrainingRun:
             **{name: mean(info.get(name) for info in infos) for name in ("return", "length", "success", "collided")},
             "sigma": self.config.noise(learner.transitions),
             "updates": learner.td3.updates,
-            "policy_lag": learner.lag.mean,
-            "policy_lag_max": learner.lag.most,
+            "policy_lag": mean(learner.lags[-100:]),
             "actors": self.pool.alive,
             "replaced": self.pool.replaced,
             "refused": sum(learner.refused.values()),

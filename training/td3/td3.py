@@ -18,16 +18,17 @@ from typing import Annotated, Dict, List, Optional, Sequence, Tuple
 import numpy as np
 import torch
 from pydantic import ConfigDict, Field
+from torch import nn
 from torch.nn import functional
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.network import Mirror, with_mirror_images
 from training.common.options import Options, option
-from training.td3.networks import MLP, Weights, parameters
 
 INNER = 0.95  # a policy that begins at a set begins at most so far out, where tanh still has a gradient
 SMALL_START = 0.01  # factor on the last layer's first weights of such a policy
 CRITICS_ALONE = 2000  # gradient steps before the first one of a policy that fresh critics would spoil
+Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
 
 
 class TD3Options(Options):
@@ -71,10 +72,31 @@ class TD3Options(Options):
         "authors use 2.5. Online it keeps it close to what it has driven with. 0 is plain TD3.", ge=0, le=1000)
     # fmt: on
 
-    def check_mirror(self, mirror: Optional[Mirror]) -> None:
-        """Raises ApplrError for a symmetric policy of observations whose mirror image is not known (None)."""
-        if self.symmetric and mirror is None:
-            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
+
+class MLP(nn.ModuleList):
+    """Linear layers with ReLU between them; state_dict() names them "0.weight" (out, in), "0.bias" (out,), "1.weight".
+
+    Args:
+        inputs: width of the input.
+        hidden: widths of the hidden layers.
+        outputs: width of the output.
+        layer_norm: normalise each hidden layer (without gain and shift) before its ReLU. On critics this bounds how far
+            values are extrapolated to actions that were never tried, which keeps several gradient steps per transition
+            stable (Ball et al. 2023; Nauman et al. 2024).
+    """
+
+    def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, layer_norm: bool = False):
+        sizes = [inputs, *hidden, outputs]
+        super().__init__(nn.Linear(width, out) for width, out in zip(sizes[:-1], sizes[1:]))
+        self.layer_norm = layer_norm
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Map x (B, inputs) to (B, outputs)."""
+        *hidden, last = self
+        for layer in hidden:
+            x = layer(x)
+            x = functional.relu(functional.layer_norm(x, x.shape[1:]) if self.layer_norm else x)
+        return last(x)
 
 
 @dataclass
@@ -125,7 +147,8 @@ class TD3:
         mirror: Optional[Mirror] = None,
         hidden: int = 0,
     ):
-        options.check_mirror(mirror)
+        if options.symmetric and mirror is None:
+            raise ApplrError("--symmetric: the observation has no scan and angle to mirror; leave it out")
         self.options, self.actions, self.mirror, self.device = options, actions, mirror, _device(device)
         if len(options.smoothness) not in (1, actions):
             raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
@@ -135,25 +158,18 @@ class TD3:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self.actor = MLP(self.seen, layers, actions).to(self.device)
-            self.critics = torch.nn.ModuleList(
-                MLP(observations + actions, layers, 1, options.layer_norm) for _ in range(2)
-            ).to(self.device)
-        self.actor_target, self.critic_targets = (
-            copy.deepcopy(network).requires_grad_(False) for network in (self.actor, self.critics)
-        )
-        self.networks = torch.nn.ModuleDict(
-            {
-                "actor": self.actor,
-                "critics": self.critics,
-                "actor_target": self.actor_target,
-                "critic_targets": self.critic_targets,
-            }
-        )
+            critics = (MLP(observations + actions, layers, 1, options.layer_norm) for _ in range(2))
+            self.critics = nn.ModuleList(critics).to(self.device)
+        self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
+        self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
+        self.networks = nn.ModuleDict({"actor": self.actor, "critics": self.critics})
+        self.networks.update({"actor_target": self.actor_target, "critic_targets": self.critic_targets})
         self.policy = self.actor  # what drives: the running average of the learnt policy where there is one
         if options.policy_ema_decay:
             self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), options.actor_lr, fused=True)
         self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), options.critic_lr, fused=True)
+        self.optimizers = {"actor_optimizer": self.actor_optimizer, "critic_optimizer": self.critic_optimizer}
         self.updates = self.policy_starts = 0
         self.losses: Dict[str, torch.Tensor] = {}
 
@@ -173,12 +189,17 @@ class TD3:
 
     @torch.no_grad()
     def begin_with(self, weights: Weights, what: str) -> None:
-        """Takes a policy over, as actor_weights() names it. Raises ApplrError where it has other layers."""
+        """Takes over a policy, as actor_weights() names it, which stands still while the critics learn alone.
+
+        Raises:
+            ApplrError: where it has other layers.
+        """
         for network in {self.actor, self.actor_target, self.policy}:
             theirs = {name: tensor.shape for name, tensor in weights.items()}
             if theirs != {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}:
                 raise ApplrError(f"{what}: its layers have the shapes {theirs}; give the same --net-arch")
             network.load_state_dict({name: torch.from_numpy(tensor) for name, tensor in weights.items()})
+        self.policy_starts = CRITICS_ALONE
 
     # -- learning ----------------------------------------------------------------------------------
     def update(self, batch: Batch) -> None:
@@ -230,11 +251,10 @@ class TD3:
 
     @torch.no_grad()
     def _update_targets(self) -> None:
-        targets = parameters(self.actor_target, self.critic_targets)
-        torch._foreach_lerp_(targets, parameters(self.actor, self.critics), self.options.tau)
+        _mix(self.actor_target, self.actor, self.options.tau)
+        _mix(self.critic_targets, self.critics, self.options.tau)
         if self.policy is not self.actor:
-            decay = self.options.policy_ema_decay
-            torch._foreach_lerp_(parameters(self.policy), parameters(self.actor), 1.0 - decay)
+            _mix(self.policy, self.actor, 1.0 - self.options.policy_ema_decay)
 
     def report(self) -> Dict[str, float]:
         """Losses of the newest update as numbers (waits for the device)."""
@@ -252,10 +272,8 @@ class TD3:
 
         With options.symmetric it is two networks side by side, along the first axis of each tensor.
         """
-        weights = self.policy.weights()
-        return (
-            weights if not self.options.symmetric or self.mirror is None else with_mirror_images(weights, self.mirror)
-        )
+        weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state_dict().items()}
+        return with_mirror_images(weights, self.mirror) if self.options.symmetric and self.mirror else weights
 
     # -- checkpoints -------------------------------------------------------------------------------
     def state(self) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
@@ -265,11 +283,11 @@ class TD3:
         "actor_optimizer.3.exp_avg" for the actor's fourth tensor.
         """
         tensors = dict(self.networks.state_dict())
-        for name, optimizer in self._optimizers():
+        for name, optimizer in self.optimizers.items():
             for i, moments in optimizer.state_dict()["state"].items():
                 tensors.update({f"{name}.{i}.{key}": tensor for key, tensor in moments.items()})
         arrays = {name: tensor.cpu().numpy().copy() for name, tensor in tensors.items()}
-        return arrays, {"updates": json.dumps(self.updates)}
+        return arrays, {"updates": json.dumps(self.updates), "policy_starts": json.dumps(self.policy_starts)}
 
     def load(self, arrays: Dict[str, np.ndarray], header: Dict[str, str], what: str = "checkpoint") -> None:
         """Takes over a state. Raises ApplrError, and changes nothing, where it belongs to another network."""
@@ -288,18 +306,19 @@ class TD3:
                 raise ApplrError(f"{what}: tensor {name} holds NaN or inf")
         tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
         self.networks.load_state_dict({name: tensors[name] for name in networks})
-        for name, optimizer in self._optimizers():
-            state: Dict[int, Dict[str, torch.Tensor]] = {}
-            for key, tensor in tensors.items():
-                owner, _, rest = key.partition(".")
-                if owner == name:
-                    index, _, moment = rest.partition(".")
-                    state.setdefault(int(index), {})[moment] = tensor.clone()
-            optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
-        self.updates = json.loads(header["updates"])
+        states: Dict[str, Dict[int, Dict[str, torch.Tensor]]] = {name: {} for name in self.optimizers}
+        for name, tensor in tensors.items():
+            if name.partition(".")[0] in states:
+                owner, index, moment = name.split(".")
+                states[owner].setdefault(int(index), {})[moment] = tensor.clone()
+        for name, optimizer in self.optimizers.items():
+            optimizer.load_state_dict({**optimizer.state_dict(), "state": states[name]})
+        self.updates, self.policy_starts = (json.loads(header[name]) for name in ("updates", "policy_starts"))
 
-    def _optimizers(self) -> Tuple[Tuple[str, torch.optim.Optimizer], ...]:
-        return ("actor_optimizer", self.actor_optimizer), ("critic_optimizer", self.critic_optimizer)
+
+def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
+    """Moves each parameter of `target` by a share of the way to that of `source`."""
+    torch._foreach_lerp_(list(target.parameters()), list(source.parameters()), share)
 
 
 def _device(name: str) -> torch.device:

@@ -79,16 +79,16 @@ def test_help_names_every_option_and_noise_is_the_papers():
 def test_a_run_that_began_at_a_set_goes_on_without_its_file(tmp_path, capsys):
     given = tmp_path / "set.json"
     given.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
-    assert len(parse(["--init-from", str(given), "--out", str(tmp_path)]).start_action()) == 8
+    assert len(parse(["--init-from", str(given), "--out", str(tmp_path)]).start.action) == 8
     form = ["--init-from", str(given), "--out", str(tmp_path), "--observation", "dimensionless"]
-    assert len(parse(form).start_action()) == 12
-    assert parse(form).base() == {"min_in_place_vel_theta": 0.7, "footprint_padding": 0.1}
+    assert len(parse(form).start.action) == 12
+    assert parse(form).start.base == {"min_in_place_vel_theta": 0.7, "footprint_padding": 0.1}
     given.unlink()
     (tmp_path / "config.json").write_text(json.dumps({"init_from": str(given), "out": str(tmp_path)}))
     one_line(capsys, ["--resume", "--out", tmp_path], "set.json: cannot be read")  # killed before a checkpoint
     (tmp_path / "checkpoint.json").write_text("{}")
-    assert parse(["--resume", "--out", str(tmp_path)]).start_action() == ()
+    assert parse(["--resume", "--out", str(tmp_path)]).start.action == ()
     assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4  # a run keeps its options
     options = {"init_from": str(given), "observation": "dimensionless", "out": str(tmp_path), "base": {"sim_time": 1.1}}
     (tmp_path / "config.json").write_text(json.dumps(options))
-    assert parse(["--resume", "--out", str(tmp_path)]).base() == {"sim_time": 1.1}
+    assert parse(["--resume", "--out", str(tmp_path)]).start.base == {"sim_time": 1.1}

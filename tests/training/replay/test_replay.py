@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from applr_ros1.common.errors import ApplrError
-from training.learner.batch import draw_batch
+from training.learner.learner import draw_batch
 from training.replay.buffer import Replay
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
 
