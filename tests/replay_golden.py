@@ -129,10 +129,10 @@ def dwa(scenario):
     best = expected["best"]
     yield (
         "best",
-        (result.cost, result.v, 0, result.w, result.count),
+        (result.cost, result.vx, 0, result.w, result.count),
         [best[name] for name in ("cost", "xv", "yv", "thetav", "points")],
     )
-    yield "drive", (result.drive[0], 0.0, result.drive[1]), best["drive"]
+    yield "drive", result.drive, best["drive"]
     yield "best_traj", result.points, scenario.array("best_traj").reshape(-1, 3)
     yield "state_after", planner.state, expected["state_after"]
     yield "flags_after", planner.state[:5], [expected["flags_after"][name] for name in FLAGS]
@@ -188,7 +188,7 @@ def rollout(scenario):
         planner.state = states[i - 1] if i else [0] * 10
         result = planner.find_best_path(costmap, row[:3], velocity)
         ours.append(
-            list(result.drive) + [result.cost, result.v, result.w, result.count] + planner.state + list(planner.start)
+            [*result.drive[::2], result.cost, result.vx, result.w, result.count, *planner.state, *planner.start]
         )
     yield "commands, costs, winners, states, poses used", np.array(ours).reshape(-1, 22), wanted
 

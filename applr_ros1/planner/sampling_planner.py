@@ -1,18 +1,19 @@
 """What the two planners that sample velocities share.
 
-Called by trajectory/ and dwa/: angles as C++ ROS handles them, to the last bit; the check of new parameters; the heap
-in which samples wait, the one with the least bound of its cost on top and of equal ones the first sampled; and the
-display of a cycle's costs.
+Called by trajectory/ and dwa/: the class that both derive from, with parameters and memory between cycles; what a cycle
+chose; its costs for display; angles as C++ ROS handles them, to the last bit; and the heap in which samples wait, the
+one with the least bound of its cost on top and of equal ones the first sampled.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, Sequence, Tuple
+from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.kernels import kernel
+from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.parameters.parameter import ParameterError
 
 LARGEST_TURN = 0.5  # [rad] a step for closed forms: the chord's formula fails near a full turn
@@ -43,66 +44,6 @@ def small_turn(a):
     )
 
 
-def updated(
-    values: Mapping[str, Any],
-    changes: Mapping[str, Any],
-    names: Sequence[str],
-    above_zero: Sequence[str],
-    not_negative: Sequence[str],
-    samples: Sequence[str],
-) -> Dict[str, Any]:
-    """The values of a planner's parameters with some of them changed, checked.
-
-    Args:
-        values: what it has by now.
-        changes: new values by name; names of no parameter of the planner are ignored.
-        names: all parameters of the planner.
-        above_zero: those of them that must be more than 0.
-        not_negative: those that must be 0 or more.
-        samples: those that are numbers of samples; values below 1 become 1.
-
-    Raises:
-        ParameterError: One line, for a value that is missing, not finite or out of its bound.
-    """
-    wanted = dict(values)
-    wanted.update((name, changes[name]) for name in names if name in changes)
-    for name in names:
-        if name not in wanted:
-            raise ParameterError(f"parameter {name} is missing: give the local planner a value")
-        if not math.isfinite(wanted[name]):
-            raise ParameterError(f"parameter {name} = {wanted[name]!r} is not a finite number")
-    for name in (*above_zero, *not_negative):
-        if wanted[name] < 0 or (wanted[name] == 0 and name in above_zero):
-            bound = "above 0" if name in above_zero else "0 or more"
-            raise ParameterError(f"parameter {name} = {wanted[name]!r} must be {bound}")
-    wanted.update({name: max(int(wanted[name]), 1) for name in samples})
-    return wanted
-
-
-def cost_cloud(
-    costmap: Any, path: np.ndarray, goal: np.ndarray, inside: np.ndarray, weights: Tuple[float, float, float]
-) -> np.ndarray:
-    """(k, 7) float32: x, y, z, path, goal, obstacle and total cost of cells, column by column, for display.
-
-    Args:
-        costmap: with cells (ny, nx), origin and resolution.
-        path: (ny, nx) int32, distances to the plan in cells.
-        goal: (ny, nx) int32, distances to the plan's end in cells.
-        inside: (ny, nx) bool, the cells that are shown.
-        weights: of path, goal and obstacle cost in the total.
-    """
-    column, row = np.nonzero(inside.T)
-    cells = costmap.cells.T
-    cloud = np.zeros((len(row), 7), np.float32)
-    cloud[:, 0] = costmap.origin[0] + (column + 0.5) * costmap.resolution
-    cloud[:, 1] = costmap.origin[1] + (row + 0.5) * costmap.resolution
-    cloud[:, 3] = path.T[column, row]
-    cloud[:, 4] = goal.T[column, row]
-    cloud[:, 5] = cells[column, row]
-    cloud[:, 6] = weights[0] * path.T[column, row] + weights[1] * goal.T[column, row] + weights[2] * cells[column, row]
-    return cloud
-
-
 @kernel
 def sift_down(heap, keys, count, i):
     """Restore the heap of sample numbers, least (key, number) on top, after the key of heap[i] grew."""
@@ -121,3 +62,162 @@ def sift_down(heap, keys, count, i):
 @kernel
 def _before(keys, a, b):
     return keys[a] < keys[b] or (keys[a] == keys[b] and a < b)
+
+
+def record(reals: str, integers: str, after: str = "") -> np.dtype:
+    """The type of a record with float64 fields, then int64 fields, then float64 fields; names separated by blanks."""
+    fields = [(name, np.float64) for name in reals.split()] + [(name, np.int64) for name in integers.split()]
+    return np.dtype(fields + [(name, np.float64) for name in after.split()])
+
+
+class Choice:
+    """What a cycle chose.
+
+    Attributes:
+        cost: below 0 means no valid command.
+        vx, vy, w: velocity of the trajectory [m/s, rad/s].
+        drive: the command (vx, vy, w), zero if there is none; its w went through a quaternion.
+        count: how many points the trajectory has.
+        sample: its number in the order of sampling, -1 if there is none or where samples are not numbered.
+    """
+
+    __slots__ = ("cost", "vx", "vy", "w", "drive", "count", "sample", "_roll_out", "_points")
+
+    def __init__(self, cost, velocity, drive, count, roll_out: Callable[[np.ndarray], None], sample=-1):
+        self.cost, self.drive, self.count, self.sample = cost, drive, count, sample
+        self.vx, self.vy, self.w = velocity
+        self._roll_out = roll_out
+        self._points: Optional[np.ndarray] = None
+
+    @property
+    def points(self) -> np.ndarray:
+        """The trajectory's poses (count, 3) x, y [m], yaw [rad]. Made when first asked for: training never looks."""
+        if self._points is None:
+            self._points = np.empty((self.count, 3))
+            if self.count:
+                self._roll_out(self._points)
+        return self._points
+
+
+class SamplingPlanner:
+    """One velocity for one cycle. A planner derives from it, names its records and bounds, and does the search.
+
+    Attributes:
+        PARAMETERS, STATE: types of the records that its kernels take.
+        ABOVE_ZERO, NOT_NEGATIVE: parameters of the server that must be so.
+        SAMPLES: those that are numbers of samples; values below 1 become 1.
+    """
+
+    PARAMETERS: np.dtype
+    STATE: np.dtype
+    ABOVE_ZERO: Tuple[str, ...]
+    NOT_NEGATIVE: Tuple[str, ...]
+    SAMPLES: Tuple[str, ...]
+    DERIVED: Tuple[str, ...] = ("sim_period",)  # fields of PARAMETERS that are no parameter of the server
+
+    def __init__(self, params: Mapping[str, Any]):
+        self._resolution: Any = None
+        self._shape: Any = None  # (ny, nx)
+        self._grids: Any = None
+        self._lines: Any = None
+        self._scratch: Any = None
+        self._state = np.zeros(1, self.STATE)
+        self._values: Dict[str, Any] = {}
+        self.reconfigure(params)
+
+    def reconfigure(self, params: Mapping[str, Any]) -> None:
+        """Take over the server's values by name, some or all of them, between two cycles; other names are ignored.
+
+        Raises:
+            ParameterError: One line, for a value that is missing, not finite or out of its bound; nothing changes.
+        """
+        names = [name for name in self.PARAMETERS.names or () if name not in self.DERIVED]
+        wanted = dict(self._values, **{name: params[name] for name in names if name in params})
+        for name in names:
+            if name not in wanted:
+                raise ParameterError(f"parameter {name} is missing: give the local planner a value")
+            if not math.isfinite(wanted[name]):
+                raise ParameterError(f"parameter {name} = {wanted[name]!r} is not a finite number")
+        for name in (*self.ABOVE_ZERO, *self.NOT_NEGATIVE):
+            if wanted[name] < 0 or (wanted[name] == 0 and name in self.ABOVE_ZERO):
+                bound = "above 0" if name in self.ABOVE_ZERO else "0 or more"
+                raise ParameterError(f"parameter {name} = {wanted[name]!r} must be {bound}")
+        wanted.update({name: max(int(wanted[name]), 1) for name in self.SAMPLES})
+        self._values = wanted
+        self._scratch = self._allocate_scratch(*(wanted[name] for name in self.SAMPLES))
+        self._take_parameters()
+
+    def _take_parameters(self):
+        made = np.zeros(1, self.PARAMETERS)  # a new record: choices of earlier cycles keep theirs
+        for name, value in self._values.items():
+            made[name] = value
+        self._derive(made, self._resolution)
+        self._params = made
+
+    def _derive(self, made, resolution) -> None:
+        """Fill the fields that follow from others and from the map's resolution [m], None before the first map."""
+        raise NotImplementedError
+
+    def _allocate_scratch(self, *samples: int) -> Any:
+        raise NotImplementedError
+
+    def _fits(self, costmap: Any) -> bool:
+        """Whether size and resolution are as before; otherwise they are taken over, for new grids and tables."""
+        resolution = float(costmap.resolution)
+        if costmap.cells.shape == self._shape and resolution == self._resolution:
+            return True
+        self._shape, self._resolution = costmap.cells.shape, resolution
+        self._take_parameters()
+        return False
+
+    @property
+    def state(self) -> List[float]:
+        """The memory between cycles in the order of STATE, which can be assigned."""
+        return list(self._state[0].item())
+
+    @state.setter
+    def state(self, values: Sequence[float]) -> None:
+        self._state[0] = tuple(values)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
+        return self._scratch.start.copy()
+
+    def reset(self) -> None:
+        """Forget the memory between cycles, as a new object (training episodes)."""
+        self._state[:] = np.zeros(1, self.STATE)
+
+
+def cost_cloud(
+    costmap: Any, path: np.ndarray, goal: np.ndarray, inside: np.ndarray, weights: Tuple[float, float, float]
+) -> np.ndarray:
+    """(k, 7) float32: x, y, z, path, goal, obstacle and total cost of the cells that the robot's centre may be in.
+
+    For display, column by column (MapGridVisualizer::publishCostCloud).
+
+    Args:
+        costmap: with cells (ny, nx), origin and resolution.
+        path: (ny, nx) int32, distances to the plan in cells.
+        goal: (ny, nx) int32, distances to the plan's end in cells.
+        inside: (ny, nx) bool, False for cells that are left out in any case.
+        weights: of path, goal and obstacle cost in the total.
+    """
+    inside = inside & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
+    column, row = np.nonzero(inside.T)
+    cells = costmap.cells.T
+    cloud = np.zeros((len(row), 7), np.float32)
+    cloud[:, 0] = costmap.origin[0] + (column + 0.5) * costmap.resolution
+    cloud[:, 1] = costmap.origin[1] + (row + 0.5) * costmap.resolution
+    cloud[:, 3] = path.T[column, row]
+    cloud[:, 4] = goal.T[column, row]
+    cloud[:, 5] = cells[column, row]
+    cloud[:, 6] = weights[0] * path.T[column, row] + weights[1] * goal.T[column, row] + weights[2] * cells[column, row]
+    return cloud
+
+
+def trajectory_cloud(points: np.ndarray) -> np.ndarray:
+    """(k, 5) float32: x, y, z, theta, cost of the points (k, 4) x, y, theta, cost of trajectories, for display."""
+    cloud = np.zeros((len(points), 5), np.float32)
+    cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
+    return cloud

@@ -11,10 +11,10 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse
-from applr_ros1.planner.dwa.planner import Choice, DWAPlanner
+from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
-from applr_ros1.planner.sampling_planner import angle_difference, through_quaternion
+from applr_ros1.planner.sampling_planner import Choice, angle_difference, through_quaternion
 
 EMPTY = np.zeros((0, 3))
 

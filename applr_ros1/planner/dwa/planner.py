@@ -3,53 +3,30 @@
 Called by local_planner.py, which makes a controller of it. The arithmetic is in the kernels beside this file.
 """
 
+from functools import partial
 from typing import Any, Dict, List, Mapping, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
-from applr_ros1.planner.costmap.grid import INSCRIBED
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.dwa.critics import CRITICS, Samples, clear, score_all_samples, total_cost, weights
 from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
 from applr_ros1.planner.dwa.samples import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.search import find_best, prepare
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
-from applr_ros1.planner.sampling_planner import cost_cloud, through_quaternion, updated
+from applr_ros1.planner.sampling_planner import (
+    Choice,
+    SamplingPlanner,
+    cost_cloud,
+    through_quaternion,
+    trajectory_cloud,
+)
 
-DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
-ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
-NOT_NEGATIVE = ("sim_time", "path_distance_bias", "goal_distance_bias", "occdist_scale", "twirling_scale")
 NO_PLAN = np.zeros((0, 2))
 
 
-class Choice:
-    """One cycle's choice.
-
-    cost: below 0 means no valid command. sample: its number in the order of sampling, -1 if there is none. vx, vy
-    [m/s], w [rad/s]: the trajectory's velocity. drive: the command (vx, vy, w), zero if there is none; its w went
-    through a quaternion. count: how many points the trajectory has.
-    """
-
-    __slots__ = ("cost", "sample", "vx", "vy", "w", "drive", "count", "_record", "_start", "_sampled", "_points")
-
-    def __init__(self, found, record, start):
-        self.cost, self.sample, self.count, self._sampled, (self.vx, self.vy, self.w), turn, _ = found
-        self.drive = (self.vx, self.vy, turn)
-        self._record, self._start = record, start
-        self._points: Any = None
-
-    @property
-    def points(self) -> np.ndarray:
-        """The trajectory's poses (count, 3) x, y [m], yaw [rad], made when first asked for."""
-        if self._points is None:
-            self._points = np.empty((self.count, 3))
-            if self.count:
-                roll_out(self._record, self._start, *self._sampled, self._points)
-        return self._points
-
-
-class DWAPlanner:
+class DWAPlanner(SamplingPlanner):
     """Samples velocities and scores them with seven critics.
 
     params: values of the DWAPlannerROS server by name. sim_period [s]: the control period, the dynamic window's width.
@@ -57,69 +34,43 @@ class DWAPlanner:
     the squared distance to the plan's end below which the nose-on-path critic is off. Raises ParameterError.
     """
 
+    PARAMETERS, STATE, SAMPLES = PARAMETERS, STATE, SAMPLES
+    ABOVE_ZERO = ("sim_granularity", "angular_sim_granularity")
+    NOT_NEGATIVE = ("sim_time", "path_distance_bias", "goal_distance_bias", "occdist_scale", "twirling_scale")
+    DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
+
     def __init__(
         self, params: Mapping[str, Any], sim_period: float = 0.05, sum_scores: bool = False, cheat_factor: float = 1.0
     ):
         self._fixed = {"sim_period": float(sim_period), "sum_scores": int(sum_scores), "cheat_factor": cheat_factor}
-        self._resolution: Any = None
-        self._shape: Any = None
-        self._grids: Any = None
-        self._lines: Any = None
-        self._scratch: Any = None
         self._scene: Any = None
         self._footprint: Any = None
         self._given_footprint: Any = None
-        self._state = np.zeros(1, STATE)
-        self._flags_before = self._state.copy()
         self._aligned_plan = NO_PLAN
-        self._wanted: Dict[str, Any] = {}
-        self.reconfigure(params)
+        super().__init__(params)
+        self._flags_before = self._state.copy()
 
-    def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Take over the server's values by name, some or all of them, between two cycles; other names are ignored.
-
-        Numbers of samples below 1 become 1. Raises ParameterError.
-        """
-        names = [name for name in PARAMETERS.names or () if name not in DERIVED]
-        wanted = updated(self._wanted, params, names, ABOVE_ZERO, NOT_NEGATIVE, SAMPLES)
-        self._wanted = wanted
-        self._scratch = allocate_scratch(*(wanted[name] for name in SAMPLES))
-        self._take_parameters()
-
-    def _take_parameters(self):
-        record = np.zeros(1, PARAMETERS)  # a new one: choices of earlier cycles keep theirs
-        for name, value in dict(self._wanted, **self._fixed).items():
-            record[name] = value
+    def _derive(self, made, resolution) -> None:
+        for name, value in self._fixed.items():
+            made[name] = value
         for name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
-            record[name] = np.float32(self._wanted[name])
-        resolution = 1.0 if self._resolution is None else self._resolution
-        record["path_scale"] = resolution * self._wanted["path_distance_bias"]
-        record["goal_scale"] = resolution * self._wanted["goal_distance_bias"]
-        record["alignment_scale"] = record["path_scale"]
-        self._record = record
+            made[name] = np.float32(self._values[name])
+        resolution = 1.0 if resolution is None else resolution
+        made["path_scale"] = resolution * self._values["path_distance_bias"]
+        made["goal_scale"] = resolution * self._values["goal_distance_bias"]
+        made["alignment_scale"] = made["path_scale"]
 
-    @property
-    def state(self) -> List[float]:
-        """The memory between cycles, which can be assigned: the twelve FLAGS, then the pose of the last change."""
-        return list(self._state[0].item())
-
-    @state.setter
-    def state(self, values: Sequence[float]) -> None:
-        self._state[0] = tuple(values)
-
-    @property
-    def start(self) -> np.ndarray:
-        """Pose and velocity (6,) of the last cycle as they were used: wrapped and rounded to float32."""
-        return self._scratch.start.copy()
+    def _allocate_scratch(self, *samples: int) -> Any:
+        return allocate_scratch(*samples)
 
     @property
     def scales(self) -> List[float]:
         """The seven critics' weights in their order."""
-        return [float(weight) for weight in weights.py_func(self._record.view(np.recarray)[0])]
+        return [float(weight) for weight in weights.py_func(self._params.view(np.recarray)[0])]
 
     def reset(self) -> None:
         """Forget flags, grids and plans, as a new object (training episodes)."""
-        self._state[:] = np.zeros(1, STATE)
+        super().reset()
         self._aligned_plan = NO_PLAN
         if self._grids is not None:
             self._grids.facts[:] = 0
@@ -133,36 +84,26 @@ class DWAPlanner:
         self._look_at(costmap, plan)
         (x, y, yaw), (vx, vy, w) = pose, velocity
         if prepare(
-            self._record, self._scratch, self._scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w)
+            self._params, self._scratch, self._scene.plan, x, y, through_quaternion(yaw), vx, vy, through_quaternion(w)
         ):
             self._aligned_plan = self._scene.plan
 
     def find_best_path(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
-        """One cycle: floods, samples, winner, flags. Returns a Choice.
+        """One cycle: floods, samples, winner, flags.
 
         costmap: anything with cells (ny, nx) uint8, origin (x, y) [m], resolution [m], footprint (n, 2) [m]. plan:
         (k, 2 or 3) [m] in its frame, not empty. pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s].
         """
         self._look_at(costmap, plan)
-        (x, y, yaw), (vx, vy, w) = pose, velocity
-        scratch = self._scratch
         self._flags_before[:] = self._state
-        found = find_best(
-            self._record,
-            self._state,
-            self._grids,
-            scratch,
-            self._scene,
-            float(x),
-            float(y),
-            float(yaw),
-            float(vx),
-            float(vy),
-            float(w),
+        given = [float(value) for value in (*pose, *velocity)]
+        cost, sample, count, sampled, moving, turn, aligned = find_best(
+            self._params, self._state, self._grids, self._scratch, self._scene, *given
         )
-        if found[-1]:
+        if aligned:
             self._aligned_plan = self._scene.plan
-        return Choice(found, self._record[0], self.start)
+        follow = partial(roll_out, self._params[0], self.start, *sampled)
+        return Choice(cost, moving, (moving[0], moving[1], turn), count, follow, sample)
 
     def check(self, velocity: Sequence[float]) -> Tuple[float, int]:
         """(cost, number of points) of the trajectory towards one velocity (vx, vy, w), from the prepared cycle.
@@ -171,7 +112,7 @@ class DWAPlanner:
         so passes. Clears the flags, as in C++.
         """
         clear(self._state[0])
-        p, start = self._record[0], self._scratch.start
+        p, start = self._params[0], self._scratch.start
         vx, vy, w = (float(np.float32(v)) for v in velocity)
         steps = step_count(p, vx, vy, w)
         points = np.empty((steps, 3))
@@ -185,7 +126,7 @@ class DWAPlanner:
 
     def score_all_samples(self) -> Samples:
         """All samples of the last search with what each critic says, for display and tests."""
-        return score_all_samples(self._record, self._flags_before, self._grids, self._scratch, self._scene)
+        return score_all_samples(self._params, self._flags_before, self._grids, self._scratch, self._scene)
 
     def refusals(self) -> Dict[str, int]:
         """How many samples of the last search each critic refused; "velocity limits" are the generator's."""
@@ -214,35 +155,29 @@ class DWAPlanner:
         if self._grids is None or not self._grids.facts[0] or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
         path, goal = self.grids()[:2]
-        inside = (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
-        p = self._record[0]
-        return cost_cloud(costmap, path, goal, inside, (p["path_scale"], p["goal_scale"], p["occdist_scale"]))
+        p = self._params[0]
+        everywhere = np.ones(self._shape, bool)
+        return cost_cloud(costmap, path, goal, everywhere, (p["path_scale"], p["goal_scale"], p["occdist_scale"]))
 
     def trajectory_cloud(self) -> np.ndarray:
         """(k, 5) float32: x, y, z, theta, cost of the points of all legal trajectories of the last search."""
-        points = self.score_all_samples().points
-        cloud = np.zeros((len(points), 5), np.float32)
-        cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
-        return cloud
+        return trajectory_cloud(self.score_all_samples().points)
 
     def _look_at(self, costmap, plan):
         """The cycle's Scene; grids and tables are made anew only when size, resolution or footprint change."""
-        cells = costmap.cells
-        resolution = float(costmap.resolution)
-        sized = cells.shape == self._shape and resolution == self._resolution
-        if not sized:
-            self._shape, self._resolution = cells.shape, resolution
-            self._grids = allocate_grids(cells.shape[1], cells.shape[0])
-            self._take_parameters()
-        if not sized or costmap.footprint is not self._given_footprint:
+        fits = self._fits(costmap)
+        ny, nx = self._shape
+        if not fits:
+            self._grids = allocate_grids(nx, ny)
+        if not fits or costmap.footprint is not self._given_footprint:
             self._given_footprint = costmap.footprint
             self._footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(-1, 2)
-            self._lines = line_offsets(self._footprint, resolution, cells.shape[1])
+            self._lines = line_offsets(self._footprint, self._resolution, nx)
         self._scene = Scene(
-            cells,
+            costmap.cells,
             float(costmap.origin[0]),
             float(costmap.origin[1]),
-            resolution,
+            self._resolution,
             self._footprint,
             self._lines,
             np.array(plan, dtype=np.float64, order="C"),

@@ -5,64 +5,26 @@ from collections import namedtuple
 import numpy as np
 
 from applr_ros1.planner import distance_grid
+from applr_ros1.planner.sampling_planner import record
 
 # What the planner works with, one record; m, rad, s. acc_lim_* are float32 values. path_scale and goal_scale are the
 # two distance weights per cell; alignment_scale is path_scale or, near the goal, 0.
-PARAMETERS = np.dtype(
-    [
-        (name, np.float64)
-        for name in (
-            "max_vel_trans",
-            "min_vel_trans",
-            "max_vel_x",
-            "min_vel_x",
-            "max_vel_y",
-            "min_vel_y",
-            "max_vel_theta",
-            "min_vel_theta",
-            "acc_lim_x",
-            "acc_lim_y",
-            "acc_lim_theta",
-            "sim_time",
-            "sim_granularity",
-            "angular_sim_granularity",
-            "path_distance_bias",
-            "goal_distance_bias",
-            "occdist_scale",
-            "twirling_scale",
-            "oscillation_reset_dist",
-            "oscillation_reset_angle",
-            "forward_point_distance",
-            "scaling_speed",
-            "max_scaling_factor",
-            "path_scale",
-            "goal_scale",
-            "alignment_scale",
-            "sim_period",
-            "cheat_factor",
-        )
-    ]
-    + [(name, np.int64) for name in ("vx_samples", "vy_samples", "vth_samples", "use_dwa", "sum_scores")]
+PARAMETERS = record(
+    "max_vel_trans min_vel_trans max_vel_x min_vel_x max_vel_y min_vel_y max_vel_theta min_vel_theta acc_lim_x "
+    "acc_lim_y acc_lim_theta sim_time sim_granularity angular_sim_granularity path_distance_bias "
+    "goal_distance_bias occdist_scale twirling_scale oscillation_reset_dist oscillation_reset_angle "
+    "forward_point_distance scaling_speed max_scaling_factor path_scale goal_scale alignment_scale sim_period "
+    "cheat_factor",
+    "vx_samples vy_samples vth_samples use_dwa sum_scores",
 )
 
 # The oscillation flags and the pose (float32 values) at which one was last set. For each axis: which sign alone is
 # allowed, and which sign was driven last.
-FLAGS = (
-    "forward_pos_only",
-    "forward_neg_only",
-    "strafe_pos_only",
-    "strafe_neg_only",
-    "rot_pos_only",
-    "rot_neg_only",
-    "forward_pos",
-    "forward_neg",
-    "strafing_pos",
-    "strafing_neg",
-    "rotating_pos",
-    "rotating_neg",
-)
-STATE = np.dtype(
-    [(name, np.int64) for name in FLAGS] + [(name, np.float64) for name in ("prev_x", "prev_y", "prev_theta")]
+STATE = record(
+    "",
+    "forward_pos_only forward_neg_only strafe_pos_only strafe_neg_only rot_pos_only rot_neg_only "
+    "forward_pos forward_neg strafing_pos strafing_neg rotating_pos rotating_neg",
+    "prev_x prev_y prev_theta",
 )
 
 # What is around the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and

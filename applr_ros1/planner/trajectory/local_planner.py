@@ -14,8 +14,8 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
-from applr_ros1.planner.sampling_planner import angle_difference, through_quaternion
-from applr_ros1.planner.trajectory.planner import Result, TrajectoryPlanner
+from applr_ros1.planner.sampling_planner import Choice, angle_difference, through_quaternion
+from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
 STOPPED = 0.01  # [m/s] and [rad/s]
 STANDING = (0.0, 0.0)
@@ -52,7 +52,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         """As a new object (training episodes): no plan, no latch, none of the planner's flags. Parameters stay."""
         self.planner.reset()
         self._rotating = False
-        self._result: Optional[Result] = None
+        self._choice: Optional[Choice] = None
         self._is_blocked = False  # no sample gave a command
         self.cropped_plan = EMPTY
         self.set_plan(EMPTY)
@@ -75,7 +75,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     @property
     def local_plan(self) -> np.ndarray:
         """(k, 3) points of the chosen trajectory; empty where the robot stops or turns at the goal."""
-        return EMPTY if self._result is None else self._result.points
+        return EMPTY if self._choice is None else self._choice.points
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
         """(k, 7) float32: x, y, z, path, goal, obstacle, total cost of the last cycle's cells, for display."""
@@ -86,7 +86,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
         Empty where the robot stops or turns at the goal, and without a valid command.
         """
-        return NO_TRAJECTORIES if self._result is None else self.planner.trajectory_cloud(costmap)
+        return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud(costmap)
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
         """How many forward samples were refused and why, where not even backing up was legal; see LocalPlanner."""
@@ -100,7 +100,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         ok False: no valid command, the velocity is zero. goal_reached tells whether the goal was found reached; it
         holds until the next plan or reconfigure, so it is to be read at once (in C++ a new plan comes in between).
         """
-        self.cropped_plan, self._result, self._is_blocked = EMPTY, None, False
+        self.cropped_plan, self._choice, self._is_blocked = EMPTY, None, False
         x, y, yaw = (float(v) for v in pose)
         v, w = (float(v) for v in twist)
         if not math.isfinite(x + y + yaw + v + w):
@@ -122,15 +122,15 @@ class TrajectoryLocalPlanner(LocalPlanner):
             return True, STANDING
 
         self.planner.set_plan(cut)
-        result = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
+        choice = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
         if at_goal:  # the choice is ignored; its floods are needed below, and its flags change as in C++
             ok, command = self._stop_or_turn((x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap)
             if ok:
                 self.cropped_plan = cut
             return ok, command
-        legal = result.cost >= 0
-        self.cropped_plan, self._result, self._is_blocked = cut, result if legal else None, not legal
-        return legal, result.drive
+        legal = choice.cost >= 0
+        self.cropped_plan, self._choice, self._is_blocked = cut, choice if legal else None, not legal
+        return legal, (choice.drive[0], choice.drive[2])
 
     def _stop_or_turn(self, pose, velocity, goal_yaw, costmap):
         """At the goal's place: once the robot has stopped it turns to the goal's heading."""

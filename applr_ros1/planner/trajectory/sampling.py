@@ -19,7 +19,7 @@ from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
 from applr_ros1.planner.distance_grid import final_distance, reset, settle, start_at, start_at_plan
-from applr_ros1.planner.sampling_planner import angle_difference, through_quaternion
+from applr_ros1.planner.sampling_planner import angle_difference, record, through_quaternion
 from applr_ros1.planner.trajectory.forward import best_forward
 from applr_ros1.planner.trajectory.scoring import (
     COLLISION,
@@ -193,18 +193,10 @@ def _surroundings(p, scene, start):
 
 
 # What the planner remembers between cycles; the order is that of TrajectoryPlanner.state.
-STATE = np.dtype(
-    [
-        (name, np.int64)
-        for name in (
-            "stuck_left",
-            "stuck_right",
-            "rotating_left",
-            "rotating_right",
-            "escaping",
-        )
-    ]
-    + [(name, np.float64) for name in ("prev_x", "prev_y", "escape_x", "escape_y", "escape_theta")]
+STATE = record(
+    "",
+    "stuck_left stuck_right rotating_left rotating_right escaping",
+    "prev_x prev_y escape_x escape_y escape_theta",
 )
 
 # Room for one cycle: vs (vx_samples,), ws (vtheta_samples,); of every forward sample its lower bounds (bases of the

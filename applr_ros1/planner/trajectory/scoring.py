@@ -14,7 +14,7 @@ from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.footprint_cost import outline_cost
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
 from applr_ros1.planner.distance_grid import settle
-from applr_ros1.planner.sampling_planner import angle_difference
+from applr_ros1.planner.sampling_planner import angle_difference, record
 
 COLLISION = -1.0  # off the map, or the footprint on a lethal or unknown cell
 NO_PATH = -2.0  # no way to the path or to the goal from here
@@ -23,34 +23,12 @@ NO_CEILING = 256  # as a bound of the cell costs: none, since it is above all of
 HUGE = float(np.finfo(np.float64).max)
 
 # What the planner works with, one record; m, rad, s. The two biases are already per cell (meter_scoring).
-PARAMETERS = np.dtype(
-    [
-        (name, np.float64)
-        for name in (
-            "acc_lim_x",
-            "acc_lim_y",
-            "acc_lim_theta",
-            "max_vel_x",
-            "min_vel_x",
-            "max_vel_theta",
-            "min_vel_theta",
-            "min_in_place_vel_theta",
-            "escape_vel",
-            "sim_time",
-            "sim_granularity",
-            "angular_sim_granularity",
-            "path_distance_bias",
-            "goal_distance_bias",
-            "occdist_scale",
-            "heading_lookahead",
-            "heading_scoring_timestep",
-            "oscillation_reset_dist",
-            "escape_reset_dist",
-            "escape_reset_theta",
-            "sim_period",
-        )
-    ]
-    + [(name, np.int64) for name in ("vx_samples", "vtheta_samples", "dwa", "heading_scoring", "simple_attractor")]
+PARAMETERS = record(
+    "acc_lim_x acc_lim_y acc_lim_theta max_vel_x min_vel_x max_vel_theta min_vel_theta min_in_place_vel_theta "
+    "escape_vel sim_time sim_granularity angular_sim_granularity path_distance_bias goal_distance_bias "
+    "occdist_scale heading_lookahead heading_scoring_timestep oscillation_reset_dist escape_reset_dist "
+    "escape_reset_theta sim_period",
+    "vx_samples vtheta_samples dwa heading_scoring simple_attractor",
 )
 
 # What is around the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and

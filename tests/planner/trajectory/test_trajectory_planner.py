@@ -157,7 +157,7 @@ def test_chooses_as_the_plain_way(seed):
         window["dvtheta"] = -math.inf if width < 0 else math.inf
     plain = Plain(costmap, foot, made.effective, plan.tolist(), path, goal)
     (cost, v, w, points), state = plain.choose(made.start.tolist(), window, dict(zip(STATE.names, before)))
-    assert (result.cost, result.v, result.w, result.count) == (cost, v, w, len(points))
+    assert (result.cost, result.vx, result.w, result.count) == (cost, v, w, len(points))
     assert np.array_equal(result.points, np.array(points).reshape(-1, 3))
     assert after == list(state.values())
 
