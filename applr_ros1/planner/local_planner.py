@@ -38,15 +38,15 @@ class LocalPlanner(abc.ABC):
         """Follow this plan (n, 3) x, y, yaw from now on; n may be 0. goal_reached is cleared."""
 
     @abc.abstractmethod
-    def compute_velocity(self, pose, twist, costmap, frame: Optional[Pose] = None) -> Tuple[bool, Command]:
+    def compute_velocity(self, pose, twist, costmap, local_origin: Optional[Pose] = None) -> Tuple[bool, Command]:
         """(ok, (v, w)) for this cycle.
 
         Args:
             pose: (x, y, yaw) of the robot in the costmap's frame.
             twist: (v, w) as measured.
             costmap: with cells (ny, nx) uint8, origin (x, y), resolution and footprint (k, 2); it is not changed.
-            frame: pose (x, y, yaw) of the costmap's frame in the plan's (localisation moves one against the other);
-                None where they are one.
+            local_origin: pose (x, y, yaw) of the costmap's frame in the plan's (localisation moves one against the
+                other); None where they are one.
 
         Returns:
             ok False: no valid command, the velocity is zero. So for a pose or twist that is not finite, and without a

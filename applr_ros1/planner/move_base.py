@@ -26,7 +26,7 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
-from applr_ros1.planner.state_machine import NO_PLAN, Cycle, Moment, Parts, Pose, StateMachine, Timer, Twist
+from applr_ros1.planner.state_machine import NO_PLAN, Components, Cycle, CycleInput, Pose, StateMachine, Timer, Twist
 from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
 SIZE = {"width", "height", "resolution"}  # parameters of a costmap that say how many cells it has
@@ -62,7 +62,7 @@ class MoveBase:
         local_planner = make_local_planner(self.parameters, self._config)
         self.navfn = Navfn()
         self.recoveries = recovery.build(self.parameters, like_cpp)
-        self._parts = Parts(
+        self._components = Components(
             local_planner,
             self.local_costmap,
             self.global_costmap,
@@ -70,39 +70,39 @@ class MoveBase:
             self.plan,
             self.parameters["applr"]["recovery_rounds"],
         )
-        self._machine = StateMachine(self._parts, generator(self._seed, 3) if like_cpp else None)
+        self._machine = StateMachine(self._components, generator(self._seed, 3) if like_cpp else None)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._router = ObservationRouter(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
-        self.frame: Optional[Pose] = None  # of the last step
+        self.local_origin: Optional[Pose] = None  # of the last step
         for topic, given in self._maps.items():
             self._show_map(topic, given)
         for name in self._outlines:
             self._show_footprint(name)
 
     def _take_frequencies(self) -> None:
-        own = self._config[""]
-        self._machine.set_frequencies(own["planner_frequency"], own["controller_frequency"])
+        settings = self._config[""]
+        self._machine.set_frequencies(settings["planner_frequency"], settings["controller_frequency"])
         for name in COSTMAPS:
             self._timers[name].set_frequency(self._config[name]["update_frequency"])
 
     @property
     def frequency(self) -> float:
         """How often step() wants to be called [Hz]: the fastest of its parts."""
-        own = self._config[""]
+        settings = self._config[""]
         return max(
-            [own["controller_frequency"], own["planner_frequency"]]
+            [settings["controller_frequency"], settings["planner_frequency"]]
             + [self._config[name]["update_frequency"] for name in COSTMAPS]
         )
 
     @property
     def local_planner(self) -> LocalPlanner:
         """The local planner in use; another one may take its place."""
-        return self._parts.local_planner
+        return self._components.local_planner
 
     @local_planner.setter
     def local_planner(self, planner: LocalPlanner) -> None:
-        self._parts.local_planner = planner
+        self._components.local_planner = planner
 
     # -- requests between steps ------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
@@ -214,36 +214,36 @@ class MoveBase:
         pose: Optional[Pose],
         twist: Twist,
         scan: Optional[Sensed] = None,
-        frame: Optional[Pose] = None,
+        local_origin: Optional[Pose] = None,
     ) -> Cycle:
-        """One turn at time `now` [s]. Parts run when their frequency says so.
+        """One turn at time `now` [s]. Components run when their frequency says so.
 
         Args:
             now: time [s].
-            pose: (x, y, yaw) of the robot in the local costmap's frame, or None if it is not known, or if `frame` is
-                not: then the global costmap of another frame takes no observation.
+            pose: (x, y, yaw) of the robot in the local costmap's frame, or None if it is not known, or if
+                `local_origin` is not: then the global costmap of another frame takes no observation.
             twist: (v, w) as driven.
             scan: what is new from the first source's topic, or {topic: observation}; None if nothing is.
-            frame: pose (x, y, yaw) of the local costmap's frame in the global one's, as localisation has it; None
-                where the two are one.
+            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one's, as localisation has it;
+                None where the two are one.
         """
         cycle = Cycle()
-        self.frame = frame
+        self.local_origin = local_origin
         if scan is not None:
             world, local = self._global_frames
-            self._router.take(scan, now, frame, placed=pose is not None or world == local)
+            self._router.take(scan, now, local_origin, placed=pose is not None or world == local)
         self._update_maps(now, pose, cycle)
         cycle.silent = self._router.silent(now)
-        place = None if pose is None else self.in_global_frame(pose)
-        own, stale = self._config[""], cycle.silent is not None
-        self._machine.step(Moment(now, pose, place, frame, twist, own, stale), cycle)
+        global_pose = None if pose is None else self.in_global_frame(pose)
+        settings, stale = self._config[""], cycle.silent is not None
+        self._machine.step(CycleInput(now, pose, global_pose, local_origin, twist, settings, stale), cycle)
         return cycle
 
     def _update_maps(self, now, pose, cycle) -> None:
         if pose is None or self.goal is None and self._config[""]["shutdown_costmaps"]:
             return
         local, world = self._timers["local_costmap"].due(now), self._timers["global_costmap"].due(now)
-        if self.frame is not None:
+        if self.local_origin is not None:
             self._place_maps()
         if local:
             self.local_costmap.update(pose)
@@ -254,14 +254,15 @@ class MoveBase:
     def _place_maps(self) -> None:
         """Tell the static layers where their costmap lies in a map of the other costmap's frame."""
         world, local = self._global_frames
-        frame = self.frame or (0.0, 0.0, 0.0)
-        for costmap, other, place in ((self.global_costmap, local, inverse(frame)), (self.local_costmap, world, frame)):
+        local_origin = self.local_origin or (0.0, 0.0, 0.0)
+        placements = (self.global_costmap, local, inverse(local_origin)), (self.local_costmap, world, local_origin)
+        for costmap, other, placement in placements:
             for layer in costmap.static_layers:
-                layer.placement = place if layer.map_frame == other else None
+                layer.placement = placement if layer.map_frame == other else None
 
     def in_global_frame(self, pose: Pose) -> Pose:
-        """A pose (x, y, yaw) of the local costmap's frame in the global costmap's, by the last step's `frame`."""
-        return pose if self.frame is None else compose(self.frame, pose)
+        """A pose (x, y, yaw) of the local costmap's frame in the global costmap's, as the last step had them."""
+        return pose if self.local_origin is None else compose(self.local_origin, pose)
 
     @property
     def sources(self) -> Dict[str, str]:
@@ -296,9 +297,9 @@ class MoveBase:
     # -- plans on request ------------------------------------------------------------------------------------
     def plan(self, start: Pose, goal: Pose, tolerance: Optional[float] = None) -> np.ndarray:
         """A navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, (0, 3) if none (NavfnROS)."""
-        own = self.parameters["NavfnROS"]
-        tolerance = own["default_tolerance"] if tolerance is None else tolerance
-        return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, own["allow_unknown"])
+        settings = self.parameters["NavfnROS"]
+        tolerance = settings["default_tolerance"] if tolerance is None else tolerance
+        return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, settings["allow_unknown"])
 
     def make_plan(self, start: Pose, goal: Pose, tolerance: float = 0.0) -> np.ndarray:
         """move_base's make_plan: to the goal, else to the first free point of growing squares about it.
@@ -308,14 +309,14 @@ class MoveBase:
         """
         if not all(math.isfinite(v) for v in tuple(start) + tuple(goal)):
             return NO_PLAN
-        own = self._config[""]
-        if own["make_plan_clear_costmap"] and self.goal is None:
-            here = start if self.frame is None else compose(inverse(self.frame), start)
-            for costmap, place in ((self.global_costmap, start), (self.local_costmap, here)):
-                free_square(costmap, place, self.parameters["clearing_radius"])
+        settings = self._config[""]
+        if settings["make_plan_clear_costmap"] and self.goal is None:
+            here = start if self.local_origin is None else compose(inverse(self.local_origin), start)
+            for costmap, pose in ((self.global_costmap, start), (self.local_costmap, here)):
+                free_square(costmap, pose, self.parameters["clearing_radius"])
         plan = self.plan(start, goal)
         if not len(plan) and tolerance > 0.0:
-            plan = self._plan_near(start, goal, tolerance, own["make_plan_add_unreachable_goal"])
+            plan = self._plan_near(start, goal, tolerance, settings["make_plan_add_unreachable_goal"])
         return plan
 
     def _plan_near(self, start, goal, tolerance, append_goal) -> np.ndarray:

@@ -52,13 +52,13 @@ class ObservationRouter:
                     if buffer.source.sensor_frame:
                         self.ray_origins.setdefault(topic, buffer.source.sensor_frame)
 
-    def take(self, sensed: Sensed, now: float, frame: Optional[Pose], placed: bool = True) -> None:
+    def take(self, sensed: Sensed, now: float, local_origin: Optional[Pose], placed: bool = True) -> None:
         """Hand observations to the sources that listen to their topics; those older than the last one are left out.
 
         Args:
             sensed: {topic: observation}, or one observation of the first topic.
             now: time [s].
-            frame: as in MoveBase.step.
+            local_origin: as in MoveBase.step.
             placed: whether it is known where the local costmap's frame lies in the global one; else only the local
                 costmap's sources get the observations.
         """
@@ -69,17 +69,17 @@ class ObservationRouter:
             if topic in self._stamps and observation.stamp < self._stamps[topic]:
                 continue
             self._stamps[topic] = observation.stamp
-            self._hand_on(topic, observation, now, frame, placed)
+            self._hand_on(topic, observation, now, local_origin, placed)
 
-    def _hand_on(self, topic, observation, now, frame, placed):
+    def _hand_on(self, topic, observation, now, local_origin, placed):
         clouds: dict = {}  # one projection serves all sources with the same frame and the same view of +inf
         for buffer, is_global in self._listeners.get(topic, ()):
             if is_global and not placed:
                 continue
             valid = buffer.source.inf_is_valid and isinstance(observation, LaserScan)
-            key = is_global and frame is not None, valid
+            key = is_global and local_origin is not None, valid
             if key not in clouds:
-                clouds[key] = observe(moved(observation, frame) if key[0] else observation, valid)
+                clouds[key] = observe(moved(observation, local_origin) if key[0] else observation, valid)
             buffer.take(clouds[key], now)
 
     def silent(self, now: float) -> Optional[Tuple[str, float]]:

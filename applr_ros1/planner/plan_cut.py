@@ -23,21 +23,21 @@ def half_size(costmap: Any) -> float:
 
 
 def cut_plan(
-    plan: np.ndarray, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None
+    plan: np.ndarray, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None
 ) -> Tuple[np.ndarray, int]:
     """(cut (k, 3), dropped): the part of `plan` (n, 3) that a robot at x, y [m] follows, in the costmap's frame.
 
     From the first point within `limit` [m] on, up to and including the first one beyond it. Pruned: without the
     leading points that are NEAR or farther away; that many (`dropped`) are also to go from the front of the stored
-    plan, even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they
-    are one.
+    plan, even where the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's,
+    None if they are one.
     """
-    if frame is None:
+    if local_origin is None:
         first, last = within(plan, x, y, limit)
         cut = plan[first:last]
     else:
-        first, last = within(plan, *transform_point(frame, x, y), limit)
-        cut = transformed(plan[first:last], inverse(frame))
+        first, last = within(plan, *transform_point(local_origin, x, y), limit)
+        cut = transformed(plan[first:last], inverse(local_origin))
     dropped = leading_far(cut, x, y) if prune else 0
     return cut[dropped:].copy(), dropped
 
@@ -73,12 +73,12 @@ def _squared_distance(plan, i, x, y):
     return dx * dx + dy * dy
 
 
-def transformed(poses: np.ndarray, frame: Optional[Pose]) -> np.ndarray:
+def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
     """The poses (n, 3) as they are, or moved by a pose; their angles go through quaternions and a matrix."""
     moved = poses.copy()
-    if frame is not None:
-        moved[:, 0], moved[:, 1] = transform_point(frame, poses[:, 0], poses[:, 1])
-    _through_matrix(moved[:, 2], 0.0 if frame is None else frame[2])
+    if local_origin is not None:
+        moved[:, 0], moved[:, 1] = transform_point(local_origin, poses[:, 0], poses[:, 1])
+    _through_matrix(moved[:, 2], 0.0 if local_origin is None else local_origin[2])
     return moved
 
 

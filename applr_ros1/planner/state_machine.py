@@ -92,7 +92,7 @@ class Cycle:
 
 
 @dataclass
-class Parts:
+class Components:
     """What the state machine drives with.
 
     plan: (start, goal) in the global frame -> (n, 3), (0, 3) if none. recovery_rounds: of applr/recovery_rounds.
@@ -106,21 +106,26 @@ class Parts:
     recovery_rounds: int
 
 
-class Moment(NamedTuple):
+class CycleInput(NamedTuple):
     """What is known in one step.
 
-    now: [s]. pose: the robot's (x, y, yaw) in the local costmap's frame, None where it is not known. place: the same in
-    the global costmap's frame. frame: pose of the local costmap's frame in the global one's; None where the two are
-    one. twist: measured (v, w). own: move_base's own parameters in force. stale: no usable scan.
+    Attributes:
+        time: [s].
+        local_pose: the robot's (x, y, yaw) in the local costmap's frame, None where it is not known.
+        global_pose: the same in the global costmap's frame.
+        local_origin: pose of the local costmap's frame in the global one's; None where the two are one.
+        twist: measured (v [m/s], w [rad/s]).
+        settings: move_base's own parameters in force.
+        scan_is_stale: there is no usable scan.
     """
 
-    now: float
-    pose: Optional[Pose]
-    place: Optional[Pose]
-    frame: Optional[Pose]
+    time: float
+    local_pose: Optional[Pose]
+    global_pose: Optional[Pose]
+    local_origin: Optional[Pose]
     twist: Twist
-    own: Dict[str, Any]
-    stale: bool
+    settings: Dict[str, Any]
+    scan_is_stale: bool
 
 
 class StateMachine:
@@ -129,8 +134,8 @@ class StateMachine:
     random: for the timing of a C++-like planner; None for ours.
     """
 
-    def __init__(self, parts: Parts, random: Optional[Random] = None):
-        self._parts = parts
+    def __init__(self, components: Components, random: Optional[Random] = None):
+        self._components = components
         self._random = random
         self._like_cpp = random is not None
         self._planner_timer, self._control_timer = Timer(), Timer()
@@ -187,7 +192,7 @@ class StateMachine:
         self._last_plan = self._last_control = self._last_oscillation = now
         self._retries = 0
 
-    def step(self, moment: Moment, cycle: Cycle) -> None:
+    def step(self, given: CycleInput, cycle: Cycle) -> None:
         """The planner's and the controller's turns, where they are due, written into `cycle`."""
         if self._refused is not None:
             was_driving = self.goal is not None
@@ -197,88 +202,93 @@ class StateMachine:
         elif self._cancelled:
             self._end(cycle, "preempted", "")
         elif self.goal is not None:
-            self._take_turns(moment, cycle)
+            self._take_turns(given, cycle)
 
-    def _take_turns(self, moment: Moment, cycle: Cycle) -> None:
+    def _take_turns(self, given: CycleInput, cycle: Cycle) -> None:
         if self._announce_stop:
             cycle.command, self._announce_stop = STOP, False
         late = self._random is not None and self._random.random() < LATE
         if not late:
-            self._planning_turn(moment, cycle)
-        if self._control_timer.due(moment.now):
-            self._control(moment, cycle)
+            self._planning_turn(given, cycle)
+        if self._control_timer.due(given.time):
+            self._control(given, cycle)
         if late and self.goal is not None:
-            self._planning_turn(moment, cycle)
+            self._planning_turn(given, cycle)
         cycle.state = self.state if self.goal is not None else IDLE
 
     # -- the planner's turn ----------------------------------------------------------------------------------
-    def _planning_turn(self, moment: Moment, cycle: Cycle) -> None:
+    def _planning_turn(self, given: CycleInput, cycle: Cycle) -> None:
         if not self._run_planner:
             return
         # with planner_frequency 0 a failing planner waits for the control turn (C++ spins)
-        due = moment.own["planner_frequency"] > 0.0 and self._planner_timer.due(moment.now)
+        due = given.settings["planner_frequency"] > 0.0 and self._planner_timer.due(given.time)
         if self._woken or due:
             if not due:
-                self._planner_timer.restart(moment.now)
-            self._plan(moment, cycle)
+                self._planner_timer.restart(given.time)
+            self._plan(given, cycle)
 
-    def _plan(self, moment: Moment, cycle: Cycle) -> None:
+    def _plan(self, given: CycleInput, cycle: Cycle) -> None:
         """Planner thread, one round."""
-        now, own = moment.now, moment.own
+        now, settings = given.time, given.settings
         self._woken, cycle.planned = False, True
-        place = moment.place
-        plan = NO_PLAN if place is None or self.goal is None else self._parts.plan(place, self.goal)
+        global_pose = given.global_pose
+        plan = NO_PLAN if global_pose is None or self.goal is None else self._components.plan(global_pose, self.goal)
         if len(plan):
             self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
             self._last_plan, self._retries = now, 0
             skipped = self._like_cpp and self.state == CLEARING and self._behaviour is None
             if self.state == PLANNING or skipped:  # C++ also leaves "clearing" here and so skips a due recovery
                 self.state = CONTROLLING
-            if own["planner_frequency"] <= 0.0:
+            if settings["planner_frequency"] <= 0.0:
                 self._run_planner = False
         elif self.state == PLANNING:
             self._retries += 1
-            limit = own["max_planning_retries"]
-            if now > self._last_plan + own["planner_patience"] or 0 <= limit < self._retries:
+            limit = settings["max_planning_retries"]
+            if now > self._last_plan + settings["planner_patience"] or 0 <= limit < self._retries:
                 self.state, self._trigger, self._run_planner = CLEARING, PLANNING, False
                 cycle.command = STOP
 
     # -- the controller's turn -------------------------------------------------------------------------------
-    def _control(self, moment: Moment, cycle: Cycle) -> None:
+    def _control(self, given: CycleInput, cycle: Cycle) -> None:
         """executeCycle, in its order."""
-        now, place, own = moment.now, moment.place, moment.own
-        if place is not None and _distance(place, self._oscillation_pose) >= own["oscillation_distance"]:
-            self._last_oscillation, self._oscillation_pose = now, (place[0], place[1])
+        now, global_pose, settings = given.time, given.global_pose, given.settings
+        if (
+            global_pose is not None
+            and _distance(global_pose, self._oscillation_pose) >= settings["oscillation_distance"]
+        ):
+            self._last_oscillation, self._oscillation_pose = now, (global_pose[0], global_pose[1])
             if self._trigger == "oscillation":
                 self._index = 0
-        if moment.stale:
+        if given.scan_is_stale:
             cycle.command, cycle.stale = STOP, True
             return
         if self._new_plan:
             self._new_plan = False
-            self._parts.local_planner.set_plan(self.global_plan)
+            self._components.local_planner.set_plan(self.global_plan)
             if self._trigger == PLANNING:
                 self._index = 0
         if self.state == PLANNING:
             self._run_planner = self._woken = True
         elif self.state == CONTROLLING:
-            self._drive(moment, cycle)
+            self._drive(given, cycle)
         else:
-            self._recover(moment, cycle)
+            self._recover(given, cycle)
 
-    def _drive(self, moment: Moment, cycle: Cycle) -> None:
-        now, pose, own = moment.now, moment.pose, moment.own
-        local_planner = self._parts.local_planner
+    def _drive(self, given: CycleInput, cycle: Cycle) -> None:
+        now, pose, settings = given.time, given.local_pose, given.settings
+        local_planner = self._components.local_planner
         if self._like_cpp and local_planner.goal_reached:
             self._end(cycle, "succeeded", REACHED)
             return
-        timeout = own["oscillation_timeout"]
+        timeout = settings["oscillation_timeout"]
         if timeout > 0.0 and self._last_oscillation + timeout < now:
             cycle.command = STOP
             self.state, self._trigger = CLEARING, "oscillation"
         ok, command = False, STOP
         if pose is not None:
-            ok, command = local_planner.compute_velocity(pose, moment.twist, self._parts.local_costmap, moment.frame)
+            ok, command = local_planner.compute_velocity(
+                pose, given.twist, self._components.local_costmap, given.local_origin
+            )
             cycle.controlled = True
         motion = self._get_out(now, not ok)
         if self._escape.is_exhausted:
@@ -296,7 +306,7 @@ class StateMachine:
                 self._end(cycle, "succeeded", REACHED)
             return
         cycle.command = STOP
-        if now > self._last_control + own["controller_patience"]:
+        if now > self._last_control + settings["controller_patience"]:
             self.state, self._trigger = CLEARING, CONTROLLING
         else:
             self._last_plan, self._retries = now, 0
@@ -306,26 +316,26 @@ class StateMachine:
         """The motion that gets the robot out of where a monitor holds it; None for the local planner's command."""
         motion = self._escape.instead(now, blocked)
         if motion is not None:
-            self._parts.local_planner.end_escape()
+            self._components.local_planner.end_escape()
         return motion
 
-    def _recover(self, moment: Moment, cycle: Cycle) -> None:
+    def _recover(self, given: CycleInput, cycle: Cycle) -> None:
         """One turn of the recovery under way, or the next one; aborts when there is none left."""
-        now, pose, parts = moment.now, moment.pose, self._parts
+        now, pose, components = given.time, given.local_pose, self._components
         if pose is None:
             cycle.command = STOP
             return
         behaviour = self._behaviour
         if behaviour is None:
-            left = moment.own["recovery_behavior_enabled"] and self._index < len(parts.recoveries)
-            if not left or self._rounds_are_over(moment.place):
+            left = given.settings["recovery_behavior_enabled"] and self._index < len(components.recoveries)
+            if not left or self._rounds_are_over(given.global_pose):
                 texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
                 self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
                 return
-            self._behaviour = behaviour = parts.recoveries[self._index]
-            cycle.recovery = self._index, len(parts.recoveries), behaviour.name
+            self._behaviour = behaviour = components.recoveries[self._index]
+            cycle.recovery = self._index, len(components.recoveries), behaviour.name
             behaviour.start(now, pose)
-        command = behaviour.step(now, pose, parts.local_costmap, parts.global_costmap, moment.place)
+        command = behaviour.step(now, pose, components.local_costmap, components.global_costmap, given.global_pose)
         if command is not None:
             cycle.command = command
             return
@@ -336,7 +346,7 @@ class StateMachine:
         self._last_oscillation = self._last_plan = now
         self._retries, self.state, self._index = 0, PLANNING, self._index + 1
 
-    def _rounds_are_over(self, place) -> bool:
+    def _rounds_are_over(self, global_pose) -> bool:
         """Whether the recoveries began as often as recovery_rounds allows without bringing the robot nearer.
 
         In C++ a valid command lets them begin anew for ever: around a goal that is sealed, each conservative reset
@@ -344,11 +354,11 @@ class StateMachine:
         """
         if self._index > 0:
             return False
-        distance = _distance(place, self.goal)
+        distance = _distance(global_pose, self.goal)
         if distance <= self._nearest - NEARER:
             self._nearest, self._rounds = distance, 0
         self._rounds += 1
-        return 0 < self._parts.recovery_rounds < self._rounds
+        return 0 < self._components.recovery_rounds < self._rounds
 
     def _end(self, cycle, status, text) -> None:
         """Reset: the goal is over, the robot stands."""

@@ -328,11 +328,11 @@ def test_what_is_seen_while_the_robot_is_lost_is_not_put_into_the_map():
     made, robot = on_a_map("TrajectoryPlannerROS"), ToyRobot(HERE, [(1.0, 0.0, 0.15)])
     made.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
     made.step(0.0, None, (0.0, 0.0), robot.scan())
-    made.step(0.1, HERE, (0.0, 0.0), frame=(5.0, 0.0, 0.0))
+    made.step(0.1, HERE, (0.0, 0.0), local_origin=(5.0, 0.0, 0.0))
     assert (made.local_costmap.cells == 254).any()
     assert not (made.global_costmap.cells == 254).any()
     robot.time = 0.2
-    made.step(0.2, HERE, (0.0, 0.0), robot.scan(), frame=(5.0, 0.0, 0.0))
+    made.step(0.2, HERE, (0.0, 0.0), robot.scan(), local_origin=(5.0, 0.0, 0.0))
     x = np.argwhere(made.global_costmap.cells == 254)[:, 1] * 0.05 - 3.0
     assert 5.7 < x.min() <= x.max() < 6.3
 

@@ -90,7 +90,7 @@ class Told:
     def end_escape(self):
         self.escapes_ended += 1
 
-    def compute_velocity(self, pose, twist, costmap, frame=None):
+    def compute_velocity(self, pose, twist, costmap, local_origin=None):
         self.calls += 1
         return self.answer(self.calls)
 

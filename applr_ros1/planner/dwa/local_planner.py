@@ -29,23 +29,23 @@ class LocalPlan:
         """Take a plan (n, 3) x, y [m], yaw [rad], n may be 0."""
         self.poses = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
 
-    def goal(self, frame: Optional[Pose] = None) -> Optional[Pose]:
-        """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. frame: see cut."""
+    def goal(self, local_origin: Optional[Pose] = None) -> Optional[Pose]:
+        """The last pose (x, y, yaw) of the plan in the costmap's frame, None without a plan. local_origin: see cut."""
         if len(self.poses) == 0:
             return None
-        x, y, yaw = transformed(self.poses[-1:], None if frame is None else inverse(frame))[0].tolist()
+        x, y, yaw = transformed(self.poses[-1:], None if local_origin is None else inverse(local_origin))[0].tolist()
         return x, y, yaw
 
-    def cut(self, x: float, y: float, limit: float, prune: bool, frame: Optional[Pose] = None) -> np.ndarray:
+    def cut(self, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None) -> np.ndarray:
         """The poses (k, 3) within `limit` [m] of the robot at x, y [m] and the one beyond; in the costmap's frame.
 
         prune: without the leading ones that are 1 m or farther away; as many go from the front of the stored plan,
-        even where the cut begins later. frame: pose (x, y, yaw) of the costmap's frame in the plan's, None if they are
-        one.
+        even where the cut begins later. local_origin: pose (x, y, yaw) of the costmap's frame in the plan's, None
+        if they are one.
         """
-        cut, dropped = cut_plan(self.poses, x, y, limit, prune, frame)
+        cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
-        return cut if frame is not None else transformed(cut, None)  # C++ turns by the identity, too
+        return cut if local_origin is not None else transformed(cut, None)  # C++ turns by the identity, too
 
 
 STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
@@ -210,32 +210,34 @@ class DWALocalPlanner(LocalPlanner):
         """How many samples of a search without a legal one each critic refused, see LocalPlanner."""
         return self.planner.refusals() if self._searched and self._choice is None else {}
 
-    def compute_velocity(self, pose, twist, costmap: Any, frame: Optional[Triple] = None) -> Tuple[bool, Command]:
+    def compute_velocity(
+        self, pose, twist, costmap: Any, local_origin: Optional[Triple] = None
+    ) -> Tuple[bool, Command]:
         """(ok, (v, w)) for this cycle, see LocalPlanner. The goal is looked for before any command, as in C++."""
         self._forget_cycle()
         pose = tuple(float(v) for v in pose)
         v, w = (float(v) for v in twist)
         if not all(math.isfinite(v) for v in pose + (v, w)):
             return False, STANDING[:2]
-        self.goal_reached = self.is_goal_reached(pose, (v, 0.0, w), frame)
+        self.goal_reached = self.is_goal_reached(pose, (v, 0.0, w), local_origin)
         if self.goal_reached:
             return True, STANDING[:2]
-        step = self.command(pose, (v, 0.0, w), costmap, frame)
+        step = self.command(pose, (v, 0.0, w), costmap, local_origin)
         return step.ok, (step.command[0], step.command[2])
 
-    def is_goal_reached(self, pose: Triple, velocity: Triple, frame: Optional[Triple] = None) -> bool:
+    def is_goal_reached(self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None) -> bool:
         """Whether place and heading are reached and the robot stands; False without a plan. Sets the latch."""
-        goal = self.stored_plan.goal(frame)
+        goal = self.stored_plan.goal(local_origin)
         return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
 
-    def command(self, pose: Triple, velocity: Triple, costmap: Any, frame: Optional[Triple] = None) -> Step:
+    def command(self, pose: Triple, velocity: Triple, costmap: Any, local_origin: Optional[Triple] = None) -> Step:
         """One cycle's Step: the search's choice, or at the goal's place the command to stop or turn.
 
-        pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured; frame: as in LocalPlanner.
+        pose: x, y [m], yaw [rad]; velocity: vx, vy [m/s], w [rad/s] as measured; local_origin: as in LocalPlanner.
         """
         self._forget_cycle()
-        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), bool(self._params["prune_plan"]), frame)
-        goal = self.stored_plan.goal(frame)
+        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), bool(self._params["prune_plan"]), local_origin)
+        goal = self.stored_plan.goal(local_origin)
         if goal is None or len(cut) == 0:
             return Step(False, STANDING, NO_PLAN, cut)
         if not self.stop_rotate.is_position_reached(pose, goal):

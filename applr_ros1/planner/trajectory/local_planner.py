@@ -93,7 +93,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         return self.planner.refusals(costmap) if self._is_blocked else {}
 
     def compute_velocity(
-        self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap, frame: Optional[Pose] = None
+        self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap, local_origin: Optional[Pose] = None
     ) -> Tuple[bool, Tuple[float, float]]:
         """(ok, (v, w)) for this cycle. pose: x, y [m], yaw [rad] in the costmap's frame; twist: measured (v, w).
 
@@ -105,7 +105,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         v, w = (float(v) for v in twist)
         if not math.isfinite(x + y + yaw + v + w):
             return False, STANDING
-        cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes, frame)
+        cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes, local_origin)
         if dropped:
             self._plan = self._plan[dropped:]
         if len(cut) == 0:

@@ -228,7 +228,7 @@ def test_a_map_of_another_size_is_taken_up():
     made.find_best_path(open_map(80, 120, 0.1), (0, 0, 0), (0.3, 0, 0))
     made.state = [0] * 10
     again = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    assert (again.cost, again.v, again.w) == (first.cost, first.v, first.w)
+    assert (again.cost, again.vx, again.w) == (first.cost, first.vx, first.w)
 
 
 def test_earlier_results_keep_their_points():
