@@ -260,8 +260,8 @@ def test_a_search_has_idle_workers_and_no_errors():
     """Two sets in one world for three workers: the third waits in silence, and each set has its score."""
     pytest.importorskip("cma")
     from applr_ros1.policy.parameter_space import SPACE
-    from training.baselines.set_search import SetTrials
     from training.evaluation.remembered import RememberedTrials
+    from training.static_search import SetTrials
 
     drives = RememberedTrials(RunnerSpec("tests.training.actors.test_workers:Driver", {}), workers=3)
     trials = SetTrials(drives, [("w", "w")], SPACE)

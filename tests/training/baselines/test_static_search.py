@@ -1,17 +1,71 @@
-"""The search for the best single set, from start to a file that methods read."""
+"""The search for the best single set: races between candidates on common trials, and the command."""
 
 import json
 
-import pytest
+import numpy as np
 
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.trial_tables import kept
+from training import static_search
+from training.actors.tasks import TrialResult
+from training.evaluation import trials
+from training.evaluation.periodic import CHOOSING
+from training.evaluation.score import clearly_worse
+from training.static_search import SetTrials, StaticOptions, race
+
+
+def run(worse_by, blocks, halve=False, noise=3.0):
+    """A race in which candidate i is worse_by[i] seconds slower than the best; worlds differ by far more than that."""
+    rng = np.random.default_rng(1)
+    worlds, own = rng.uniform(10.0, 100.0, 1000), rng.normal(0.0, noise, (len(worse_by), 1000))
+    driven = []
+
+    def drive(racing, block):
+        driven.append((list(racing), list(block)))
+        return [(worlds[block] + own[i, block] + worse_by[i]).tolist() for i in racing]
+
+    return *race(drive, np.arange(len(worse_by)), blocks, float, halve), driven
+
+
+def test_clearly_worse_candidates_drop_out_and_close_ones_stay():
+    blocks = [range(i, i + 10) for i in range(0, 50, 10)]
+    ranking, results, driven = run([0.2, 30.0, 0.0, 12.0], blocks)
+    assert driven[0][0] == [0, 1, 2, 3]
+    assert all(set(racing) == {0, 2} for racing, _ in driven[1:])
+    assert [len(of_one) for of_one in results] == [50, 10, 50, 10]
+    assert ranking[2:] == [3, 1]
+    assert ranking[0] == int(np.argmin([np.mean(r) if len(r) == 50 else np.inf for r in results]))
+
+
+def test_halving_keeps_the_better_half_after_each_block():
+    ranking, results, driven = run([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 1], [2, 3], [4, 5]], halve=True, noise=0.0)
+    assert [sorted(racing) for racing, _ in driven] == [[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3], [0, 1]]
+    assert ranking == [0, 1, 2, 3, 4, 5, 6]
+
+
+def test_the_test_is_paired_one_sided_and_needs_some_trials():
+    worlds = np.random.default_rng(0).uniform(0.0, 100.0, 12)
+    assert clearly_worse(worlds + np.linspace(0.5, 1.5, 12), worlds)
+    assert not clearly_worse(worlds, worlds + np.linspace(0.5, 1.5, 12))
+    assert not clearly_worse(worlds[::-1], worlds)
+    assert not clearly_worse(worlds, worlds)
+    assert not clearly_worse(worlds[:4] + 50.0, worlds[:4])
+
+
+def test_a_search_for_the_metric_prefers_what_arrives():
+    slow, fast = TrialResult(True, False, False, 40.0, route_m=7.0), TrialResult(True, True, False, 8.0, route_m=7.0)
+    assert StaticOptions(objective="metric").cost(slow) < StaticOptions(objective="metric").cost(fast) == 0.0
+    assert StaticOptions().cost(fast) == 13.0 < StaticOptions().cost(slow)
+
+
+def test_a_search_never_drives_evaluates_seeds():
+    searched = SetTrials(None, [("w", "w")], SPACE).trial(SPACE.theta0, 0, 0, 3).seed
+    assert searched == trials.seed_of(CHOOSING + 3, "w", 0)
+    assert searched not in {trials.seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
 
 
 def test_static_search_writes_a_set_that_methods_read(tmp_path, capsys):
-    static_search = pytest.importorskip("training.static_search")
-
     out, log_path = tmp_path / "static.json", tmp_path / "static_log.json"
     start = tmp_path / "start.json"
     start.write_text(json.dumps({"max_vel_x": 2.0, "inflation_radius": 0.1}))

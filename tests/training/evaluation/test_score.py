@@ -10,11 +10,9 @@ import safetensors.numpy
 
 from applr_ros1.policy.actor import save_general
 from applr_ros1.policy.encoding import PARAMETERS, SIZE
-from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
 from training.actors.tasks import POLICY, Answer, TrialResult
 from training.actors.worker import PolicyWeights
-from training.baselines.set_search import SearchOptions, SetTrials
 from training.env.env import ApplrEnv
 from training.evaluation import score, trials
 from training.evaluation.periodic import CHOOSING, THETA0, PeriodicEvaluation
@@ -37,12 +35,6 @@ def test_barn_metric_by_hand():
     seconds = np.array([6.0, 30.0, 20.0, 100.0])
     assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
     assert score.barn_metric(success, collided, seconds, 7.0, 4.0) == pytest.approx([0.25, 3.5 / 28.0, 0.0, 0.0])
-
-
-def test_a_search_for_the_metric_prefers_what_arrives():
-    slow, fast = TrialResult(True, False, False, 40.0, route_m=7.0), TrialResult(True, True, False, 8.0, route_m=7.0)
-    assert SearchOptions(objective="metric").price(slow) < SearchOptions(objective="metric").price(fast) == 0.0
-    assert SearchOptions().price(fast) == 13.0 < SearchOptions().price(slow)
 
 
 def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
@@ -95,12 +87,6 @@ def test_the_environment_earns_what_the_evaluation_counts():
         rewards.append(reward)
     env.close()
     assert sum(rewards) == pytest.approx(total, abs=1e-9)
-
-
-def test_a_search_never_drives_evaluates_seeds():
-    searched = SetTrials(None, [("w", "w")], SPACE)._trial(SPACE.theta0, 0, 0, 3).seed
-    assert searched == trials.seed_of(CHOOSING + 3, "w", 0)
-    assert searched not in {trials.seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
 
 
 def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
