@@ -57,13 +57,8 @@ class Parser(argparse.ArgumentParser):
     """An ArgumentParser that raises ApplrError instead of ending the program, and takes no abbreviations."""
 
     def __init__(self, prog: str, description: str, epilog: str = ""):
-        super().__init__(
-            prog=prog,
-            description=description,
-            epilog=epilog,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
-        )
+        form = argparse.RawDescriptionHelpFormatter
+        super().__init__(prog, None, description, epilog, formatter_class=form, allow_abbrev=False)
 
     def error(self, message: str) -> NoReturn:
         """Raises ApplrError with argparse's message."""
@@ -73,7 +68,7 @@ class Parser(argparse.ArgumentParser):
 def parsed(
     model: Type[O], program: str, about: Optional[str], arguments: Optional[Sequence[str]] = None, epilog: str = ""
 ) -> O:
-    """The options of a command line, checked; ROS's remapping arguments are ignored.
+    """The options of a command line, checked; ROS's remapping arguments are ignored. Raises ApplrError.
 
     Args:
         model: what the options are.
@@ -81,9 +76,6 @@ def parsed(
         about: what its help text says before the options.
         arguments: without the program's name; None: those of this process.
         epilog: what its help text says after the options.
-
-    Raises:
-        ApplrError: with one line.
     """
     parser = Parser(program, about or "", epilog)
     add_options(parser, model)

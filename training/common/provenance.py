@@ -7,8 +7,10 @@ import platform
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from datetime import datetime, timezone
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Dict, List
 
@@ -17,19 +19,13 @@ PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # whos
 
 
 def provenance(seed: int) -> Dict[str, Any]:
-    """What has to be known to make the same results again, as JSON values.
-
-    Args:
-        seed: from which all random numbers follow.
-
-    Returns:
-        {"date" (UTC), "commit", "versions" {name: version}, "cpu", "cores", "seed", "command"}.
-    """
+    """What has to be known to make the same results again, as JSON values; the date is UTC."""
+    installed = {name: metadata.version(name) for name in PACKAGES if find_spec(name)}
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": commit(),
-        "versions": {"python": platform.python_version(), **versions()},
-        "cpu": cpu(),
+        "versions": {"python": platform.python_version(), **installed},
+        "cpu": _cpu(),
         "cores": os.cpu_count(),
         "seed": seed,
         "command": shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]),
@@ -38,39 +34,26 @@ def provenance(seed: int) -> Dict[str, Any]:
 
 def commit() -> str:
     """The commit of this package, "... and changes" where files differ from it; "unknown" outside of its checkout."""
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", ROOT, *words]
+        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
+
     try:
-        top = _git("rev-parse", "--show-toplevel")
-        if os.path.realpath(top) != os.path.realpath(ROOT):
+        if os.path.realpath(git("rev-parse", "--show-toplevel")) != os.path.realpath(ROOT):
             return "unknown"
-        return _git("rev-parse", "HEAD") + (" and changes" if _git("status", "--porcelain", "-uno") else "")
+        return git("rev-parse", "HEAD") + (" and changes" if git("status", "--porcelain", "-uno") else "")
     except (OSError, subprocess.SubprocessError):
         return "unknown"
 
 
-def _git(*arguments: str) -> str:
-    done = subprocess.run(["git", "-C", ROOT, *arguments], capture_output=True, text=True, timeout=10, check=True)
-    return done.stdout.strip()
-
-
-def versions() -> Dict[str, str]:
-    """Versions of the installed ones among PACKAGES."""
-    found = {}
-    for name in PACKAGES:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
-def cpu() -> str:
+def _cpu() -> str:
     """The processor's name, as far as the system tells."""
-    try:
-        with open("/proc/cpuinfo") as file:
-            names = [line.partition(":")[2].strip() for line in file if line.startswith("model name")]
-    except OSError:
-        names = []
-    return names[0] if names else platform.processor() or platform.machine()
+    with suppress(OSError), open("/proc/cpuinfo") as file:
+        for line in file:
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
 
 
 def sentences(sessions: List[Dict[str, Any]]) -> List[str]:

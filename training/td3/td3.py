@@ -261,12 +261,6 @@ class TD3:
         return {name: float(value) for name, value in self.losses.items()}
 
     # -- acting ------------------------------------------------------------------------------------
-    @torch.no_grad()
-    def action(self, observation: np.ndarray) -> np.ndarray:
-        """(n, seen) → (n, actions), without noise: the learnt policy, not its mean with its mirror image."""
-        x = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        return torch.tanh(self.policy(x)).cpu().numpy()
-
     def actor_weights(self) -> Weights:
         """The policy that is handed out, as policy/actor.py names it: "0.weight" (512, 729), "0.bias", ... Copies.
 
