@@ -29,7 +29,6 @@ COMMANDS = {
     "new_robot": "training.new_robot",
     "play": "applr_ros1.nodes.tools.play",
     "record": "applr_ros1.nodes.tools.record",
-    "replay": "applr_ros1.nodes.tools.replay",
     "robot_model": "applr_ros1.robots.urdf",
     "rviz": "applr_ros1.nodes.tools.rviz",
     "static_search": "training.static_search",

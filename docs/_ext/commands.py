@@ -13,7 +13,7 @@ MODULES = {
     + ["new_robot", "check_robot", "try_robot", "compare_recording", "report.__main__"],
     "worlds": ["draw"],
     "sim_bridge": ["check"],
-    "applr_ros1.nodes.tools": ["barn", "measure_braking", "record", "replay", "rviz"],
+    "applr_ros1.nodes.tools": ["barn", "measure_braking", "record", "rviz"],
 }
 PACKAGE = {"experiments": "training"}
 

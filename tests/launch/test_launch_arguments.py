@@ -58,7 +58,7 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     assert found["words"]["record"] == [bag, "--costmaps", "false", "--robot", robot]
     assert found["words"]["rviz"] == ["--robot", robot, "--prefix", "none"]
     found = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
-    assert found["words"]["replay"][0] == bag
+    assert found["words"]["player"][-1] == bag
 
 
 def test_method_policy_and_meter_scoring_reach_their_nodes():

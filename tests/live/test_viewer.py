@@ -2,9 +2,7 @@
 
 import contextlib
 import http.client
-import os
 import socket
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,9 +10,6 @@ import pytest
 import rospy
 from nav_msgs.msg import Odometry
 
-from applr_ros1.nodes.tools import play
-from applr_ros1.nodes.viewer import recording
-from applr_ros1.nodes.viewer.admission import TOKEN
 from applr_ros1.nodes.viewer.node import Viewer
 from applr_ros1.nodes.viewer.race import Drive, verdict
 from applr_ros1.robots import JACKAL, load
@@ -191,20 +186,3 @@ def test_robot_scan_and_trail_are_drawn_while_a_page_is_open(ros):
         made.close()
         assert node.end() == 0, node.text
         jackal.close()
-
-
-def test_a_start_with_another_robot_does_not_record_into_the_bag_that_was_written(monkeypatch, tmp_path):
-    monkeypatch.setenv(TOKEN, "token")
-    monkeypatch.setenv(recording.FOLDER, str(tmp_path))
-    monkeypatch.setattr(sys, "argv", ["play.py", "--no-browser", "record:=" + str(tmp_path / "drive.bag")])
-    recorded, began_anew, known = [], [], {"/viewer/address": "there"}
-    stack = SimpleNamespace(wait=lambda condition, *_, **__: condition())
-    monkeypatch.setattr(play, "own_stack", lambda words, _: recorded.extend(words) or contextlib.nullcontext(stack))
-    monkeypatch.setattr(play, "find_reconfigure_services", lambda: ["there"])
-    monkeypatch.setattr(rospy, "get_param", lambda name, *_: known[name])
-    monkeypatch.setattr(rospy, "set_param", lambda name, words: known.update({name: [*words, "robot:=husky"]}))
-    monkeypatch.setattr(os, "execv", lambda _, words: began_anew.extend(words))
-    play.main()
-    assert any(word.startswith("record:=") for word in recorded)
-    assert began_anew[-1] == "robot:=husky"
-    assert not any(word.startswith("record:=") for word in began_anew)

@@ -10,7 +10,6 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
-from applr_ros1.nodes.viewer.admission import TOKEN
 from tests.support.ros_harness import free_port, session, wait_for
 
 pytest.importorskip("viser")
@@ -120,19 +119,6 @@ def test_a_second_page_shows_the_same_and_closes_alone(page, tmp_path):
     page.wait("parameters by policy")
 
 
-def test_another_robot_is_for_the_program_that_started_this_one(page):
-    page.turn_to("World", "load this world")
-    page.choose("jackal", "husky")
-    page.wait("./applr play robot:=husky")
-    rospy.set_param("/play/arguments", ["seed:=3"])
-    page.choose("jackal", "husky")
-    wanted = ["seed:=3", "robot:=husky", "world:=generated:0"]
-    wait_for(lambda: rospy.get_param("/play/arguments") == wanted, 10.0, "the arguments")
-    page.wait("husky starts, ", "half a minute")
-    page.choose("husky", "jackal")
-    rospy.delete_param("/play")
-
-
 def test_the_bar_stays_and_stops_the_robot(page):
     panel = rectangle(page, "[role=tab]")
     assert rectangle(page, "canvas[data-engine]")[2] <= panel[0]  # the scene has what the panel leaves
@@ -236,20 +222,3 @@ def test_a_race_ends_with_two_times(page):
     assert [first[1], second[1]] == ["default parameters", "policy"]
     assert float(first[2].split()[0]) > float(second[2].split()[0]) > 3.0
     assert rospy.wait_for_message("/sim_bridge/current_world", String, 5.0).data == first[0] == "generated:0"
-
-
-def test_a_page_comes_back_with_its_viewer(page, nodes):
-    """Attempts of viser, one a second, would make a browser hold back all further ones before a start has ended."""
-    token = rospy.get_param("/viewer/address").split("/")[3]
-    page.evaluate("delete window.applr.now.notice")  # of the start that another test has asked for
-    nodes["viewer"].end()
-    try:
-        page.wait("No connection to the viewer")
-        page.complaints.clear()
-        page.look(8.0)
-        assert len([what for what in page.complaints if "WebSocket" in what]) <= 1
-    finally:
-        nodes["viewer"] = start("viewer", **{TOKEN: token})
-        wait_for(lambda: "No connection" not in page.text, 60.0, "the page")
-        page.complaints.clear()
-    page.wait("max_vel_x [m/s]", "waits for a goal")

@@ -166,7 +166,7 @@ def arguments(words, known):
 def with_folders(values):
     """Arguments {name: value} of the launch file with paths from the root: the nodes run in another folder."""
     found = {name: methods.absolute(value) if name == "method" else value for name, value in values.items()}
-    for name in {"robot", "world", "record", "policy", "bag"} & set(values):
+    for name in {"robot", "world", "record", "policy"} & set(values):
         if values[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(values[name])):
             found[name] = os.path.abspath(values[name])
     return found

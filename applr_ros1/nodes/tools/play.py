@@ -1,13 +1,11 @@
 """The playground (./applr play): a simulated robot on a ROS master of its own, and a page in a browser to play with it.
 
-It starts jackal_applr.launch with viewer:=true, or replay.launch for a bag, says where the page is, and ends every
-process at Ctrl-C. Where the page has put other arguments into PLAYED, such as another robot, everything starts anew.
+It starts jackal_applr.launch with viewer:=true, says where the page is, and ends every process at Ctrl-C.
 """
 
 import argparse
 import math
 import os
-import sys
 import webbrowser
 
 import roslaunch.arg_dump
@@ -15,11 +13,8 @@ import rospy
 from dynamic_reconfigure import find_reconfigure_services
 
 from applr_ros1.common.progress import announced
-from applr_ros1.nodes.viewer import admission
-from applr_ros1.nodes.viewer.recording import FOLDER, PLAYED
 
 from .demo import COMPILES, UP_WITHIN, arguments, launch_file, own_stack, say, with_folders
-from .replay import replayed
 
 
 def main():
@@ -40,36 +35,19 @@ def main():
         nargs="*",
         metavar="ARG:=VALUE",
         help="Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0. No goal is sent unless "
-        "goal:=auto is given. bag:=FILE plays a recorded drive instead of driving.",
+        "goal:=auto is given.",
     )
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
-    given.update(arguments(options.words, (*roslaunch.arg_dump.get_args([launch_file()]), "bag")))
-    given = with_folders(given)
-    passed, file = [f"{name}:={value}" for name, value in given.items()], launch_file()
-    words = [word for word in passed if not word.startswith("bag:=")]
-    if given.get("bag", "none") != "none":
-        replayed(given["bag"])
-        file, words = launch_file("replay.launch"), [f"bag:={given['bag']}", "rviz:=false"]
-        words += [f"{name}:={given[name]}" for name in ("robot", "viewer", "viewer_host", "tf_prefix") if name in given]
-    os.environ.setdefault(FOLDER, os.getcwd())
-    os.environ[admission.TOKEN] = admission.token()  # an open page comes back after a start with other arguments
-    with own_stack(words, file) as stack:
+    given.update(arguments(options.words, roslaunch.arg_dump.get_args([launch_file()])))
+    words = [f"{name}:={value}" for name, value in with_folders(given).items()]
+    with own_stack(words, launch_file()) as stack:
         with announced("waiting for the page", say, first=10.0):
             stack.wait(lambda: rospy.get_param("/viewer/address", ""), UP_WITHIN, "the page does not come up")
         address = rospy.get_param("/viewer/address")
         say(f"the page is at {address}")
         if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)
-        rospy.set_param(PLAYED, passed)
-
-        def other():
-            wanted = rospy.get_param(PLAYED)
-            return wanted if wanted != passed else None
-
-        if given.get("bag", "none") == "none":
-            with announced(COMPILES.format("move_base"), say, first=10.0, every=60.0):
-                stack.wait(lambda: find_reconfigure_services() or other(), math.inf, "", pause=0.5)
-        wanted = stack.wait(other, math.inf, "", pause=0.2)
-    wanted = [word for word in wanted if not word.startswith("record:=")]  # that bag has been written
-    os.execv(sys.executable, [sys.executable, sys.argv[0], "--no-browser", *wanted])
+        with announced(COMPILES.format("move_base"), say, first=10.0, every=60.0):
+            stack.wait(find_reconfigure_services, math.inf, "", pause=0.5)
+        stack.wait(lambda: False, math.inf, "", pause=0.2)

@@ -17,7 +17,7 @@ from applr_ros1.robots import JACKAL, Robot, load
 
 from .processes import become
 
-SHARED = ("/clock", "/tf", "/tf_static", "/diagnostics")  # of all robots on a master
+SHARED = ("/tf", "/tf_static", "/diagnostics")  # of all robots on a master; /clock is the bag's own time
 STACK = (
     "{scan} {odometry} {cmd_vel} {imu} map "
     "move_base/goal move_base/current_goal move_base/status move_base/result move_base/recovery_status "

@@ -2,8 +2,7 @@
 
 Started by scripts/viewer.py. While no page is open it subscribes to nothing.
 
-Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~replay (whether a bag
-is played by the node replay), ~tf_prefix, ~host
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether it drives on a map), ~tf_prefix, ~host
 (127.0.0.1: which computers reach the page) and ~port (8080, or the next free one). Sets ~address, where the page is,
 with the token without which every request is refused: a new one at each start, unless the environment variable
 APPLR_VIEWER_TOKEN sets it.
@@ -12,7 +11,6 @@ APPLR_VIEWER_TOKEN sets it.
 from __future__ import annotations
 
 import html
-import os
 import time
 from typing import Any, Dict
 
@@ -24,10 +22,9 @@ from applr_ros1.common.progress import Throttled
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import JACKAL, Robot, load
 
-from . import admission, panel, pilot, race, recording, scene, world
+from . import admission, panel, pilot, race, scene, world
 from .listening import Listener, by_hand
 from .page import ACCENT, Page, sends
-from .recording import FOLDER, PLAYED
 
 RATE = 10.0  # Hz of wall time with a page open
 IDLE = 0.2  # s between looks for a page
@@ -41,14 +38,13 @@ STARTS = "The first start on a computer compiles kernels, about a minute. "
 class Viewer:
     """The page and what it shows, the same to everybody who looks, served on host and port, or the next free port.
 
-    The names of the robot's frames begin with prefix; everything is drawn in the frame fixed. replay: whether a bag is
-    played, and nothing can be driven.
+    The names of the robot's frames begin with prefix; everything is drawn in the frame fixed.
     """
 
-    def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int, replay: bool = False):
+    def __init__(self, robot: Robot, prefix: str, fixed: str, host: str, port: int):
         import viser
 
-        self._robot, self._replay, self.listener = robot, replay, Listener(fixed)
+        self._robot, self.listener = robot, Listener(fixed)
         token = admission.token()
         with admission.guarded(token, host):
             self.server = viser.ViserServer(host, port, label=f"applr_ros1: {robot.name}", verbose=False)
@@ -59,34 +55,24 @@ class Viewer:
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._pages: Dict[Any, Page] = {}
-        self._ready, self._leaving, self._now, self._moved = False, "", 0.0, 0.0
+        self._ready, self._now, self._moved = False, 0.0, 0.0
         tabs, self.text = gui.add_tab_group(), ""
-        if replay:
-            with tabs.add_tab("Replay"):
-                self._recording = recording.Replay(gui, self.say)
         with tabs.add_tab("Drive"):
-            self.panel = panel.Panel(gui, robot, self.listener, self.pilot, not replay)
-        if not replay:
-            with tabs.add_tab("World"):
-                odom = prefix + robot.frames.odom
-                self._world = world.WorldTab(gui, robot, self.listener, odom, self.say, self.restart)
-            with tabs.add_tab("Race"):
-                self._race = race.RaceTab(self.server, self._world, self.pilot, self.panel.methods)
-            self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
+            self.panel = panel.Panel(gui, robot, self.listener, self.pilot)
+        with tabs.add_tab("World"):
+            self._world = world.WorldTab(gui, robot, self.listener, prefix + robot.frames.odom, self.say)
+        with tabs.add_tab("Race"):
+            self._race = race.RaceTab(self.server, self._world, self.pilot, self.panel.methods)
+        self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
         with tabs.add_tab("View"):
             for name, layer in self.scene.layers.items():
                 by_hand(gui.add_checkbox(name, layer.visible), lambda on, layer=layer: setattr(layer, "visible", on))
-        self._bags = None
-        if FOLDER in os.environ:
-            with tabs.add_tab("Bags"):
-                self._bags = recording.Bags(gui, os.environ[FOLDER], self.restart, replay, self.say)
-        works: Dict[str, Any] = {"view": ("V", self._turn)}  # of the bar's buttons and the keys
-        if replay:
-            works["play or pause"] = "P", lambda _: self._recording.play()
-        else:
-            works["go"] = "G", lambda _: self._world.drive_course()
-            works["stop"] = "S", lambda _: self._race.end()
-            works["hand over"] = "H", lambda _: self.pilot.choose("applr" if self._by_hand else pilot.HAND)
+        works: Dict[str, Any] = {  # of the bar's buttons and the keys
+            "view": ("V", self._turn),
+            "go": ("G", lambda _: self._world.drive_course()),
+            "stop": ("S", lambda _: self._race.end()),
+            "hand over": ("H", lambda _: self.pilot.choose("applr" if self._by_hand else pilot.HAND)),
+        }
         self._commands = {name: gui.add_command(name, hotkey=key) for name, (key, _) in works.items()}
         for name, (_, work) in works.items():
             self._commands[name].on_trigger(work)
@@ -112,7 +98,7 @@ class Viewer:
         report = Throttled(rospy.logerr)
         while not rospy.is_shutdown():
             began = time.monotonic()
-            if not self.server.get_clients() and not self._replay and not self._race.running.is_set():
+            if not self.server.get_clients() and not self._race.running.is_set():
                 self.listener.close()
                 time.sleep(IDLE)
                 continue
@@ -125,7 +111,7 @@ class Viewer:
 
     def draw(self) -> None:
         """Bring the page up to date."""
-        if rospy.get_time() < self._now:  # a bag that is played from an earlier time
+        if rospy.get_time() < self._now:  # the clock began anew
             self.listener.close()
             self.scene.forget()
         if rospy.get_time() != self._now:
@@ -135,40 +121,35 @@ class Viewer:
         goal = panel.goal_status(self.listener)
         driving = goal is not None and goal.status in panel.UNDER_WAY
         self.panel.look(speed, self.scene.clearance)
-        if not self._replay and self._world.look():
+        if self._world.look():
             self.scene.forget()
             self.panel.forget()
         self.scene.draw(speed, driving)
-        if self._bags is not None:
-            self._bags.look()
-        if self._replay:
-            self._recording.look()
-        elif self._race.look(self.scene.pose, goal):
+        if self._race.look(self.scene.pose, goal):
             self.scene.begin_trail()
         self._write(goal, speed, driving)
 
     def _write(self, goal: Any, speed: float, driving: bool) -> None:
         """Bring the bar and the notice of every page up to date."""
-        silence = [] if self._replay else self.panel.silence()
-        if self._ready and time.monotonic() - self._moved > panel.SILENT and not self._replay:
+        silence = self.panel.silence()
+        if self._ready and time.monotonic() - self._moved > panel.SILENT:
             silence.insert(0, "the clock stands still")
-        whole = not self._replay  # a bag may lack what was done
-        parts = {"doing": self.panel.doing(goal) if whole or goal is not None else ""}
+        parts = {"doing": self.panel.doing(goal)}
         parts["speed"] = f"{speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"
-        parts["who"] = f"parameters by {self.pilot.who}" if whole or self.pilot.method else ""
+        parts["who"] = f"parameters by {self.pilot.who}"
         parts["monitor"] = self.panel.monitor() if driving else ""  # it stops whatever has no command
-        self.text, notice = "\n".join([*parts.values(), *silence]), self._leaving
+        self.text, notice = "\n".join([*parts.values(), *silence]), ""
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         if self._ready:
             parts["trouble"] = "".join(silence[:1])
-        elif not notice:
+        else:
             missing = ", ".join(line.split(":")[0] for line in silence) or "no transform of the robot"
-            notice = f"<b>{html.escape(self._robot.name)} starts</b>, SECONDS s. {STARTS if whole else ''}"
+            notice = f"<b>{html.escape(self._robot.name)} starts</b>, SECONDS s. {STARTS}"
             notice += f"So far: {html.escape(missing)}."
-        world, ghosts = (self._world.name, self._race.legend) if whole else ("", "")
-        common = {"notice": notice, "hint": HINT if whole else ""}
+        world = self._world.name
+        common = {"notice": notice, "hint": HINT}
         common["title"] = f"{self._robot.name}{' in ' * bool(world)}{world} - applr_ros1"
-        common["legend"] = ghosts if self.scene.layers["ghosts"].visible else ""
+        common["legend"] = self._race.legend if self.scene.layers["ghosts"].visible else ""
         common["state"] = "".join(f'<span class="{name}">{html.escape(part)}</span>' for name, part in parts.items())
         clients = self.server.get_clients()
         self._pages = {key: self._pages.get(key) or Page(client) for key, client in clients.items()}
@@ -179,12 +160,9 @@ class Viewer:
     def _buttons(self, driving: bool, view: str) -> str:
         """The bar's buttons as HTML. The accent is on what to press next."""
         labels: Dict[str, Any] = {}
-        if self._replay:
-            labels["play or pause"] = self._recording.next, True
-        else:
-            labels["go"] = "Go" if self._world.course else "", not driving
-            labels["stop"] = "Stop", driving
-            labels["hand over"] = "Hand back" if self._by_hand else "Take over" if self.pilot.method else "", False
+        labels["go"] = "Go" if self._world.course else "", not driving
+        labels["stop"] = "Stop", driving
+        labels["hand over"] = "Hand back" if self._by_hand else "Take over" if self.pilot.method else "", False
         labels["view"] = "View: " + view, False
         return "".join(
             f'<button {sends(self._commands[name])} data-key="{self._commands[name].hotkey}"'
@@ -192,18 +170,6 @@ class Viewer:
             for name, (label, accent) in labels.items()
             if label
         )
-
-    def restart(self, what: str, **values: str) -> bool:
-        """Have ./applr play start anew with other launch arguments. False where it has not started this node."""
-        words = rospy.get_param(PLAYED, None)
-        if words is None:
-            return False
-        self._leaving = f"<b>{html.escape(what)} starts</b>, SECONDS s. This takes about half a minute."
-        for page in self._pages.values():
-            page.show(notice=self._leaving)
-        self.server.flush()
-        rospy.set_param(PLAYED, [*words, *(f"{name}:={value}" for name, value in values.items())])
-        return True
 
     def close(self) -> None:
         """End the page."""
@@ -219,8 +185,7 @@ def main() -> int:
     prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
     fixed = robot.frames.map if rospy.get_param("~map", False) else prefix + robot.frames.odom
     port = int(number_within("port", rospy.get_param("~port", 8080), 1, 65535))
-    host, replay = str(rospy.get_param("~host", "127.0.0.1")), bool(rospy.get_param("~replay", False))
-    viewer = Viewer(robot, prefix, fixed, host, port, replay)
+    viewer = Viewer(robot, prefix, fixed, str(rospy.get_param("~host", "127.0.0.1")), port)
     rospy.set_param("~address", viewer.address)
     rospy.loginfo("viewer: the page is at %s", viewer.address)
     with until_shutdown():

@@ -58,9 +58,6 @@ SCRIPT = """
       const {target, pointerId} = event;
       if (target.dataset.engine && target.hasPointerCapture(pointerId)) target.releasePointerCapture(pointerId);
     }, true);
-    // viser's own attempts to come back, one a second, fail so often that browsers hold back all further ones
-    let back = false, asked = 0;
-    document.hasFocus = () => back;  // viser tries while this holds, and looks at it when the focus changes
     setInterval(() => {
       const sheet = document.querySelector('.mantine-Paper-root[style*="fixed"]');
       document.documentElement.style.setProperty("--sheet", (sheet ? sheet.offsetHeight : 0) + "px");
@@ -70,12 +67,6 @@ SCRIPT = """
       const text = lost ? lost.replace("SECONDS", Math.round((Date.now() - window.applr.since) / 1000))
         : localStorage.getItem("applr") ? "" : now.hint || "";
       if (at("notice").innerHTML !== text) at("notice").innerHTML = text;
-      if (silent && Date.now() - asked > 6000) {
-        asked = Date.now();
-        fetch(location.href, {cache: "no-store"}).then(() => {
-          for (back of [true, false]) window.dispatchEvent(new Event("focus"));
-        }, () => {});
-      }
     }, 250);
     window.applr = parts => {
       const applr = window.applr;

@@ -49,9 +49,9 @@ def described(target: Any, name: str) -> List[str]:
 
 
 class Panel:
-    """gui: viser's, in the context where the panel is to be; live: whether somebody can set the parameters."""
+    """gui: viser's, in the context where the panel is to be."""
 
-    def __init__(self, gui: Any, robot: Robot, listener: Listener, pilot: Pilot, live: bool):
+    def __init__(self, gui: Any, robot: Robot, listener: Listener, pilot: Pilot):
         self._robot, self._listener, self._pilot = robot, listener, pilot
         space, targets = pilot.space, pilot.space.targets
         self.titles = {name: described(targets[name][0], name) for name in space.names}
@@ -59,22 +59,22 @@ class Panel:
         self._plotted = 0.0
         there = [name for name in METHODS if name not in FILES or os.path.exists(shipped(FILES[name], robot))]
         self.methods = {METHODS[name]: name for name in there}
-        self._method = gui.add_dropdown("parameters by", tuple(self.methods), visible=live)
+        self._method = gui.add_dropdown("parameters by", tuple(self.methods))
         by_hand(self._method, lambda shown: pilot.choose(self.methods[shown]))
-        self.sliders = {name: self._slider(gui, i, live) for i, name in enumerate(space.names)}
+        self.sliders = {name: self._slider(gui, i) for i, name in enumerate(space.names)}
         ends = zip(space.low.tolist(), space.high.tolist())
         self._curves = {SPEED: (-0.1 * robot.base.max_speed, robot.base.max_speed), CLEARANCE: (0.0, SEEN)}
         self._curves.update({self.titles[name][0]: end for name, end in zip(space.names, ends)})
         gui.add_markdown(f"The last {SPAN:.0f} s; dots where the policy changed a parameter:")
         self._plots = [self._plot(gui, k) for k in range(CURVES)]
 
-    def _slider(self, gui: Any, i: int, live: bool) -> Any:
+    def _slider(self, gui: Any, i: int) -> Any:
         space = self._pilot.space
         name, kind, step = space.names[i], *((int, 1) if space.integer[i] else (float, 0.01))
         low, high, default = (kind(values[i]) for values in (space.low, space.high, space.theta0))
         look: Dict[str, Any] = {"initial_value": min(max(default, low), high), "marks": ((default, "default"),)}
         title, sentence = self.titles[name]
-        slider = gui.add_slider(title, low, high, step, hint=sentence, disabled=not live, **look)
+        slider = gui.add_slider(title, low, high, step, hint=sentence, **look)
         by_hand(slider, lambda value: self._pilot.take_over(name, float(value)))
         return slider
 

@@ -9,7 +9,7 @@ import math
 import random
 import threading
 from functools import lru_cache
-from typing import Any, Callable, Dict, List
+from typing import Any, Dict, List
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -49,10 +49,10 @@ class WorldTab:
         robot, listener, say: As given: the description, what is heard, and what shows a line.
     """
 
-    def __init__(self, gui: Any, robot: Robot, listener: Listener, odom: str, say: Say, restart: Callable[..., bool]):
-        self.robot, self.listener, self.say, self._odom, self._restart = robot, listener, say, odom, restart
+    def __init__(self, gui: Any, robot: Robot, listener: Listener, odom: str, say: Say):
+        self.robot, self.listener, self.say, self._odom = robot, listener, say, odom
         self.course: Any = None
-        self.course_goal, self.name, self._spec, self._count = "", "", "", 0
+        self.course_goal, self.name, self._count = "", "", 0
         self._goal = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=1)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
         self._world = rospy.Publisher("sim_bridge/world", String, queue_size=1)
@@ -68,9 +68,7 @@ class WorldTab:
         gui.add_button("other worlds").on_click(lambda _: self._offer())
         self._name = gui.add_text("world", "", hint="generated:N, fresh:N, dynamic:N, physical_course or a .world file")
         gui.add_button("load this world").on_click(lambda _: self.load(self._name.value))
-        given = str(rospy.get_param("~robot", robot.name))
-        self._given = gui.add_dropdown("robot", tuple(dict.fromkeys((*NAMES, given))), initial_value=given)
-        by_hand(self._given, lambda name: self._change_robot(name, given))
+        gui.add_markdown("Another robot: `./applr play robot:=NAME`, one of " + ", ".join(NAMES))
         moving = gui.add_checkbox("obstacles move", True)
         by_hand(moving, lambda on: ask(say, "sim_bridge/let_move", SetBool, on))
         by_hand(gui.add_checkbox("pause", False), lambda on: ask(say, "sim_bridge/pause", SetBool, on))
@@ -87,12 +85,12 @@ class WorldTab:
         another = told is not None and told.data != self.name
         if another:
             self.name = self._name.value = told.data
-            self.course, self._spec = None, ""
+            self.course = None
             for spec in (str(rospy.get_param("sim_bridge/world", "")), self.name):
                 with contextlib.suppress(ValueError, OSError):
                     world = worlds.load(spec)
                     if world.name == self.name:
-                        self.course, self._spec = worlds.scaled(world, self.robot.world_scale).course, spec
+                        self.course = worlds.scaled(world, self.robot.world_scale).course
             self._draw_tiles()
         return another
 
@@ -174,13 +172,6 @@ class WorldTab:
             return
         self._cancel.publish(GoalID())
         tell(self.say, self._world, spec)
-
-    def _change_robot(self, name: str, present: str) -> None:
-        """Have ./applr play start anew with another robot in this world; the page finds the new node by itself."""
-        spec = {"world": self._spec} if self._spec else {}
-        if not self._restart(name, robot=name, **spec):
-            self._given.value = present
-            self.say(f"another robot starts with ./applr play robot:={name}")
 
     def reset(self) -> bool:
         """Put the robot back to the start. Returns whether it stands there."""
