@@ -117,7 +117,7 @@ def replayed(master, bag, start):
         rospy.Subscriber(topic, kind, lambda message, topic=topic: seen.__setitem__(topic, message))
     rospy.Subscriber("/clock", Clock, lambda message: clock.append(message.clock.to_sec()))
     player = master.spawn(
-        "roslaunch", "applr_ros1", "replay.launch", "bag:=%s" % bag, "options:=--clock --start=%g" % start, "rviz:=false"
+        "roslaunch", "applr_ros1", "replay.launch", "rviz:=false", "bag:=%s" % bag, "options:=--clock -s %g" % start
     )
     try:
         wait_for(lambda: (len(seen) == 3 and len(clock) > 50) or not player.alive(), 30.0, "the replay")
