@@ -6,6 +6,7 @@ website's page has another origin, and one whose own name was pointed at this co
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import ipaddress
 import os
@@ -13,8 +14,7 @@ import re
 import secrets
 import socket
 from http import HTTPStatus
-from typing import Any, Mapping, Optional
-from unittest import mock
+from typing import Any, Iterator, Mapping, Optional
 
 TOKEN = "APPLR_VIEWER_TOKEN"  # environment variable that sets the token
 
@@ -41,16 +41,16 @@ def refusal(path: str, headers: Mapping[str, str], token: str, host: str) -> Opt
     return None
 
 
-def guarded(token: str, host: str) -> Any:
-    """A context in which a viser server is started that answers no request without asking `refusal`.
-
-    viser has no such hook, the library that it serves with has: websockets.asyncio.server.serve(process_request=...).
-    """
+@contextlib.contextmanager
+def guarded(token: str, host: str) -> Iterator[None]:
+    """A context in which a viser server is started that answers no request without asking `refusal`."""
+    # viser 1.1.1 (requirements/viewer.txt) has no way to refuse a request. It serves with this function of websockets,
+    # whose process_request has one; tests/live/test_viewer.py fails where another version serves otherwise.
     from websockets.asyncio import server
 
     serve = server.serve
 
-    def guarding(*where: Any, process_request: Any, **options: Any) -> Any:
+    def serve_guarded(*where: Any, process_request: Any, **options: Any) -> Any:
         def process(connection: Any, request: Any) -> Any:
             reason = refusal(request.path, request.headers, token, host)
             if reason:
@@ -60,4 +60,8 @@ def guarded(token: str, host: str) -> Any:
 
         return serve(*where, process_request=process, **options)
 
-    return mock.patch.object(server, "serve", guarding)
+    server.serve = serve_guarded  # type: ignore[assignment, misc]
+    try:
+        yield
+    finally:
+        server.serve = serve  # type: ignore[misc]

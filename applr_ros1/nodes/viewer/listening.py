@@ -1,4 +1,4 @@
-"""What the viewer hears, kept as it came and read when it is looked at, and how a person's hand reaches other nodes.
+"""The viewer's subscriptions, read when they are drawn, and how what a person does on the page reaches other nodes.
 
 A message that nobody looks at costs no reading, and while nobody looks at all there are no subscriptions.
 """
@@ -28,54 +28,54 @@ Say = Callable[[str], None]  # shows one line to everybody who looks
 class Listener:
     """Subscribes to a topic when it is asked for it first. topic, kind: its name and the class of its messages.
 
-    fixed: the frame in which `place` gives poses.
+    fixed: the frame in which poses are given.
     """
 
     def __init__(self, fixed: str):
         self.fixed = fixed
-        self._came: Dict[str, Deque[Any]] = {}
-        self._read: Dict[str, Any] = {}
-        self._heard: Dict[str, Tuple[float, float]] = {}  # wall and ROS time of the newest message
+        self._queues: Dict[str, Deque[Any]] = {}  # by topic: messages as bytes
+        self._newest: Dict[str, Any] = {}
+        self._times: Dict[str, Tuple[float, float]] = {}  # wall and ROS time of the newest message
         self._subscribers: List[Any] = []
         self._transforms = Transforms()
 
     def close(self) -> None:
-        """Unsubscribe from everything, until the next question, and forget what was heard."""
+        """Unsubscribe from everything, until the next question, and forget all messages."""
         while self._subscribers:
             self._subscribers.pop().unregister()
         self._transforms.rest()
-        for known in (self._came, self._read, self._heard):
+        for known in (self._queues, self._newest, self._times):
             known.clear()
 
     def fresh(self, topic: str, kind: Any) -> List[Any]:
         """The messages that have come since the last look, oldest first; their arrays are numpy's."""
-        if topic not in self._came:
-            came = self._came[topic] = deque(maxlen=KEPT)
+        if topic not in self._queues:
+            new = self._queues[topic] = deque(maxlen=KEPT)
 
             def keep(message: Any) -> None:
-                came.append(message._buff)
-                self._heard[topic] = time.monotonic(), rospy.get_time()
+                new.append(message._buff)
+                self._times[topic] = time.monotonic(), rospy.get_time()
 
             self._subscribers.append(rospy.Subscriber(topic, rospy.AnyMsg, keep, queue_size=KEPT, buff_size=2**24))
-        came, found = self._came[topic], []
-        while came:
+        queue, found = self._queues[topic], []
+        while queue:
             message = kind()
-            message.deserialize_numpy(came.popleft(), np)
+            message.deserialize_numpy(queue.popleft(), np)
             found.append(message)
         if found:
-            self._read[topic] = found[-1]
+            self._newest[topic] = found[-1]
         return found
 
     def news(self, topic: str, kind: Any) -> Optional[Any]:
         """The newest message, None where none has come since the last look. Older ones are dropped."""
-        came = self._came.get(topic, deque())
-        while len(came) > 1:
-            came.popleft()
+        queue = self._queues.get(topic, deque())
+        while len(queue) > 1:
+            queue.popleft()
         return next(iter(self.fresh(topic, kind)), None)
 
     def newest(self, topic: str, kind: Any) -> Optional[Any]:
         """The newest message, seen before or not; None before the first."""
-        return self.news(topic, kind) or self._read.get(topic)
+        return self.news(topic, kind) or self._newest.get(topic)
 
     def placed(self, topic: str, kind: Any) -> Tuple[Any, Optional[Pose]]:
         """As `news`, and the place of its frame; (None, None) where there is no message or no place."""
@@ -85,7 +85,7 @@ class Listener:
 
     def age(self, topic: str) -> float:
         """Wall or ROS time [s] since the newest message came, the shorter of both; inf before the first."""
-        wall, now = self._heard.get(topic, (-math.inf, -math.inf))
+        wall, now = self._times.get(topic, (-math.inf, -math.inf))
         return min(time.monotonic() - wall, rospy.get_time() - now)
 
     def frame_pose(self, frame: str) -> Optional[Pose]:
@@ -109,14 +109,14 @@ def show(element: Any, value: Any) -> None:
         element.value = value
 
 
-def tell(say: Say, publisher: rospy.Publisher, message: Any) -> None:
+def publish(say: Say, publisher: rospy.Publisher, message: Any) -> None:
     """Publish a message; say so where nobody listens."""
     publisher.publish(message)
     if not publisher.get_num_connections():
         say(f"nobody listens on {publisher.resolved_name}")
 
 
-def ask(say: Say, name: str, kind: Any, *request: Any) -> bool:
+def call(say: Say, name: str, kind: Any, *request: Any) -> bool:
     """Call a service. Returns whether it did what was asked; says why not."""
     name = rospy.resolve_name(name)
     try:

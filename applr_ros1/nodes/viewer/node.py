@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import html
 import time
-from typing import Any, Dict
+from typing import Any
 
 import rospy
 from nav_msgs.msg import Odometry
@@ -24,15 +24,15 @@ from applr_ros1.robots import JACKAL, Robot, load
 
 from . import admission, panel, pilot, race, scene, world
 from .listening import Listener, by_hand
-from .page import ACCENT, Page, sends
 
 RATE = 10.0  # Hz of wall time with a page open
 IDLE = 0.2  # s between looks for a page
+ACCENT = (28, 126, 214)
 HINT = (
-    "<b>Click on the ground: the robot drives there.</b> A slider makes you the one who sets its parameters.<br>"
-    "Keys: G go, S stop, H hand over, V view."
+    "A click on the ground sets a goal. A slider makes you the one who sets the parameters. "
+    "Keys: G go, S stop, H hand over to a person or back to the policy."
 )
-STARTS = "The first start on a computer compiles kernels, about a minute. "
+STARTS = "starting; the first start on a computer compiles kernels, about a minute"
 
 
 class Viewer:
@@ -49,43 +49,39 @@ class Viewer:
         with admission.guarded(token, host):
             self.server = viser.ViserServer(host, port, label=f"applr_ros1: {robot.name}", verbose=False)
         self.address = f"http://{host}:{self.server.get_port()}/{token}/"
-        gui, look = self.server.gui, {"show_logo": False, "show_share_button": False, "brand_color": ACCENT}
-        gui.configure_theme(control_width="large", **look)  # type: ignore[arg-type]
+        gui = self.server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT)
         gui.main_panel.dock_right()  # the scene has the rest of the window
         self.pilot = pilot.Pilot(robot, self.listener, self.say)
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
-        self._pages: Dict[Any, Page] = {}
         self._ready, self._now, self._moved = False, 0.0, 0.0
-        tabs, self.text = gui.add_tab_group(), ""
+        self._status, self.text = gui.add_html(""), ""
+        works = {"Go": self._go, "Stop": self._stop, "Hand over": self._hand_over}
+        buttons = gui.add_button_group("", tuple(works), hint=HINT)
+        buttons.on_click(lambda event: works[event.target.value]())
+        for name, work in works.items():
+            gui.add_command(name, hotkey=name[0]).on_trigger(lambda _, work=work: work())  # type: ignore[arg-type]
+        tabs = gui.add_tab_group()
         with tabs.add_tab("Drive"):
             self.panel = panel.Panel(gui, robot, self.listener, self.pilot)
         with tabs.add_tab("World"):
             self._world = world.WorldTab(gui, robot, self.listener, prefix + robot.frames.odom, self.say)
         with tabs.add_tab("Race"):
             self._race = race.RaceTab(self.server, self._world, self.pilot, self.panel.methods)
-        self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
         with tabs.add_tab("View"):
+            by_hand(gui.add_dropdown("camera", tuple(scene.VIEWS)), self.scene.turn)
             for name, layer in self.scene.layers.items():
                 by_hand(gui.add_checkbox(name, layer.visible), lambda on, layer=layer: setattr(layer, "visible", on))
-        works: Dict[str, Any] = {  # of the bar's buttons and the keys
-            "view": ("V", self._turn),
-            "go": ("G", lambda _: self._world.drive_course()),
-            "stop": ("S", lambda _: self._race.end()),
-            "hand over": ("H", lambda _: self.pilot.choose("applr" if self._by_hand else pilot.HAND)),
-        }
-        self._commands = {name: gui.add_command(name, hotkey=key) for name, (key, _) in works.items()}
-        for name, (_, work) in works.items():
-            self._commands[name].on_trigger(work)
+        self.server.scene.on_click()(lambda event: self._world.clicked(event, self.scene.pose))
 
-    @property
-    def _by_hand(self) -> bool:
-        return self.pilot.method == pilot.HAND
+    def _go(self) -> None:
+        self._world.drive_course()
 
-    def _turn(self, event: Any) -> None:
-        """The next of scene.VIEWS for the page that asks."""
-        page, views = self._pages[event.client_id], list(scene.VIEWS)
-        page.view = views[(views.index(page.view) + 1) % len(views)]
-        self.scene.look(page.client, page.view)
+    def _stop(self) -> None:
+        self._race.end()
+
+    def _hand_over(self) -> None:
+        self.pilot.choose("applr" if self.pilot.method == pilot.HAND else pilot.HAND)
 
     def say(self, text: str) -> None:
         """Show one line to everybody who looks."""
@@ -120,56 +116,33 @@ class Viewer:
         speed = odometry.twist.twist.linear.x if odometry is not None else 0.0
         goal = panel.goal_status(self.listener)
         driving = goal is not None and goal.status in panel.UNDER_WAY
-        self.panel.look(speed, self.scene.clearance)
+        self.panel.look()
         if self._world.look():
             self.scene.forget()
-            self.panel.forget()
         self.scene.draw(speed, driving)
         if self._race.look(self.scene.pose, goal):
             self.scene.begin_trail()
-        self._write(goal, speed, driving)
+        for client in self.server.get_clients().values():
+            self.scene.follow(client)
+        self._write_status(goal, speed, driving)
 
-    def _write(self, goal: Any, speed: float, driving: bool) -> None:
-        """Bring the bar and the notice of every page up to date."""
+    def _write_status(self, goal: Any, speed: float, driving: bool) -> None:
+        """Bring the lines above the tabs up to date."""
         silence = self.panel.silence()
         if self._ready and time.monotonic() - self._moved > panel.SILENT:
             silence.insert(0, "the clock stands still")
-        parts = {"doing": self.panel.doing(goal)}
-        parts["speed"] = f"{speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"
-        parts["who"] = f"parameters by {self.pilot.who}"
-        parts["monitor"] = self.panel.monitor() if driving else ""  # it stops whatever has no command
-        self.text, notice = "\n".join([*parts.values(), *silence]), ""
         self._ready = self._ready or (self.scene.pose is not None and not silence)
-        if self._ready:
-            parts["trouble"] = "".join(silence[:1])
-        else:
-            missing = ", ".join(line.split(":")[0] for line in silence) or "no transform of the robot"
-            notice = f"<b>{html.escape(self._robot.name)} starts</b>, SECONDS s. {STARTS}"
-            notice += f"So far: {html.escape(missing)}."
-        world = self._world.name
-        common = {"notice": notice, "hint": HINT}
-        common["title"] = f"{self._robot.name}{' in ' * bool(world)}{world} - applr_ros1"
-        common["legend"] = self._race.legend if self.scene.layers["ghosts"].visible else ""
-        common["state"] = "".join(f'<span class="{name}">{html.escape(part)}</span>' for name, part in parts.items())
-        clients = self.server.get_clients()
-        self._pages = {key: self._pages.get(key) or Page(client) for key, client in clients.items()}
-        for page in self._pages.values():
-            self.scene.follow(page.client, page.view)
-            page.show(**common, buttons=self._buttons(driving, page.view))
-
-    def _buttons(self, driving: bool, view: str) -> str:
-        """The bar's buttons as HTML. The accent is on what to press next."""
-        labels: Dict[str, Any] = {}
-        labels["go"] = "Go" if self._world.course else "", not driving
-        labels["stop"] = "Stop", driving
-        labels["hand over"] = "Hand back" if self._by_hand else "Take over" if self.pilot.method else "", False
-        labels["view"] = "View: " + view, False
-        return "".join(
-            f'<button {sends(self._commands[name])} data-key="{self._commands[name].hotkey}"'
-            f"{' class=next' if accent else ''}>{label}</button>"
-            for name, (label, accent) in labels.items()
-            if label
-        )
+        lines = [f"{self._robot.name} in {self._world.name}" if self._world.name else self._robot.name]
+        lines += [] if self._ready else [STARTS]
+        lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING else 0.0:.2f} m/s"]
+        lines += [f"parameters by {self.pilot.who}"]
+        lines += [self.panel.monitor()] if driving else []  # it stops whatever has no command
+        text = "\n".join([*lines, *silence])
+        if text != self.text:
+            self.text = text
+            shown = [html.escape(line) for line in lines]
+            shown += [f'<span style="color: #c92a2a">{html.escape(line)}</span>' for line in silence]
+            self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
 
     def close(self) -> None:
         """End the page."""

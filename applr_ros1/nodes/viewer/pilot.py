@@ -22,7 +22,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
 
-from .listening import ANSWER, Listener, Say, ask
+from .listening import ANSWER, Listener, Say, call
 
 HAND = "hand"
 METHODS = {"dwa": "default parameters", "static": "best single set", "appld": "APPLD", "applr": "policy", HAND: HAND}
@@ -34,7 +34,7 @@ class Pilot:
     """Reads and sets a robot's parameters; all methods may be called from any thread.
 
     Attributes:
-        method: Of the applr node as it last said, HAND where it is switched off, "" where it does not answer.
+        method: Of the applr node by its diagnostics, HAND where it is switched off, "" where it does not answer.
         trouble: One line about what does not answer; "" where nothing is wrong.
     """
 
@@ -58,23 +58,22 @@ class Pilot:
         return METHODS.get(self.method, self.method) or "nobody"
 
     def theta(self) -> Optional[np.ndarray]:
-        """The parameters (n,) in force or on their way; where move_base has no servers (a bag) what applr tells."""
-        told = self._listener.newest(PARAMETERS, Parameters)
-        known = told is not None and tuple(told.names) == self.space.names
-        if known and len(told.multipliers) == len(self.space):
-            self.client.compensation.multipliers = np.array(told.multipliers, np.float64)
-        if self.client.connected:
-            return self.client.theta() if self._hand is None else self._hand
-        return np.array(told.values, np.float64) if known else None
+        """The parameters (n,) in force or on their way; None without move_base's servers."""
+        message = self._listener.newest(PARAMETERS, Parameters)
+        if message is not None and tuple(message.names) == self.space.names:
+            self.client.compensation.multipliers = np.array(message.multipliers, np.float64)
+        if not self.client.connected:
+            return None
+        return self.client.theta() if self._hand is None else self._hand
 
     def look(self) -> None:
-        """Take in what the applr node says, and hold what a person has set against its last words."""
+        """Take in the applr node's diagnostics, and set again what its last request has undone of a person's values."""
         since = time.monotonic() - self._asked
         for message in self._listener.fresh(DIAGNOSTICS, DiagnosticArray):
             for status in message.status:
                 if status.name == self._status and since > ANSWER:
-                    said = {pair.key: pair.value for pair in status.values}.get("method", "")
-                    self.method = HAND if said == "off" else said
+                    method = {pair.key: pair.value for pair in status.values}.get("method", "")
+                    self.method = HAND if method == "off" else method
         with self._lock:
             theta = self.client.theta()
             if self._hand is not None and theta is not None and not self._worker.busy:
@@ -109,7 +108,7 @@ class Pilot:
         return True
 
     def _ask(self, *request: Any) -> bool:
-        done = ask(self._say, *request)
+        done = call(self._say, *request)
         self._asked = time.monotonic()
         return done
 

@@ -1,9 +1,8 @@
-"""The viewer's tab Race: drives are timed and kept, and drive again as ghosts; several methods; a verdict."""
+"""The viewer's tab Race: drives are timed and kept, and drive again as ghosts; a race of methods and its verdict."""
 
 from __future__ import annotations
 
 import contextlib
-import html
 import threading
 import time
 from dataclasses import dataclass, field
@@ -17,7 +16,6 @@ from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.drives.comparison import compare
 from applr_ros1.robots import Robot
 
-from .page import ACCENT
 from .panel import UNDER_WAY, WORDS
 from .pilot import METHODS, Pilot
 from .shapes import PALETTE, Lines, Model
@@ -32,11 +30,10 @@ BREAK = 2.0  # wall seconds between two rounds of the ghosts
 TABLE = 12  # drives in the table
 NOBODY, THEN = "nobody", ", then "
 FINISHED = "finished", WORDS[3]
-SERIES = 5  # worlds
 
 
 @dataclass
-class Drive:
+class TimedDrive:
     """One drive to a goal. who: set the parameters; rows: (seconds since its start, x, y, yaw) in the fixed frame."""
 
     who: str
@@ -47,12 +44,6 @@ class Drive:
     ended: str = ""
     seconds: float = 0.0
     touched: bool = False
-    won: bool = False
-
-    @property
-    def how(self) -> str:
-        """How it ended."""
-        return self.ended + ", touched something" * self.touched + ", **winner**" * self.won
 
     @property
     def arrived(self) -> bool:
@@ -65,80 +56,60 @@ class Drive:
         return (self.seconds if self.arrived else LIMIT) + CONTACT * self.touched
 
 
-def verdict(drives: Sequence[Drive]) -> str:
-    """Who was best by how much, in one sentence; "" without two. drives: of each method in the same worlds."""
-    of: Dict[str, Dict[str, Drive]] = {}
-    for drive in drives:
-        of.setdefault(drive.who, {})[drive.world] = drive
-    if len(of) < 2:
+def verdict(drives: Sequence[TimedDrive]) -> str:
+    """Who was best by how much, in one sentence; "" without two. drives: of different methods in the same world."""
+    if len(drives) < 2:
         return ""
-    best, other = sorted(of, key=lambda who: sum(drive.score for drive in of[who].values()))[:2]
-    pairs = [(drive, of[other][world]) for world, drive in of[best].items() if world in of[other]]
-    if not any(drive.arrived for drive in of[best].values()):
+    best, other = sorted(drives, key=lambda drive: drive.score)[:2]
+    if not best.arrived:
         return "nobody arrived"
-    found = compare([ours.score for ours, _ in pairs], [theirs.score for _, theirs in pairs])
-    text = found.sentence(best, other)
-    if found.worlds > 1:
-        text += f", ahead in {found.ahead} of {found.worlds} worlds"
-    for who, drives_of in ((who, of[who].values()) for who in (best, other)):
-        failed, touched = sum(not drive.arrived for drive in drives_of), sum(drive.touched for drive in drives_of)
-        for count, what in ((failed, "did not arrive"), (touched, "touched something")):
-            text += f", {who} {what}" + f" {count} times" * (found.worlds > 1) if count else ""
+    text = compare([best.score], [other.score]).sentence(best.who, other.who)
+    for drive in (best, other):
+        text += (
+            f", {drive.who} did not arrive" * (not drive.arrived) + f", {drive.who} touched something" * drive.touched
+        )
     return text
 
 
-class Over(Exception):
+class RaceEnded(Exception):
     """A race that does not go on."""
 
 
 class Ghost:
-    """A drive that is driven again: robot and trail, in a colour of who set the parameters."""
+    """A drive that is driven again: robot, trail and label, in a colour of who set the parameters."""
 
-    def __init__(self, scene: Any, robot: Robot, drive: Drive, name: str):
+    def __init__(self, scene: Any, robot: Robot, drive: TimedDrive, name: str):
         self.drive, self._rows = drive, np.array(drive.rows)
         names = list(METHODS.values())
-        self._colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
+        colour = PALETTE[names.index(drive.who)] if drive.who in names else (90, 90, 90)
         self.remove = scene.add_frame(name, show_axes=False).remove
-        self._model = Model(scene, name + "/robot", robot, self._colour, 0.6)
-        Lines(scene, name + "/trail", self._colour, 0.02).path(self._rows[:, 1:3], 0.01)
+        self._model = Model(scene, name + "/robot", robot, colour, 0.6)
+        scene.add_label(name + "/robot/label", f"{drive.who} {drive.seconds:.1f} s", position=(0.0, 0.0, 0.5))
+        Lines(scene, name + "/trail", colour, 0.02).path(self._rows[:, 1:3], 0.01)
 
     def put(self, seconds: float) -> None:
         """Where it was at a time after its start."""
         k = max(0, int(np.searchsorted(self._rows[:, 0], seconds, "right")) - 1)
         self._model.put(tuple(self._rows[k, 1:].tolist()))
 
-    @property
-    def label(self) -> str:
-        """Its line of the legend, as HTML."""
-        text = html.escape(f"{self.drive.who} {self.drive.seconds:.1f} s" + ", winner" * self.drive.won)
-        return f'<div><span style="color: rgb{self._colour}">&#9679;</span> {text}</div>'
-
 
 class RaceTab:
-    """Keeps this visit's drives. methods: {what the page calls it: method}, what there is for this robot.
-
-    Attributes:
-        legend: Who the ghosts are, as HTML.
-    """
+    """Keeps this visit's drives. methods: {what the page calls it: method}, what there is for this robot."""
 
     def __init__(self, server: Any, world: WorldTab, pilot: Pilot, methods: Dict[str, str]):
         self._scene, self._world, self._pilot, self._methods = server.scene, world, pilot, methods
-        self.drives: List[Drive] = []
+        self.drives: List[TimedDrive] = []
         self._goals: Set[str] = set()  # ids of those that were timed
         self._ghosts: Dict[str, Ghost] = {}  # by who set the parameters
-        self._now: Optional[Drive] = None
-        self._ended, self.legend = 0.0, ""
+        self._now: Optional[TimedDrive] = None
+        self._ended = 0.0
         self.running = threading.Event()
         gui, names = server.gui, list(methods)
         self._choices = [
             gui.add_dropdown(place, (NOBODY, *names), initial_value=chosen)
             for place, chosen in (("first", names[0]), ("second", names[-2]), ("third", NOBODY))
         ]
-        for words, count in (("race", 1), (f"series of {SERIES} worlds", SERIES)):
-            gui.add_button(words, color=ACCENT if count == 1 else None).on_click(
-                lambda _, count=count: self._begin(count)
-            )
-        gui.add_button("end the race").on_click(lambda _: self.end())
+        gui.add_button("race").on_click(lambda _: self._begin())
         self._verdict = gui.add_markdown("")
         self._table = gui.add_markdown("No drive yet.")
 
@@ -151,7 +122,7 @@ class RaceTab:
         if begun:
             self._finish("replaced")
             self._goals.add(goal.goal_id.id)
-            self._now = Drive(who, self._world.name, now, goal.goal_id.id == self._world.course_goal)
+            self._now = TimedDrive(who, self._world.name, now, goal.goal_id.id == self._world.course_goal)
         drive = self._now
         if drive is not None:
             drive.seconds, drive.touched = now - drive.began, drive.touched or touched
@@ -179,12 +150,10 @@ class RaceTab:
             return
         drive.ended, self._ended = how, time.monotonic()
         self.drives.append(drive)
-        self._write()
-
-    def _write(self) -> None:
         lines = ["| world | parameters by | time | |", "|---|---|---:|---|"]
         for one in reversed(self.drives[-TABLE:]):  # the columns of the page's tables have no space between them
-            lines.append(f"| {one.world} | &nbsp;{one.who} | {one.seconds:.1f}&nbsp;s | &nbsp;{one.how} |")
+            ended = one.ended + ", touched something" * one.touched
+            lines.append(f"| {one.world} | &nbsp;{one.who} | {one.seconds:.1f}&nbsp;s | &nbsp;{ended} |")
         self._table.content = "\n".join(lines)
 
     def _move_ghosts(self) -> None:
@@ -199,49 +168,34 @@ class RaceTab:
         at = self._now.seconds if self._now is not None else (time.monotonic() - self._ended) % longest
         for ghost in self._ghosts.values():
             ghost.put(at)
-        self.legend = "".join(ghost.label for ghost in self._ghosts.values())
 
-    # -- a race ------------------------------------------------------------------------------------
-    def _begin(self, count: int) -> None:
+    def _begin(self) -> None:
         if not self.running.is_set():
             self.running.set()
-            threading.Thread(target=self._run, args=(count,), daemon=True).start()
+            threading.Thread(target=self._run, daemon=True).start()
 
     def end(self) -> None:
         """End a race and every drive."""
         self.running.clear()
         self._world.stop()
 
-    def _run(self, count: int) -> None:
-        """A race in this world, or in `count` others. node.py draws and times meanwhile."""
+    def _run(self) -> None:
+        """The chosen methods one after the other, each from the start. node.py draws and times meanwhile."""
         before, text = len(self.drives), "The race ended early."
-        with contextlib.suppress(Over):
-            for k, world in enumerate(self._world.choose(count) if count > 1 else [""]):
-                self._verdict.content = f"Race {k + 1} of {count}. {verdict(self.drives[before:])}"
-                self._race(world)
+        self._verdict.content = "Under way."
+        with contextlib.suppress(RaceEnded):
+            for choice in self._choices:
+                if choice.value != NOBODY:
+                    self._drive(self._methods[choice.value])
             text = verdict(self.drives[before:]) or "Nobody to compare with."
         self.running.clear()
         self._verdict.content = f"**{text}**"
         self._world.say(text)
 
-    def _race(self, world: str) -> None:
-        """The chosen methods one after the other, each from the start, in another world where one is given."""
-        if world:
-            self._world.load(world)
-            self._wait(lambda: self._world.name == world, PATIENCE)
-        before = len(self.drives)
-        for choice in self._choices:
-            if choice.value != NOBODY:
-                self._drive(self._methods[choice.value])
-        drives = sorted(self.drives[before:], key=lambda drive: drive.score)
-        if len(drives) > 1:
-            drives[0].won = drives[0].arrived
-        self._write()
-
     def _drive(self, method: str) -> None:
         """From the start to the end of the course."""
         if not self._world.reset() or not self._pilot.choose(method):
-            raise Over
+            raise RaceEnded
         self._wait(lambda: self._now is None, PATIENCE)
         time.sleep(SETTLING)
         goal = self._world.drive_course()
@@ -252,10 +206,10 @@ class RaceTab:
         self._wait(lambda: self._now is None, PATIENCE)
 
     def _wait(self, condition: Callable[[], bool], seconds: float = float("inf")) -> None:
-        """Until something is true. Raises Over when wall time is over or the race is ended before."""
+        """Until something is true. Raises RaceEnded when wall time is over or the race is ended before."""
         until = time.monotonic() + seconds
         while self.running.is_set() and not rospy.is_shutdown() and time.monotonic() < until:
             if condition():
                 return
             time.sleep(0.05)
-        raise Over
+        raise RaceEnded

@@ -6,7 +6,7 @@ With a map everything is drawn in the map's frame. Places [m]; the ground is z =
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Tuple
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
@@ -18,10 +18,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from applr_ros1.common.angles import compose, transform_point
 from applr_ros1.nodes.conversions import MessageError, check_scan, pose_of
 from applr_ros1.robots import Robot
-from applr_ros1.robots.geometry import bounding_box
 
 from .listening import Listener
-from .shapes import SEEN, Costmap, Lines, Model, colours, lifted, put
+from .shapes import Costmap, Lines, Model, colours, lifted, put
 
 PLAN, GOAL = "move_base/NavfnROS/plan", "move_base/current_goal"
 CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # of the local planner
@@ -42,7 +41,6 @@ class Scene:
 
     Attributes:
         pose: (x, y, yaw) of the robot, None where it is not known.
-        clearance: Room [m] ahead of the robot, in its width, up to SEEN; None without a scan.
         layers: {name: viser's handle of all that is drawn below it}, for each of LAYERS.
     """
 
@@ -72,11 +70,10 @@ class Scene:
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose, self._trail = None, []  # type: Any, List[Tuple[float, float, float]]
-        self.clearance: Optional[float] = None
-        _, self._front, self._right, self._left = bounding_box(robot)
         self._world = scene.add_frame("/world", show_axes=False)
         self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles
+        self._view = next(iter(VIEWS))
         self._aims: Dict[int, Tuple[float, float]] = {}  # by page: what its camera looks at, from the robot [m]
 
     def draw(self, speed: float, driving: bool) -> None:
@@ -97,7 +94,7 @@ class Scene:
         """Another world, or another time: nothing that was drawn holds any more; cameras turn to the robot anew."""
         self.begin_trail()
         self._aims.clear()
-        self._scan.visible, self.clearance = False, None
+        self._scan.visible = False
         for shown in (*self._of_goal, *(costmap.handle for costmap in self._costmaps.values())):
             shown.visible = False
 
@@ -140,9 +137,6 @@ class Scene:
         hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
         angles = message.angle_min + hits * message.angle_increment
         flat = np.column_stack([ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)])
-        ahead, aside = _moved(self._robot.laser.pose, flat).T
-        near = ahead[(ahead > self._front) & (aside > self._right) & (aside < self._left)]
-        self.clearance = float(min(SEEN, *(near - self._front))) if len(near) else SEEN
         self._scan.points, self._scan.visible = lifted(_moved(mounted, flat), self._robot.laser.height), len(hits) > 0
 
     def _draw_plans(self) -> None:
@@ -191,24 +185,24 @@ class Scene:
             rows = np.array(self._trail)
             self._trail_line.path(rows[:, :2], 0.015, colours(rows[:, 2] / self._robot.base.max_speed))
 
-    def look(self, client: Any, view: str) -> None:
-        """Turn a page's camera to the robot and keep it there, or leave it where it is: one of VIEWS."""
-        self._aims.pop(client.client_id, None)
-        if VIEWS[view] is None or self.pose is None:
+    def turn(self, view: str) -> None:
+        """Look at the robot as one of VIEWS says, on every page."""
+        self._view = view
+        self._aims.clear()
+
+    def follow(self, client: Any) -> None:
+        """Move a page's camera so that it looks at the same place beside the robot as when it was turned to it."""
+        if VIEWS[self._view] is None or self.pose is None:
             return
         x, y, yaw = self.pose
-        back, high, ahead = np.multiply(self._robot.world_scale, VIEWS[view])
+        if client.client_id in self._aims:
+            aim = np.add((x, y), self._aims[client.client_id])
+            client.camera.position = client.camera.position + (*(aim - client.camera.look_at[:2]), 0.0)
+            return
+        back, high, ahead = np.multiply(self._robot.world_scale, VIEWS[self._view])
         aim = self._aims[client.client_id] = ahead * math.cos(yaw), ahead * math.sin(yaw)
         client.camera.position = x - back * math.cos(yaw), y - back * math.sin(yaw), high
         client.camera.look_at = x + aim[0], y + aim[1], 0.0
-
-    def follow(self, client: Any, view: str) -> None:
-        """Move a page's camera so that it looks at the same place beside the robot as when it was turned to it."""
-        if client.client_id not in self._aims:
-            self.look(client, view)
-        elif self.pose is not None:
-            aim = np.add(self.pose[:2], self._aims[client.client_id])
-            client.camera.position = client.camera.position + (*(aim - client.camera.look_at[:2]), 0.0)
 
 
 def _moved(place: Any, points: np.ndarray) -> np.ndarray:

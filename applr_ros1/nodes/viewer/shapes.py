@@ -17,7 +17,6 @@ RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [
 
 PALETTE = ((47, 111, 222), (217, 72, 15), (43, 138, 62), (156, 54, 181))  # of curves and ghosts
 PALETTE += ((232, 89, 12), (12, 133, 153), (194, 37, 92), (92, 148, 13))
-SEEN = 5.0  # m of room ahead of the robot that count
 PERIOD = 0.5  # wall seconds between two pictures of a costmap
 
 
