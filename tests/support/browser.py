@@ -3,7 +3,6 @@
 WebGL is drawn in software. Use `open_page` as a context manager.
 """
 
-import base64
 import contextlib
 import itertools
 import json
@@ -92,13 +91,9 @@ class Page:
         """Until all of these can be read on the page."""
         wait_for(lambda: all(word in self.text for word in words), seconds, "the page says %s" % (words,))
 
-    def has(self, words, kind):
-        """The same as place, but None where there is no such element."""
-        return self._middle(kind, "e.textContent.trim() == %s" % json.dumps(words))
-
     def place(self, words, kind="button, label, [role=tab], [role=option]"):
         """(x, y) [pixels] of the middle of the element with exactly this text."""
-        found = self.has(words, kind)
+        found = self._middle(kind, "e.textContent.trim() == %s" % json.dumps(words))
         assert found, "no %r on the page: %s" % (words, self.text)
         return found
 
@@ -118,10 +113,6 @@ class Page:
         left, width, y = self._slider(label, track)
         self.click(left + share * width, y)
 
-    def value(self, label):
-        """Of the slider with this label."""
-        return float(self._slider(label, "return slider.ariaValueNow"))
-
     def _slider(self, label, then):
         """The value of JavaScript statements about the `slider` with this label."""
         return self.evaluate(
@@ -132,17 +123,11 @@ class Page:
         )
 
     def choose(self, now, then):
-        """Choose another option where an input shows `now`; nothing where one shows `then` already."""
-        if self._input(then):
-            return
-        x, y = wait_for(lambda: self._input(now), 20.0, "the option %s" % now)
-        self.click(x, y)
+        """Choose another option where an input shows `now`."""
+        shown = "e.value == %s" % json.dumps(now)
+        self.click(*wait_for(lambda: self._middle("input", shown), 20.0, "the option %s" % now))
         wait_for(lambda: then in self.text, 20.0, "the option %s" % then)
         self.click_on(then, kind="[role=option]")
-
-    def _input(self, now):
-        """The middle of the input that shows `now`; None where there is none."""
-        return self._middle("input", "e.value == %s" % json.dumps(now))
 
     def _middle(self, kind, holds):
         """Of the last visible element `e` of a kind for which a JavaScript expression holds; None where none does."""
@@ -162,11 +147,6 @@ class Page:
 
     def _mouse(self, kind, x, y, button="left"):
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=1, clickCount=1)
-
-    def picture(self, path):
-        """Writes a screenshot (.png)."""
-        data = self.call("Page.captureScreenshot")["data"]
-        path.write_bytes(base64.b64decode(data))
 
 
 @contextlib.contextmanager
@@ -193,13 +173,6 @@ def open_page(url, folder, width=1000, height=640):
     finally:
         os.killpg(browser.pid, signal.SIGKILL)  # the program is a script, whose children stay when it ends
         browser.wait(10.0)
-
-
-def press(page, words):
-    """A button of the viewer's bar, once it is there."""
-    kind = "#buttons button"
-    wait_for(lambda: page.has(words, kind), 20.0, "the button %r" % words)
-    page.click_on(words, kind=kind)
 
 
 def _port(file):

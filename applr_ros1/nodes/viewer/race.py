@@ -65,9 +65,8 @@ def verdict(drives: Sequence[TimedDrive]) -> str:
         return "nobody arrived"
     text = compare([best.score], [other.score]).sentence(best.who, other.who)
     for drive in (best, other):
-        text += (
-            f", {drive.who} did not arrive" * (not drive.arrived) + f", {drive.who} touched something" * drive.touched
-        )
+        text += f", {drive.who} did not arrive" * (not drive.arrived)
+        text += f", {drive.who} touched something" * drive.touched
     return text
 
 
