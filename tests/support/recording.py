@@ -1,14 +1,195 @@
-"""What examples/03_offline_from_a_bag/recording.py has, for tests: drives in simulation recorded as a robot's are."""
+"""Drives in simulation as a robot's recorder would have heard them: a bag with all topics of the stack, without ROS."""
 
-import importlib.util
+from __future__ import annotations
+
+from typing import Any, Dict, Mapping, Optional
+
+import numpy as np
+from rosbags.typesys import get_types_from_msg
 
 from tests.support import ROOT
+from training.bags.writer import BagWriter
+from training.env.episode import Episode
+from training.env.outcome import Outcome
 
-_spec = importlib.util.spec_from_file_location(
-    "recording", ROOT / "examples" / "03_offline_from_a_bag" / "recording.py"
-)
-_recording = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_recording)
+MESSAGES = ROOT / "msg"  # of the catkin package
+PLOTTED = 8  # fields of Parameters.msg beside its lists
+PAUSE = 5.0  # s of time between two courses of a bag
+ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
+_RESULT = {
+    "move_base_msgs/msg/MoveBaseActionResult": "std_msgs/Header header\nactionlib_msgs/GoalStatus status\n"
+    "move_base_msgs/MoveBaseResult result\n",
+    "move_base_msgs/msg/MoveBaseResult": "",
+}
 
-ABORTED, PREEMPTED, SUCCEEDED = _recording.ABORTED, _recording.PREEMPTED, _recording.SUCCEEDED
-RecordingEpisode, StackWriter = _recording.RecordingEpisode, _recording.StackWriter
+
+class StackWriter(BagWriter):
+    """A bag with what move_base and the applr node publish, too. Arguments as BagWriter's."""
+
+    def __init__(self, *args: Any, **more: Any):
+        super().__init__(*args, **more)
+        for name, text in _RESULT.items():
+            self.store.register(get_types_from_msg(text, name))
+
+    def plan(self, time: float, plan) -> None:
+        """Write a global plan: (n, 3) x, y [m], yaw [rad] in the robot's odometry frame."""
+        header = self._header(time, self.robot.frames.odom)
+        poses = [self._make("geometry_msgs/msg/PoseStamped", header, self._pose(p)) for p in np.asarray(plan).tolist()]
+        self._put(self.topics.plan, "nav_msgs/msg/Path", time, header, poses)
+
+    def parameters(self, time: float, server: str, values: dict) -> None:
+        """{name: value} that a server below move_base announces."""
+        lists: Dict[type, list] = {bool: [], int: [], str: [], float: []}
+        kinds = {bool: "Bool", int: "Int", str: "Str", float: "Double"}
+        for name, value in values.items():
+            kind = next(k for k in lists if isinstance(value, k))
+            lists[kind].append(self._make(f"dynamic_reconfigure/msg/{kinds[kind]}Parameter", name, value))
+        self._put(
+            f"{self.topics.move_base}/{server}/parameter_updates",
+            "dynamic_reconfigure/msg/Config",
+            time,
+            lists[bool],
+            lists[int],
+            lists[str],
+            lists[float],
+            [],
+        )
+
+    def status(self, time: float, goal_id: str, running: bool = True) -> None:
+        """Write the status topic of the action move_base."""
+        entries = [self._status(goal_id, ACTIVE)] if running else []
+        self._put(
+            self.topics.move_base + "/status",
+            "actionlib_msgs/msg/GoalStatusArray",
+            time,
+            self._header(time, ""),
+            entries,
+        )
+
+    def result(self, time: float, goal_id: str, status: int) -> None:
+        """Write the result of a goal with an actionlib status."""
+        self._put(
+            self.topics.move_base + "/result",
+            "move_base_msgs/msg/MoveBaseActionResult",
+            time,
+            self._header(time, ""),
+            self._status(goal_id, status),
+            self._make("move_base_msgs/msg/MoveBaseResult", 0),
+        )
+
+    def decision(
+        self, time: float, number: int, goal: str, observation, seen: Mapping[str, float], before, after
+    ) -> None:
+        """As the applr node tells of a decision (msg/Decision.msg).
+
+        Args:
+            time: When it was made.
+            number: Which one it is.
+            goal: Its goal's id.
+            observation: (729,).
+            seen: The times [s] of the scan, odometry and plan that it was made from.
+            before: {name: value} that the planner had.
+            after: {name: value} that was chosen; {} where it was refused.
+        """
+        kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
+        if kinds[1] not in self.store.types:
+            for kind in kinds:
+                text = (MESSAGES / (kind.rpartition("/")[2] + ".msg")).read_text(encoding="utf-8")
+                self.store.register(get_types_from_msg(text, kind))
+        header = self._header(time, self.robot.frames.odom)
+        times = [self._time(seen[name]) for name in ("scan", "odometry", "plan")]
+        sets = [
+            self._make(kinds[0], header, list(of), np.array(list(of.values())), np.ones(len(of)), *[np.nan] * PLOTTED)
+            for of in (before, after)
+        ]
+        place = [np.nan] * 5  # pose and local goal, which no reader needs
+        observation = np.asarray(observation, np.float32)
+        fields = header, number, goal, *times, *place, observation, *sets, ""
+        self._put(self.topics.applr + "/decision", kinds[1], time, *fields)
+
+    def _status(self, goal_id, status):
+        return self._make(
+            "actionlib_msgs/msg/GoalStatus",
+            self._make("actionlib_msgs/msg/GoalID", self._time(0.0), goal_id),
+            status,
+            "",
+        )
+
+
+class RecordingEpisode(Episode):
+    """An Episode that writes all that it drives into a BagWriter, course after course."""
+
+    def __init__(self, simulator, move_base, writer: BagWriter, **options):
+        super().__init__(simulator, move_base, writer.robot, **options)
+        self.writer = writer
+        self.courses = self._number = 0
+        self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
+        self._scanned: Optional[float] = None  # time of the newest scan in the bag
+
+    def reset(self, world, seed: int, start=None, theta=None) -> Outcome:
+        """Begin a course; a goal is sent on the recorded action topic."""
+        if self.courses:
+            self._ahead += self.simulator.state.time + PAUSE
+        self._goal_id = ""  # nothing is written before the goal is sent
+        outcome = super().reset(world, seed, start, theta)
+        self.courses += 1
+        self._goal_id = f"course {self.courses} in {world.name}"
+        self._parameters()
+        self.writer.goal(self._now, self.goal)
+        self._look(outcome, self.move_base.make_plan(self.simulator.state.odom_pose, self.goal, 0.0))
+        return outcome
+
+    def decide(self, theta) -> Outcome:
+        """Drive one decision period and write what the nodes would have published in it."""
+        self._decision()
+        outcome = super().decide(theta)
+        self._look(outcome, self.move_base.global_plan)
+        if outcome.over:
+            status = SUCCEEDED if outcome.success else ABORTED if outcome.aborted else PREEMPTED
+            self.writer.result(self._now, self._goal_id, status)
+            self.writer.status(self._now, self._goal_id, running=False)
+        return outcome
+
+    def apply(self, theta) -> np.ndarray:
+        """Set the parameters and write the parameter updates that follow."""
+        result = super().apply(theta)
+        if getattr(self, "_goal_id", ""):
+            self._parameters(1e-3)  # after the decision that it came from
+        return result
+
+    @property
+    def _now(self) -> float:
+        return self._ahead + self.simulator.state.time
+
+    def _cycle(self):
+        before, now, ranges = self.simulator.state, self._now, self._ranges
+        cycle, state = super()._cycle()
+        if self._goal_id:
+            if self._scanned != now:  # a decision's scan was taken at the same moment, with other noise
+                self.writer.odometry(now, before.odom_pose, before.odom_twist)
+                if self._ranges is not ranges:
+                    self.writer.scan(now, self._ranges)
+            if state.contact:
+                self.writer.contact(self._ahead + state.time)
+        return cycle, state
+
+    def _look(self, outcome, plan) -> None:
+        """What the coming decision sees."""
+        now, state = self._now, self.simulator.state
+        self.writer.status(now, self._goal_id)
+        self.writer.odometry(now, state.odom_pose, state.odom_twist)
+        self.writer.scan(now, self._seen)
+        self._scanned = now
+        if plan is not None and len(plan):
+            self.writer.plan(now, plan)
+
+    def _decision(self) -> None:
+        now, outcome = self._now, self.outcome
+        assert outcome is not None  # decide() has checked it
+        self._number += 1
+        seen, before = dict.fromkeys(("scan", "odometry", "plan"), now), self.space.as_dict(outcome.theta)
+        self.writer.decision(now, self._number, self._goal_id, self.observation(outcome), seen, before, {})
+
+    def _parameters(self, later: float = 0.0) -> None:
+        for server in self.space.servers:
+            self.writer.parameters(self._now + later, server, self.move_base.configuration(server))

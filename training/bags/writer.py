@@ -1,4 +1,4 @@
-"""Writes ROS 1 bags with the topics of a robot, without ROS: demonstrate.py's, and those of examples/03."""
+"""Writes ROS 1 bags with the topics of a robot, without ROS: demonstrate.py's, and those of tests."""
 
 from __future__ import annotations
 
