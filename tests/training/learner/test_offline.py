@@ -3,10 +3,10 @@
 import json
 import shutil
 
-import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from tests.support.episodes import episode
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
 from training.env.reward import Reward
@@ -15,20 +15,17 @@ from training.learner.learner import Learner
 from training.learner.prepare import dataset_of
 from training.learner.run import MANY_ERRORS, TrainingRun
 from training.replay.store import NAME, TrajectoryStore
-from training.replay.trajectory import Trajectory, TransitionLayout
+from training.replay.trajectory import TransitionLayout
 
 LAYOUT = TransitionLayout(0, 1, 1)
 
 
 def write(folder, source=None, episodes=40, seed=0, layout=LAYOUT):
     """A dataset of ten transitions an episode; its folder as text."""
-    rng = np.random.default_rng(seed)
     folder.mkdir(exist_ok=True)
     store = TrajectoryStore(folder / NAME, layout)
     for number in range(episodes):
-        observations, actions = rng.uniform(-1, 1, (11, layout.size)), rng.uniform(-1, 1, (10, layout.action))
-        info = {"actor": "another", "episode": number}
-        store.append(Trajectory.of(layout, observations, actions, rng.normal(size=10), False, info))
+        store.append(episode(layout, 1000 * seed + number, 10, "another"))
     store.note("source", source or {})
     store.close()
     return str(folder)

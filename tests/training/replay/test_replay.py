@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from applr_ros1.common.errors import ApplrError
+from tests.support import episodes
 from training.learner.learner import draw_batch
 from training.replay.buffer import Replay
 from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
@@ -15,17 +16,8 @@ from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLa
 SMALL = TransitionLayout(scan=4, rest=2, action=2)
 
 
-def episode(t, number=0, terminated=False, actor="a", layout=SMALL, rng=None, rewards=None):
-    rng = rng or np.random.default_rng(number)
-    observations = rng.uniform(-1, 1, (t + 1, layout.size))
-    return Trajectory.of(
-        layout,
-        observations,
-        rng.uniform(-1, 1, (t, layout.action)),
-        rng.normal(size=t) if rewards is None else rewards,
-        terminated,
-        {"actor": actor, "episode": number},
-    )
+def episode(t, number=0, terminated=False):
+    return episodes.episode(SMALL, number, t, terminated=terminated)
 
 
 def test_the_scan_comes_back_within_half_a_step():

@@ -7,18 +7,16 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.files import StorageError
+from tests.support import episodes
 from training.learner.learner import Learner, LearnerOptions
 from training.replay.store import NAME, TrajectoryStore
-from training.replay.trajectory import Trajectory, TrajectoryError, TransitionLayout
+from training.replay.trajectory import TrajectoryError, TransitionLayout
 
 LAYOUT = TransitionLayout(4, 2, 2)
 
 
-def episode(number, t=3, actor="a", layout=LAYOUT, **info):
-    rng = np.random.default_rng(number)
-    observations, actions = rng.uniform(-1, 1, (t + 1, layout.size)), rng.uniform(-1, 1, (t, layout.action))
-    about = {"actor": actor, "episode": number, "return": float(number), **info}
-    return Trajectory.of(layout, observations, actions, rng.normal(size=t), number % 2 == 0, about)
+def episode(number, t=3, actor="a"):
+    return episodes.episode(LAYOUT, number, t, actor, number % 2 == 0, **{"return": float(number)})
 
 
 @pytest.fixture

@@ -1,0 +1,13 @@
+"""Episodes of random numbers, for tests of what keeps them and learns from them."""
+
+import numpy as np
+
+from training.replay.trajectory import Trajectory
+
+
+def episode(layout, number, t=3, actor="a", terminated=False, **info):
+    """T transitions of a layout, drawn from `number`, which is the episode's number, too."""
+    rng = np.random.default_rng(number)
+    observations, actions = rng.uniform(-1, 1, (t + 1, layout.size)), rng.uniform(-1, 1, (t, layout.action))
+    about = {"actor": actor, "episode": number, **info}
+    return Trajectory.of(layout, observations, actions, rng.normal(size=t), terminated, about)
