@@ -219,7 +219,7 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
     monkeypatch.setattr(demo.worlds, "load", lambda _: world)
-    values, _, _, _ = demo.prepare([f"goal:={goal}"], os.path.join(ROOT, "applr_ros1", "launch", LAUNCH[1]))
+    values, _, _, _ = demo.prepare([f"goal:={goal}"])
     assert values["sent"] == pytest.approx(sent)
 
 

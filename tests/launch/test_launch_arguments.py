@@ -11,7 +11,7 @@ from test_launch import inside
 
 from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.nodes.tools import demo, record
+from applr_ros1.nodes.tools import demo, launcher, record
 from applr_ros1.policy import methods
 from tests.support import ROOT
 
@@ -123,8 +123,8 @@ def test_the_demo_hands_files_on_with_their_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
     words = ["method:=fixed", "policy:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
-    _, passed, _, _ = demo.prepare(words, os.path.join(LAUNCH, "jackal_applr.launch"))
-    assert set(passed) == {f"method:=fixed:{tmp_path}/set.json", f"record:={tmp_path}/a.bag", "goal:=none"}
+    _, passed, _, _ = demo.prepare(words)
+    assert passed == {"method": f"fixed:{tmp_path}/set.json", "record": f"{tmp_path}/a.bag", "goal": "none"}
 
 
 def test_files_of_a_method_get_their_folder(tmp_path, monkeypatch):
@@ -161,7 +161,7 @@ def test_a_recording_loses_nothing(tmp_path, monkeypatch):
 
 
 def test_the_demo_ends_when_a_node_has_failed_or_a_person_ends_it():
-    stack = demo.Stack.__new__(demo.Stack)
+    stack = launcher.Stack.__new__(launcher.Stack)
     stack._ended, stack._interrupted = "", False
     stack._parent = SimpleNamespace(pm=SimpleNamespace(is_shutdown=False))
     stack.process_died("rviz-7", 0)  # closed by the person

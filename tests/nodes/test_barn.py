@@ -15,8 +15,8 @@ import rospy  # noqa: F401
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.nodes.tools import barn, barn_results
-from applr_ros1.nodes.tools.barn_checkout import Overlay
+from applr_ros1.nodes.tools import barn, barn_challenge
+from applr_ros1.nodes.tools.barn_challenge import Overlay
 from tests.support import ROOT
 from tests.support.worlds_sdf import as_barn, moving, sdf
 from worlds import dynabarn
@@ -131,7 +131,7 @@ def test_two_methods_do_not_share_a_folder(checkout, tmp_path, monkeypatch):
 
 def test_scores_of_the_challenge():
     """By hand: optimal time 5 s; half marks at twice that and below, least at the clip, nothing without success."""
-    score = barn_results.score
+    score = barn_challenge.score
     assert score(True, 3.0, 5.0, 2.0) == 0.5
     assert score(True, 3.0, 5.0, 4.0) == 0.25
     assert score(True, 20.0, 5.0, 2.0) == 0.25
@@ -149,7 +149,7 @@ def test_runs_without_a_whole_line_are_driven_again(checkout, tmp_path):
     for trial, text in enumerate(("2 1 0 0 12.5000 0.4000\n", "2 1 0", "7 1 0 0 12.5000 0.4000\n")):
         (tmp_path / "out" / "logs" / ("world_2_trial_%d.out" % trial)).write_text(text)
     assert list(found.done()) == [(2, 0)]
-    assert found.done()[2, 0] == barn_results.run_of("2 1 0 0 12.5000 0.4000", 0, found.routes[2])
+    assert found.done()[2, 0] == barn_challenge.run_of("2 1 0 0 12.5000 0.4000", 0, found.routes[2])
     found.write()
     header, *rows = (tmp_path / "out" / "runs.csv").read_text().splitlines()
     assert header.startswith("world,trial,success,collided,timeout,time_s,metric,score,")

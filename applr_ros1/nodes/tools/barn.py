@@ -1,38 +1,42 @@
 """`./applr barn CHECKOUT`: the BARN Challenge's own runner, unmodified, against the simulator of this repository.
 
-Every run is one process of run.py with a ROS master of its own on a free port; several run at a time. What is done
+Every run is one process of run.py with a ROS master of its own on a free port; several run at a time. The runner leaves
+ROS nodes behind: what a run has started is found by a variable of its environment, and ended with it. What is done
 stands in OUT/logs, one file of the runner's own line per run, and the same command goes on where it was stopped.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import io
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
-import threading
 import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import Dict, List, Optional, Set, Tuple
+from typing import Dict, List, Optional, Tuple
+
+import psutil
 
 import sim_bridge
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy import methods
 
-from . import barn_run, processes
-from .barn_checkout import WORLDS, Overlay
-from .barn_results import LIMIT, Run, run_of, summary
+from .barn_challenge import LIMIT, WORLDS, Overlay, Run, run_of, summary
+from .launcher import free_port
 
 START_UP = 150.0  # wall seconds that a run may take beside the drive
 METHOD = "APPLR_METHOD"  # variable of the environment that this package's controllers read
+RUN = "APPLR_BARN_RUN"  # variable by which the processes of a run are found: the runner's file
 ATTEMPTS = 2  # a run whose runner fails is started so often
 Job = Tuple[int, int]  # world, trial
 
@@ -52,20 +56,11 @@ def parser() -> argparse.ArgumentParser:
         ("--jobs", max(1, (os.cpu_count() or 2) // 2), int, "Runs at a time; by default half the processor cores"),
         ("--real-time-factor", 1.0, float, "Simulated seconds per second of real time"),
         ("--seed", 0, int, "Seed of the simulator's noise"),
+        ("--controller", None, Path, "Launch file of the controller, for the checkout's launch/move_base_DWA.launch"),
+        ("--simulator", "pybullet", str, f"Simulator in place of Gazebo, {' or '.join(sim_bridge.NAMES)}"),
     ):
-        made.add_argument(name, default=default, type=kind, help=text + " (default: %(default)s).")
-    made.add_argument(
-        "--controller",
-        type=Path,
-        metavar="LAUNCH",
-        help="Launch file that starts the controller, in place of the checkout's launch/move_base_DWA.launch.",
-    )
-    made.add_argument(
-        "--simulator",
-        choices=sim_bridge.NAMES,
-        default="pybullet",
-        help="Simulator in place of Gazebo (default: %(default)s).",
-    )
+        choices = sim_bridge.NAMES if name == "--simulator" else None
+        made.add_argument(name, default=default, type=kind, choices=choices, help=text + " (default: %(default)s).")
     return made
 
 
@@ -100,8 +95,6 @@ class Evaluation:
         self.routes = {world: self.overlay.route(world) for world in self.worlds}
         self.jobs: List[Job] = [(world, trial) for trial in range(options.trials) for world in self.worlds]
         self.failed: Dict[Job, str] = {}
-        self._lock = threading.Lock()  # of the next two
-        self._running: Set[subprocess.Popen] = set()
         self._stopped = False
 
     def _check_settings(self) -> None:
@@ -142,10 +135,7 @@ class Evaluation:
                     came = f"world {world} trial {trial}: {future.result()}; about {left:.0f} min left"
                     print(f"[{number}/{len(todo)}] {came}", flush=True)
             finally:
-                with self._lock:
-                    self._stopped = True
-                    for process in self._running:
-                        process.terminate()
+                self._stopped = True
 
     def _drive(self, job: Job) -> str:
         """One run in a thread of the pool, again where its runner fails; returns its result in words."""
@@ -178,7 +168,7 @@ class Evaluation:
             out.unlink()
         environment = dict(
             os.environ,
-            ROS_MASTER_URI=f"http://127.0.0.1:{processes.free_port()}",
+            ROS_MASTER_URI=f"http://127.0.0.1:{free_port()}",
             ROS_IP="127.0.0.1",
             ROS_LOG_DIR=str(self.out / "logs" / "ros"),
             ROS_PACKAGE_PATH=os.pathsep.join(
@@ -186,32 +176,35 @@ class Evaluation:
             ),
             PYTHONUNBUFFERED="1",
             **({METHOD: self.method} if self.method else {}),
+            **{RUN: str(out)},
             APPLR_SIMULATOR=options.simulator,
             APPLR_SEED=str(zlib.crc32(b"%d %d %d" % (options.seed, *job)) & 0x7FFFFFFF),
             APPLR_REAL_TIME_FACTOR=repr(options.real_time_factor),
         )
         for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):  # of another robot
             environment.pop(name, None)
-        patience = START_UP + LIMIT / options.real_time_factor
         runner = [sys.executable, str(self.overlay.runner), "--world_idx", str(job[0]), "--out", str(out)]
-        with self._lock:
-            if self._stopped:
-                return "stopped"
+        with open(log, "wb") as file:
             process = subprocess.Popen(
-                [sys.executable, "-m", barn_run.__name__, repr(patience), str(log), *runner],
+                runner,
                 env=environment,
                 cwd=self.overlay.checkout,
                 stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
-            self._running.add(process)
-        status = process.wait()
-        with self._lock:
-            self._running.remove(process)
-        if status == barn_run.TOO_LONG:
-            return f"the runner did not end ({log})"
-        said = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
-        return f"the runner ended with status {status}: {said[-1][-160:] if said else 'it said nothing'} ({log})"
+        deadline = time.monotonic() + START_UP + LIMIT / options.real_time_factor
+        while process.poll() is None and not self._stopped and time.monotonic() < deadline:
+            time.sleep(0.1)
+        late = process.poll() is None
+        _end_all(str(out))
+        if late:
+            process.wait()
+            return "stopped" if self._stopped else f"the runner did not end ({log})"
+        lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+        last = lines[-1][-160:] if lines else "it printed nothing"
+        return f"the runner ended with status {process.returncode}: {last} ({log})"
 
     def write(self) -> None:
         """Write out.txt, runs.csv and summary.json of the runs that are done."""
@@ -228,6 +221,27 @@ class Evaluation:
             write_bytes(self.out / "summary.json", (json.dumps(found, indent=2) + "\n").encode())
             print(f"results: {self.out}")
             print(json.dumps(found))
+
+
+def _end_all(run: str, patience: float = 8.0) -> None:
+    """End the processes of a run: SIGINT first, SIGKILL for what is left after `patience` [s]."""
+    _signal(run, signal.SIGINT)
+    deadline = time.monotonic() + patience
+    while _signal(run, 0):
+        if time.monotonic() > deadline:
+            _signal(run, signal.SIGKILL)
+        time.sleep(0.1)
+
+
+def _signal(run: str, number: int) -> bool:
+    """Send a signal to the living processes of a run, 0 for none; whether there are any."""
+    found = False
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error):
+            if process.environ().get(RUN) == run and process.status() != psutil.STATUS_ZOMBIE:
+                found = True
+                process.send_signal(number)
+    return found
 
 
 def main() -> None:

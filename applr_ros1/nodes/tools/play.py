@@ -8,13 +8,10 @@ import math
 import os
 import webbrowser
 
-import roslaunch.arg_dump
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
 
-from applr_ros1.common.progress import announced
-
-from .demo import COMPILES, UP_WITHIN, arguments, launch_file, own_stack, say, with_folders
+from .launcher import given_arguments, launch_arguments, own_stack, say
 
 
 def main():
@@ -39,15 +36,12 @@ def main():
     )
     options = parser.parse_intermixed_args()
     given = {"viewer": "true", "goal": "none", "viewer_host": options.host}
-    given.update(arguments(options.words, roslaunch.arg_dump.get_args([launch_file()])))
-    words = [f"{name}:={value}" for name, value in with_folders(given).items()]
-    with own_stack(words, launch_file()) as stack:
-        with announced("waiting for the page", say, first=10.0):
-            stack.wait(lambda: rospy.get_param("/viewer/address", ""), UP_WITHIN, "the page does not come up")
+    given.update(given_arguments(options.words, launch_arguments()))
+    with own_stack(given) as stack:
+        stack.wait_until_up("the page", lambda: rospy.get_param("/viewer/address", ""))
         address = rospy.get_param("/viewer/address")
         say(f"the page is at {address}")
         if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
             webbrowser.open(address)
-        with announced(COMPILES.format("move_base"), say, first=10.0, every=60.0):
-            stack.wait(find_reconfigure_services, math.inf, "", pause=0.5)
+        stack.wait_until_up("move_base", find_reconfigure_services, math.inf, pause=0.5)
         stack.wait(lambda: False, math.inf, "", pause=0.2)

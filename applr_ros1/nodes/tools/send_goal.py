@@ -1,8 +1,8 @@
 """Sends a goal to move_base, ours or the C++ one, through its action, and waits until it ends.
 
-Used by scripts/send_goal.py and the demo. Parameters: ~goal ("x y yaw" [m, m, rad], auto for the course's, or none),
-~world for auto, ~robot (jackal; name or folder of a description), and ~frame or ~tf_prefix for the frame in
-which a goal is given, that of the odometry.
+The node send_goal; the demo uses its functions. Parameters: ~goal ("x y yaw" [m, m, rad], auto for the course's, or
+none), ~world for auto, ~robot (jackal; name or folder of a description), and ~tf_prefix of the odometry's frame, in
+which a goal is given.
 """
 
 import time
