@@ -25,10 +25,11 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.robots import GROUNDS, Robot, on_ground
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from sim_bridge.scenes import small_world
 from training.common.command_line import AnyRobot, parsed
 from training.common.options import Options, argument, option
 from training.report.figures import canvas
+from worlds import World
+from worlds.dynabarn import arena_course
 
 with extra(__name__):
     from training.bags.reader import TopicNames, read_messages
@@ -38,7 +39,7 @@ WHEELS = ("wheel_v", "wheel_w")
 T, COMMAND, POSE, TURNING = 0, slice(1, 3), slice(3, 6), slice(6, 8)
 EVERY, SECOND = 0.5, 1.0  # [s]
 PANELS = 5  # drives that are drawn
-PLANE = small_world()
+PLANE = World("plane", np.empty((0, 3)), np.empty((0, 5)), arena_course())
 
 
 class Drive(NamedTuple):

@@ -3,7 +3,7 @@
 import re
 
 from applr_ros1 import robots
-from sim_bridge.scenes import STEP, drive, small_world
+from tests.support.scenes import STEP, drive, small_world
 from training import compare_recording
 
 

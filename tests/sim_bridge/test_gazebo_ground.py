@@ -8,7 +8,7 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
-from sim_bridge.scenes import STEP, drive, small_world
+from tests.support.scenes import STEP, drive, small_world
 from training.env.drawn_robots import draw
 
 OPEN = small_world()

@@ -3,29 +3,21 @@
 import subprocess
 import sys
 from math import hypot, isfinite, pi
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import sim_bridge
 from applr_ros1 import robots
+from applr_ros1.common.angles import normalize_angle
 from applr_ros1.robots import geometry
 from sim_bridge import SimulatorError
 from tests.support import contact_scenes, tracking
+from tests.support.scenes import STEP, drive, small_world
+from worlds import Mover
 
 NAMES = ["kinematic", "pybullet"]
 JACKAL = robots.load("jackal")
-
-
-def world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
-    return SimpleNamespace(
-        name="test",
-        cylinders=np.array(cylinders, dtype=float).reshape(-1, 3),
-        boxes=np.array(boxes, dtype=float).reshape(-1, 5),
-        movers=tuple(movers),
-        course=SimpleNamespace(start=start),
-    )
 
 
 @pytest.fixture(scope="module", params=NAMES)
@@ -42,15 +34,46 @@ def on_plain_ground(request):
     made.close()
 
 
-def drive(simulator, v, w, seconds, step=0.05):
-    for _ in range(int(round(seconds / step))):
-        simulator.command(v, w)
-        simulator.advance(step)
-    return simulator.state
+def numbers(state):
+    return (state.time, *state.pose, *state.twist, *state.odom_pose, *state.odom_twist, *state.imu, state.contact)
 
 
-def turned(a, b):
-    return (b - a + pi) % (2 * pi) - pi
+# -- starts ----------------------------------------------------------------------------------------
+def test_a_reset_stands_at_the_start_with_odometry_parallel_to_the_world(simulator):
+    state = simulator.reset(small_world(start=(3.0, -2.0, 2.5)), 0)
+    assert (state.pose, state.odom_pose) == ((3.0, -2.0, 2.5), (0.0, 0.0, 2.5))
+    assert (state.time, state.twist, state.contact) == (0.0, (0.0, 0.0), False)
+    assert simulator.to_odom((1.5, -2.0, 3.0)) == (-1.5, 0.0, 3.0)
+    assert simulator.to_world((-1.5, 0.0, 3.0)) == (1.5, -2.0, 3.0)
+    assert simulator.reset(small_world(), 0, (1.0, 2.0, 0.5)).pose == (1.0, 2.0, 0.5)
+    x, y, _ = drive(simulator, 0.5, 0.0, 2.0).pose
+    assert np.cos(0.5) * (y - 2.0) == pytest.approx(np.sin(0.5) * (x - 1.0), abs=0.05)
+    assert x > 1.4
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_randomised_starts_stay_within_their_bounds_and_follow_the_seed(name):
+    simulator = sim_bridge.make(name, start_xy=0.2, start_yaw=0.3)
+    scene = small_world(start=(1.0, 2.0, 0.5))
+    poses = np.array([simulator.reset(scene, seed).pose for seed in range(20)])
+    apart = np.abs(poses - (1.0, 2.0, 0.5)).max(axis=0)
+    assert (apart <= (0.2, 0.2, 0.3)).all()
+    assert (apart > (0.1, 0.1, 0.15)).all()
+    assert simulator.reset(scene, 5).pose == tuple(poses[5])
+    simulator.close()
+    simulator.close()
+
+
+def test_a_teleported_robot_stands_while_time_and_odometry_go_on(simulator):
+    simulator.reset(small_world(start=(1.0, 1.0, 0.3)), 0)
+    before = drive(simulator, 0.5, 0.1, 2.0)
+    after = simulator.teleport((-1.0, 2.0, 1.5))
+    assert (after.pose, after.twist, after.time) == ((-1.0, 2.0, 1.5), (0.0, 0.0), before.time)
+    assert after.odom_pose == (*before.odom_pose[:2], 1.5)
+    assert simulator.to_world(after.odom_pose)[:2] == pytest.approx((-1.0, 2.0))
+    x, y, _ = simulator.advance(1.0).pose
+    assert hypot(x + 1.0, y - 2.0) < 0.2
+    assert drive(simulator, 0.5, 0.0, 2.0).pose[1] > 2.5
 
 
 # -- speeds ----------------------------------------------------------------------------------------
@@ -82,7 +105,7 @@ def test_curves_beyond_grip_slide_outwards(simulator):
 # -- commands --------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("v", "w"), [(2.0, 0.0), (0.5, 1.0)])
 def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
-    simulator.reset(world(), 1)
+    simulator.reset(small_world(), 1)
     drive(simulator, v, w, 1.0)
     assert hypot(*simulator.advance(0.20).twist) > 0.1  # still going on the last command
     simulator.advance(0.55)  # 2 m/s take .41 s to brake at the tyres' limit
@@ -95,7 +118,7 @@ def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
 def test_latency_delays_the_response():
     quick, slow = sim_bridge.make("kinematic"), sim_bridge.make("kinematic", latency=0.1)
     for simulator in (quick, slow):
-        simulator.reset(world(), 0)
+        simulator.reset(small_world(), 0)
     a = [drive(quick, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
     b = [drive(slow, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
     assert b[:2] == [0.0, 0.0]
@@ -104,7 +127,7 @@ def test_latency_delays_the_response():
 
 # -- contact ---------------------------------------------------------------------------------------
 def test_a_wall_stops_the_robot_and_is_reported(simulator):
-    simulator.reset(world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
+    simulator.reset(small_world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
     assert not drive(simulator, 0.5, 0.0, 0.8).contact
     state = drive(simulator, 0.5, 0.0, 3.0)
     assert state.contact
@@ -116,43 +139,40 @@ def test_a_wall_stops_the_robot_and_is_reported(simulator):
 
 
 def test_it_slides_along_what_it_hits_at_a_low_angle(simulator):
-    simulator.reset(world(boxes=[(2.0, -0.15, 0.12, 4.0, 0.2)]), 2)
-    touched = [drive(simulator, 0.5, 0.0, 0.05).contact for _ in range(120)]
+    simulator.reset(small_world(boxes=[(2.0, -0.15, 0.12, 4.0, 0.2)]), 2)
+    touched = [drive(simulator, 0.5, 0.0, STEP).contact for _ in range(120)]
     assert sum(touched) > 60
     assert simulator.state.pose[0] > 2.8
     assert simulator.state.pose[2] == pytest.approx(0.12, abs=0.01)
 
 
 def test_it_turns_flat_onto_what_it_hits_at_a_high_angle(simulator):
-    simulator.reset(world(boxes=[(1.5, 0.0, 0.5, 4.0, 0.2)]), 2)
+    simulator.reset(small_world(boxes=[(1.5, 0.0, 0.5, 4.0, 0.2)]), 2)
     state = drive(simulator, 0.5, 0.0, 6.0)
     assert state.pose[2] == pytest.approx(0.5 - pi / 2, abs=0.01)
     assert abs(state.twist[0]) < 0.02
 
 
-def test_a_moving_cylinder_pushes_the_robot(simulator):
-    class Mover:
-        radius = 0.5
-
-        @staticmethod
-        def position(t):
-            return 3.0 - 0.5 * t, 0.0
-
-    scene = world(movers=[Mover])
-    simulator.reset(scene, 0)
-    assert simulator.scan()[360] == pytest.approx(3.0 - 0.5 - JACKAL.laser.pose[0], abs=0.02)
-    touched = [drive(simulator, 0.0, 0.0, 0.05).contact for _ in range(120)]
+def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
+    mover = Mover(0.5, ((0.0, 3.0, 0.0), (20.0, -7.0, 0.0)))
+    simulator.reset(small_world(movers=[mover]), 0)
+    for _ in range(2):
+        x, y, radius = simulator.mover_circles()[0]
+        assert (x, y) == pytest.approx(mover.position(simulator.state.time))
+        assert simulator.scan()[360] == pytest.approx(x - radius - JACKAL.laser.pose[0], abs=0.02)
+        simulator.advance(1.0)
+    touched = [drive(simulator, 0.0, 0.0, STEP).contact for _ in range(120)]
     assert any(touched)
-    assert not any(touched[:80])
-    pose = simulator.state.pose
-    assert pose[0] < -0.3 or abs(pose[1]) > 0.3  # shoved along, or aside
-    assert hypot(pose[0], pose[1]) > 0.68
+    assert not any(touched[:60])
+    x, y, _ = simulator.state.pose
+    assert x < -0.3 or abs(y) > 0.3  # shoved along, or aside
+    assert hypot(x, y) > 0.68
 
 
 def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
     rng = np.random.default_rng(5)
     ring = [(0.9 * np.cos(a), 0.9 * np.sin(a), 0.075) for a in np.linspace(0, 2 * pi, 40)]
-    simulator.reset(world(ring), 0)
+    simulator.reset(small_world(ring), 0)
     for _ in range(30):
         state = drive(simulator, rng.uniform(-0.5, 2.0), rng.uniform(-3, 3), 0.5)
         assert hypot(*state.pose[:2]) < 0.85
@@ -161,15 +181,15 @@ def test_no_obstacle_is_entered_whatever_is_commanded(simulator):
 
 # -- frames and odometry ---------------------------------------------------------------------------
 def test_obstacles_come_and_go_in_the_middle_of_a_drive(simulator):
-    simulator.reset(world(), 0)
+    simulator.reset(small_world(), 0)
     before = drive(simulator, 0.5, 0.0, 1.0)
-    simulator.change_obstacles(world(cylinders=[(1.5, 0.0, 0.1)]))
+    simulator.change_obstacles(small_world(cylinders=[(1.5, 0.0, 0.1)]))
     assert simulator.state == before
     assert np.nanmin(simulator.scan()) < 1.0
     state = drive(simulator, 0.5, 0.0, 4.0)
     assert state.contact
     assert state.pose[0] < 1.3
-    simulator.change_obstacles(world())
+    simulator.change_obstacles(small_world())
     state = drive(simulator, 0.5, 0.0, 2.0)
     assert not state.contact
     assert state.pose[0] > 1.6
@@ -178,15 +198,15 @@ def test_obstacles_come_and_go_in_the_middle_of_a_drive(simulator):
 def test_odometry_errs_by_per_cents(simulator):
     errors = []
     for seed in range(5):
-        simulator.reset(world(), seed)
+        simulator.reset(small_world(), seed)
         state = drive(simulator, 1.0, 0.1, 10.0)
         errors.append(hypot(state.odom_pose[0] - state.pose[0], state.odom_pose[1] - state.pose[1]))
-        assert abs(turned(state.odom_pose[2], state.pose[2])) < 0.02
+        assert abs(normalize_angle(state.pose[2] - state.odom_pose[2])) < 0.02
     assert 0.01 < max(errors) < 0.5  # of 10 m
 
 
 def test_odometry_can_be_set(simulator):
-    simulator.reset(world(start=(0.0, 0.0, 1.0)), 0)
+    simulator.reset(small_world(start=(0.0, 0.0, 1.0)), 0)
     simulator.set_odometry((5.0, 6.0, 0.0))
     assert simulator.state.odom_pose == (5.0, 6.0, 0.0)
     state = drive(simulator, 0.5, 0.0, 2.0)
@@ -195,7 +215,7 @@ def test_odometry_can_be_set(simulator):
 
 def test_imu(on_plain_ground):
     simulator = on_plain_ground
-    simulator.reset(world(), 0)
+    simulator.reset(small_world(), 0)
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
     assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # what friction .5 can do
@@ -206,22 +226,45 @@ def test_imu(on_plain_ground):
 
 # -- laser -----------------------------------------------------------------------------------------
 def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
-    simulator.reset(world([(2.0, 0.0, 0.5)]), 0)
+    simulator.reset(small_world([(2.0, 0.0, 0.5)]), 0)
     scans = np.array([simulator.scan() for _ in range(200)])
     assert scans.dtype == np.float32
     assert scans.shape == (200, 720)
     assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - JACKAL.laser.pose[0], abs=1e-3)
     assert scans[:, 360].std() == pytest.approx(JACKAL.laser.noise, rel=0.2)
     assert (scans[:, 0] == np.inf).all()
+    simulator.reset(small_world([(0.0, 3.0, 0.4)]), 0)
+    left = int(round((pi / 2 - JACKAL.laser.first_angle) / JACKAL.laser.increment))
+    assert simulator.scan()[left] == pytest.approx(2.6, abs=0.05)  # angles rise anticlockwise
 
 
 # -- repetition ------------------------------------------------------------------------------------
+def trace(simulator, scene, seed):
+    rng, rows = np.random.default_rng(9), []
+    simulator.reset(scene, seed)
+    for _ in range(40):
+        state = drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0), 0.1)
+        rows.append(np.array(numbers(state)).tobytes() + simulator.scan().tobytes())
+    return rows
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_world_seed_and_commands_repeat_to_the_last_bit(name):
+    simulator, other = sim_bridge.make(name), sim_bridge.make(name)
+    rng = np.random.default_rng(1)
+    scene = small_world(np.column_stack([rng.uniform(0.5, 3.0, 30), rng.uniform(-2.0, 2.0, 30), np.full(30, 0.075)]))
+    first = trace(simulator, scene, 7)
+    trace(simulator, small_world(start=(1.0, 1.0, 1.0)), 8)
+    assert first == trace(simulator, scene, 7) == trace(other, scene, 7)
+    assert first != trace(simulator, scene, 8)
+    simulator.close()
+    other.close()
 
 
 def test_how_time_is_cut_does_not_matter(simulator):
     poses = []
     for step in (0.05, 0.1, 0.025):
-        simulator.reset(world(), 0)
+        simulator.reset(small_world(), 0)
         poses.append(drive(simulator, 0.7, 0.5, 2.0, step).pose)
     assert np.allclose(poses[0], poses[1])
     assert np.allclose(poses[0], poses[2])
@@ -230,10 +273,9 @@ def test_how_time_is_cut_does_not_matter(simulator):
 
 # -- randomisation and mistakes --------------------------------------------------------------------
 def test_randomised_values_stay_within_their_bounds():
-    """The starts are in the simulators' contract."""
     simulator, drawn = sim_bridge.make("kinematic", latency=(0.0, 0.1), friction=(0.5, 1.5)), []
     for seed in range(50):
-        simulator.reset(world(), seed)
+        simulator.reset(small_world(), seed)
         drawn.append((simulator.drawn.latency, simulator.drawn.friction))
     low, high = np.min(drawn, axis=0), np.max(drawn, axis=0)
     assert 0.0 <= low[0] < 0.03 < 0.07 < high[0] <= 0.1
@@ -247,6 +289,7 @@ def test_randomised_values_stay_within_their_bounds():
         ("kinematic", {"slip": -1.0}, "slip"),
         ("pybullet", {"latency": (0.2, 0.1)}, "latency"),
         ("kinematic", {"gui": True}, "gui"),
+        ("gazebo", {}, "pybullet or kinematic"),
     ],
 )
 def test_wrong_arguments_are_one_line(name, options, words):
@@ -255,11 +298,15 @@ def test_wrong_arguments_are_one_line(name, options, words):
     assert "\n" not in str(error.value)
 
 
-def test_wrong_starts_and_durations(simulator):
+def test_wrong_starts_commands_and_durations(simulator):
+    nan = float("nan")
     with pytest.raises(SimulatorError, match="start"):
-        simulator.reset(world(), 0, (0.0, float("nan"), 0.0))
-    simulator.reset(world(), 0)
-    for duration in (0.0, -1.0, float("nan")):
+        simulator.reset(small_world(), 0, (0.0, nan, 0.0))
+    simulator.reset(small_world(), 0)
+    for command in ((nan, 0.0), (0.0, float("inf"))):
+        with pytest.raises(SimulatorError, match="command"):
+            simulator.command(*command)
+    for duration in (0.0, -1.0, nan):
         with pytest.raises(SimulatorError, match="duration"):
             simulator.advance(duration)
 
@@ -270,7 +317,7 @@ def test_kinematic_drives_like_pybullet():
     for v, w in ((1.0, 0.0), (0.0, 1.57), (0.5, 1.0), (-0.5, 0.0)):
         rows = []
         for simulator in pair:
-            simulator.reset(world(), 3)
+            simulator.reset(small_world(), 3)
             rows.append(
                 [drive(simulator, v, w, 0.05).twist for _ in range(20)]
                 + [drive(simulator, 0.0, 0.0, 0.05).twist for _ in range(6)]
@@ -299,9 +346,9 @@ def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
     wall = 1.5 * geometry.bounding_box(robot)[1] + v  # where the robot is after less than 3 s
     ends = []
     for simulator in (sim_bridge.make("kinematic", robot=robot), sim_bridge.make("pybullet", robot=name)):
-        simulator.reset(world(), 3)
+        simulator.reset(small_world(), 3)
         curve = drive(simulator, v, w, 2.0).pose
-        simulator.reset(world(boxes=[(wall + 0.1, 0.0, 0.0, 0.2, 4.0)]), 3)
+        simulator.reset(small_world(boxes=[(wall + 0.1, 0.0, 0.0, 0.2, 4.0)]), 3)
         assert not drive(simulator, v, 0.0, 0.5).contact
         state = drive(simulator, v, 0.0, 4.0)
         assert state.contact

@@ -4,7 +4,7 @@ import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from sim_bridge.scenes import STEP, drive, small_world
+from tests.support.scenes import STEP, drive, small_world
 
 
 class Scene:

@@ -10,8 +10,8 @@ import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.robots import Robot
-from sim_bridge.scenes import STEP, drive, small_world
 from sim_bridge.simulator import Simulator
+from tests.support.scenes import STEP, drive, small_world
 
 # shares of the robot's largest speed and turn
 SPEEDS = (0.05, 0.1, 0.25, 0.5, 0.75, 1.0, -0.05, -0.25)

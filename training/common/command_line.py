@@ -7,9 +7,8 @@ import signal
 from contextlib import contextmanager
 from typing import Annotated, Any, Iterator, Literal, NoReturn, Optional, Sequence, Type
 
-from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf
+from pydantic import BeforeValidator, Field, InstanceOf
 
-import sim_bridge
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robot_check import with_remarks
@@ -17,21 +16,13 @@ from applr_ros1.robots import NAMES, Robot
 from training.common.options import O, add_options, checked
 from worlds.loading import FORMS
 
-
-def _simulator(text: str) -> str:
-    if not sim_bridge.is_name(text):
-        raise ApplrError(f"give {' or '.join(sim_bridge.NAMES)}, or MODULE:CLASS")
-    return text
-
-
 # Options of several commands. A command gives a default where none is here, and a help text where it means more.
 # fmt: off
 WorldNames = Annotated[str, Field(description=f"Worlds to drive in: {FORMS}; several are separated by commas.")]
 AnyRobot = Annotated[InstanceOf[Robot], BeforeValidator(with_remarks), Field("jackal", description=
     f"Robot that drives, at whose scale the worlds are: {', '.join(NAMES)}, or a folder with robot.yaml "
     "(docs/tutorials/your_robot.md).")]
-SimulatorName = Annotated[str, AfterValidator(_simulator), Field(description=
-    "Simulator to drive in: pybullet, kinematic, or my_file.py:Class or module:Class of your own.")]
+SimulatorName = Annotated[Literal["pybullet", "kinematic"], Field(description="Simulator to drive in.")]
 Planner = Annotated[Literal["ours", "cpp-like", "drawn"], Field("ours", description=
     "Planner to drive with: ours, cpp-like with the defects of the C++ move_base that success depends on, or drawn for "
     "one of them in each world and trial.")]

@@ -33,7 +33,7 @@ class ApplrEnv(gymnasium.Env):
     Args:
         worlds: what to drive: a list of World, or a specification ("generated:train", a file, a folder; several with
             commas between them).
-        simulator: "kinematic", "pybullet", or a Simulator.
+        simulator: "kinematic" or "pybullet".
         reward: a Reward, or a dict of its fields.
         randomisation: what differs from the nominal robot, drawn at each reset: start_xy, start_yaw, scan_noise,
             latency, friction, slip (sim_bridge.Randomisation).
@@ -88,8 +88,8 @@ class ApplrEnv(gymnasium.Env):
         if observation not in OBSERVATIONS:
             raise ApplrError("observation is %r: give %s" % (observation, " or ".join(OBSERVATIONS)))
         self.draws = robot == drawn_robots.NAME
-        if self.draws and (observation == PAPER or not isinstance(simulator, str) or params is not None):
-            raise ApplrError("robot drawn: it needs the dimensionless observation, a simulator by name, and no params")
+        if self.draws and (observation == PAPER or params is not None):
+            raise ApplrError("robot drawn: it needs the dimensionless observation, and no params")
         if self.draws:
             robot = JACKAL
         self.worlds = load_worlds(worlds)
@@ -122,9 +122,7 @@ class ApplrEnv(gymnasium.Env):
 
     def _equip(self, robot: Robot) -> None:
         """Makes the simulator, the planner and the loop for a robot."""
-        simulator: Any = self._simulator
-        if isinstance(simulator, str):
-            simulator = sim_bridge.make(simulator, robot=robot, **self._randomisation)
+        simulator = sim_bridge.make(self._simulator, robot=robot, **self._randomisation)
         params = counting_cells(robot.parameters() if self._params is None else self._params)
         if self._planner_frequency is not None:
             params = dict(params, planner_frequency=float(self._planner_frequency))

@@ -19,7 +19,7 @@ from training.learner.config import TrainConfig, parse
         (["--worlds", "generated:900"], "generated:900"),
         (["--latency", "0.2", "0.1"], "--latency is .*: give the smaller number first"),
         (["--planner", "theirs"], "--planner is 'theirs': input should be 'ours', 'cpp-like' or 'drawn'"),
-        (["--simulator", "gazebo"], "--simulator is 'gazebo': give pybullet or kinematic, or MODULE:CLASS"),
+        (["--simulator", "gazebo"], "--simulator is 'gazebo'"),
         (["--dataset", "/nowhere"], "/nowhere: holds no trajectories"),
         (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
         (["--recipe", "nothing"], "--recipe nothing is unknown: give applr, jackal, paper"),

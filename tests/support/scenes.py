@@ -1,7 +1,4 @@
-"""Small worlds and drives with which simulators are checked and measured.
-
-check.py and training/compare_recording.py use them.
-"""
+"""Small worlds and drives with which simulators are tested."""
 
 from __future__ import annotations
 
@@ -9,9 +6,8 @@ from typing import Sequence, Tuple
 
 import numpy as np
 
+from sim_bridge import RobotState, Simulator
 from worlds import Course, Mover, World
-
-from .simulator import RobotState, Simulator
 
 STEP = 0.05  # simulated seconds between commands
 
@@ -33,9 +29,9 @@ def small_world(
     )
 
 
-def drive(simulator: Simulator, v: float, w: float, seconds: float) -> RobotState:
+def drive(simulator: Simulator, v: float, w: float, seconds: float, step: float = STEP) -> RobotState:
     """Hold the command (v, w) [m/s, rad/s] for some simulated seconds; returns the last state."""
-    for _ in range(int(round(seconds / STEP))):
+    for _ in range(int(round(seconds / step))):
         simulator.command(v, w)
-        simulator.advance(STEP)
+        simulator.advance(step)
     return simulator.state
