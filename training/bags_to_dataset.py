@@ -9,12 +9,11 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Set
+from typing import Any, Dict, List, Optional
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.policy.observation import sizes_of
-from applr_ros1.robots import JACKAL, Robot
 from training.common.command_line import parsed
 from training.common.folders import make_folder
 from training.common.options import argument, checked, option
@@ -25,74 +24,6 @@ from training.replay.trajectory import MAX_NAME, TrajectoryError, TransitionLayo
 with extra(__name__):
     from training.bags.episodes import BagReport, trajectories
     from training.bags.reader import BagError, BagOptions, TopicNames, find, read_bag
-
-
-def convert(
-    paths,
-    folder,
-    topics: TopicNames = TopicNames(),
-    reward: Reward = Reward(),
-    finish=None,
-    say=print,
-    robot: Robot = JACKAL,
-) -> int:
-    """Writes the dataset `folder` from bags (files, ROS 2 folders, or folders of them); returns how many transitions.
-
-    A bag or episode that is damaged or incomplete is skipped, said and counted under its reason. Raises BagError when
-    nothing at all could be used, StorageError when the folder cannot be written.
-    """
-    bags = find(paths)
-    read_bags: List[Dict[str, Any]] = []
-    source: Dict[str, Any] = {"bags": read_bags, "robot": robot.name, **reward.model_dump()}
-    periods: Set[float] = set()
-    skipped: Counter[str] = Counter()
-    layout = TransitionLayout(*sizes_of(robot))
-    store = TrajectoryStore(make_folder(folder) / NAME, layout)
-    if store.last:
-        raise ApplrError(f"{folder}: holds trajectories already; give another folder")
-    for bag in bags:
-        report = BagReport()
-        try:
-            for trajectory in trajectories(read_bag(bag, topics, robot), reward, layout, report, finish):
-                trajectory.info.update(actor=Path(bag).name[-MAX_NAME:], episode=store.last)
-                trajectory.check(layout)
-                store.append(trajectory)
-        except (BagError, TrajectoryError) as error:
-            report.skip(str(error).partition(": ")[2].partition(" (")[0] if isinstance(error, BagError) else str(error))
-            say(str(error))
-        except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
-            report.skip("damaged inside")
-            say(f"{bag}: damaged inside ({reason(error)})")
-        periods |= report.periods
-        skipped += report.skipped
-        read_bags.append(
-            {
-                "name": Path(bag).name,
-                "episodes": report.episodes,
-                "verified": report.verified,
-                "transitions": report.transitions,
-                "skipped": report.skipped,
-            }
-        )
-        say(
-            f"{bag}: {report.transitions} transitions in {report.episodes} episodes, {report.verified} observations "
-            f"equal to the node's{_reasons(report.skipped)}"
-        )
-    if not any(b["transitions"] for b in read_bags):
-        store.close()
-        (Path(folder) / NAME).unlink()
-        if not any(Path(folder).iterdir()):
-            Path(folder).rmdir()
-        raise BagError(f"no transition could be used{_reasons(skipped)}")
-    if len(periods) == 1:
-        source["decision_period"] = round(periods.pop(), 3)
-    else:
-        say(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in sorted(periods))} s")
-    store.note("source", source)
-    store.note("skipped", skipped)
-    transitions = store.transitions
-    store.close()
-    return transitions
 
 
 def _reasons(skipped) -> str:
@@ -126,11 +57,59 @@ def main(arguments=None) -> int:
 
 
 def run(options: DatasetOptions) -> None:
-    """Converts the bags that the options name."""
-    coefficients = dict(text.partition("=")[::2] for text in options.reward)
-    reward = checked(Reward, coefficients, "--reward")
-    transitions = convert(options.bags, options.out, options.topics(), reward, options.finish, robot=options.robot)
-    print(f"{options.out}: {transitions} transitions")
+    """Writes the dataset from the bags.
+
+    A bag or episode that is damaged or incomplete is skipped, printed and counted under its reason. Raises BagError
+    when nothing at all could be used, StorageError when the folder cannot be written.
+    """
+    reward = checked(Reward, dict(text.partition("=")[::2] for text in options.reward), "--reward")
+    topics = options.topics()
+    bags, layout = find(options.bags), TransitionLayout(*sizes_of(options.robot))
+    store = TrajectoryStore(make_folder(options.out) / NAME, layout)
+    if store.last:
+        raise ApplrError(f"{options.out}: holds trajectories already; give another folder")
+    reports: List[BagReport] = []
+    for bag in bags:
+        reports.append(report := BagReport())
+        try:
+            for trajectory in trajectories(
+                read_bag(bag, topics, options.robot), reward, layout, report, options.finish
+            ):
+                trajectory.info.update(actor=bag.name[-MAX_NAME:], episode=store.last)
+                trajectory.check(layout)
+                store.append(trajectory)
+        except BagError as error:
+            report.skip(str(error).partition(": ")[2].partition(" (")[0])
+            print(error)
+        except TrajectoryError as error:
+            report.skip(str(error))
+            print(error)
+        except Exception as error:  # a message deep inside a damaged bag: rosbags raises many kinds
+            report.skip("damaged inside")
+            print(f"{bag}: damaged inside ({reason(error)})")
+        print(
+            f"{bag}: {report.transitions} transitions in {report.episodes} episodes, {report.verified} observations "
+            f"equal to the node's{_reasons(report.skipped)}"
+        )
+    skipped = sum((report.skipped for report in reports), Counter())
+    if not store.transitions:
+        store.close()
+        (Path(options.out) / NAME).unlink()
+        if not any(Path(options.out).iterdir()):
+            Path(options.out).rmdir()
+        raise BagError(f"no transition could be used{_reasons(skipped)}")
+    about = ("episodes", "verified", "transitions", "skipped")
+    read = [{"name": bag.name, **{name: vars(report)[name] for name in about}} for bag, report in zip(bags, reports)]
+    source: Dict[str, Any] = {"bags": read, "robot": options.robot.name, **reward.model_dump()}
+    periods = sorted(set().union(*(report.periods for report in reports)))
+    if len(periods) == 1:
+        source["decision_period"] = round(periods[0], 3)
+    else:
+        print(f"the decisions' periods differ: {', '.join(f'{period:g}' for period in periods)} s")
+    store.note("source", source)
+    store.note("skipped", skipped)
+    print(f"{options.out}: {store.transitions} transitions")
+    store.close()
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import rosbag
 import rospy
-from dynamic_reconfigure.msg import Config, DoubleParameter
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
@@ -60,7 +59,7 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")
     recording = written(tmp_path / "a.bag", published)
-    decisions = [{key: value for key, value in d.items() if key != "at"} for d in recording.decisions]
+    decisions = [{key: d[key] for key in d if key not in ("at", "observation")} for d in recording.decisions]
     assert decisions == [
         {
             "number": number,
@@ -69,30 +68,14 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
             "scan": (100 + number) * 10**9 + 1,
             "odometry": (100 + number) * 10**9 + 2,
             "plan": (100 + number) * 10**9 + 3,
-            "theta_prev": SPACE.as_dict(THETA_0),
-            "theta": chosen,
+            "before": SPACE.as_dict(THETA_0),
+            "after": chosen,
         }
-        for number, chosen in ((1, SPACE.as_dict(theta)), (2, None))
+        for number, chosen in ((1, SPACE.as_dict(theta)), (2, {}))
     ]
-    for number in (1, 2):
-        ((_, observation),) = recording.observations[number]
-        assert observation.dtype == np.float32
-        assert np.array_equal(observation, np.linspace(0, 1, 729, dtype=np.float32) + np.float32(number))
-
-
-def test_what_the_planner_got_multiplied_is_read_as_the_set_that_it_means(published, tmp_path):
-    multipliers = np.where(np.arange(8) == 5, 2.5, 1.0)
-    topics = applr_topics.ApplrTopics()
-    topics.parameters(THETA_0, rospy.Time(100), multipliers)
-    decide(topics, 1, THETA_0)  # without one, the bag lacks updates of the costmaps
-    config = Config(doubles=[DoubleParameter(name, 0.5) for name in ("path_distance_bias", "goal_distance_bias")])
-    for target in SPACE.targets.values():
-        config.doubles += [DoubleParameter(t.names[0], 1.0) for t in target if "bias" not in t.names[0]]
-    update = ("move_base/TrajectoryPlannerROS/parameter_updates", config)
-    recording = written(tmp_path / "a.bag", [*published, update])
-    assert recording.multipliers == {SPACE.names[5]: 2.5}
-    ((_, values),) = recording.parameters["TrajectoryPlannerROS"]
-    assert (values["path_distance_bias"], values["goal_distance_bias"]) == (0.2, 0.5)
+    for number, decision in enumerate(recording.decisions, 1):
+        assert decision["observation"].dtype == np.float32
+        assert np.array_equal(decision["observation"], np.linspace(0, 1, 729, dtype=np.float32) + np.float32(number))
 
 
 def test_fields_of_the_parameters_are_named_for_plotting():

@@ -1,8 +1,8 @@
-"""Drives in simulation as a robot's recorder would have heard them: a bag with all topics of the stack, without ROS."""
+"""Drives in simulation as a robot's recorder would have heard them: a bag with the stack's topics, without ROS."""
 
 from __future__ import annotations
 
-from typing import Any, Dict, Mapping, Optional
+from typing import Any, Dict, Optional
 
 import numpy as np
 from rosbags.typesys import get_types_from_msg
@@ -12,9 +12,8 @@ from training.bags.writer import BagWriter
 from training.env.episode import Episode
 from training.env.outcome import Outcome
 
-MESSAGES = ROOT / "msg"  # of the catkin package
-PLOTTED = 8  # fields of Parameters.msg beside its lists
 PAUSE = 5.0  # s of time between two courses of a bag
+PLOTTED = 8  # fields of Parameters.msg beside its lists
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = 1, 2, 3, 4
 _RESULT = {
     "move_base_msgs/msg/MoveBaseActionResult": "std_msgs/Header header\nactionlib_msgs/GoalStatus status\n"
@@ -39,31 +38,21 @@ class StackWriter(BagWriter):
 
     def parameters(self, time: float, server: str, values: dict) -> None:
         """{name: value} that a server below move_base announces."""
-        lists: Dict[type, list] = {bool: [], int: [], str: [], float: []}
-        kinds = {bool: "Bool", int: "Int", str: "Str", float: "Double"}
+        lists: Dict[str, list] = {"Bool": [], "Int": [], "Str": [], "Double": []}
         for name, value in values.items():
-            kind = next(k for k in lists if isinstance(value, k))
-            lists[kind].append(self._make(f"dynamic_reconfigure/msg/{kinds[kind]}Parameter", name, value))
-        self._put(
-            f"{self.topics.move_base}/{server}/parameter_updates",
-            "dynamic_reconfigure/msg/Config",
-            time,
-            lists[bool],
-            lists[int],
-            lists[str],
-            lists[float],
-            [],
-        )
+            kind = {bool: "Bool", int: "Int", str: "Str", float: "Double"}[type(value)]
+            lists[kind].append(self._make(f"dynamic_reconfigure/msg/{kind}Parameter", name, value))
+        topic = f"{self.topics.move_base}/{server}/parameter_updates"
+        self._put(topic, "dynamic_reconfigure/msg/Config", time, *lists.values(), [])
 
     def status(self, time: float, goal_id: str, running: bool = True) -> None:
         """Write the status topic of the action move_base."""
-        entries = [self._status(goal_id, ACTIVE)] if running else []
         self._put(
             self.topics.move_base + "/status",
             "actionlib_msgs/msg/GoalStatusArray",
             time,
             self._header(time, ""),
-            entries,
+            [self._status(goal_id, ACTIVE)] if running else [],
         )
 
     def result(self, time: float, goal_id: str, status: int) -> None:
@@ -77,9 +66,7 @@ class StackWriter(BagWriter):
             self._make("move_base_msgs/msg/MoveBaseResult", 0),
         )
 
-    def decision(
-        self, time: float, number: int, goal: str, observation, seen: Mapping[str, float], before, after
-    ) -> None:
+    def decision(self, time, number, goal, observation, seen, before, after):
         """As the applr node tells of a decision (msg/Decision.msg).
 
         Args:
@@ -94,7 +81,7 @@ class StackWriter(BagWriter):
         kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
         if kinds[1] not in self.store.types:
             for kind in kinds:
-                text = (MESSAGES / (kind.rpartition("/")[2] + ".msg")).read_text(encoding="utf-8")
+                text = (ROOT / "msg" / (kind.rpartition("/")[2] + ".msg")).read_text(encoding="utf-8")
                 self.store.register(get_types_from_msg(text, kind))
         header = self._header(time, self.robot.frames.odom)
         times = [self._time(seen[name]) for name in ("scan", "odometry", "plan")]
@@ -122,7 +109,7 @@ class RecordingEpisode(Episode):
     def __init__(self, simulator, move_base, writer: BagWriter, **options):
         super().__init__(simulator, move_base, writer.robot, **options)
         self.writer = writer
-        self.courses = self._number = 0
+        self.courses = 0
         self._ahead = 1.0  # what is added to the simulator's time, which begins anew with each course
         self._scanned: Optional[float] = None  # time of the newest scan in the bag
 
@@ -134,14 +121,13 @@ class RecordingEpisode(Episode):
         outcome = super().reset(world, seed, start, theta)
         self.courses += 1
         self._goal_id = f"course {self.courses} in {world.name}"
-        self._parameters()
+        self._parameters(-0.5)  # before the goal is sent
         self.writer.goal(self._now, self.goal)
         self._look(outcome, self.move_base.make_plan(self.simulator.state.odom_pose, self.goal, 0.0))
         return outcome
 
     def decide(self, theta) -> Outcome:
         """Drive one decision period and write what the nodes would have published in it."""
-        self._decision()
         outcome = super().decide(theta)
         self._look(outcome, self.move_base.global_plan)
         if outcome.over:
@@ -183,13 +169,6 @@ class RecordingEpisode(Episode):
         if plan is not None and len(plan):
             self.writer.plan(now, plan)
 
-    def _decision(self) -> None:
-        now, outcome = self._now, self.outcome
-        assert outcome is not None  # decide() has checked it
-        self._number += 1
-        seen, before = dict.fromkeys(("scan", "odometry", "plan"), now), self.space.as_dict(outcome.theta)
-        self.writer.decision(now, self._number, self._goal_id, self.observation(outcome), seen, before, {})
-
-    def _parameters(self, later: float = 0.0) -> None:
+    def _parameters(self, later: float) -> None:
         for server in self.space.servers:
             self.writer.parameters(self._now + later, server, self.move_base.configuration(server))

@@ -1,8 +1,9 @@
 """Rebuilds the transitions (s, theta, r, s', terminated, truncated) of the paper's MDP from a Recording, goal by goal.
 
-bags_to_dataset.py calls it. Where the bag holds the applr node's decisions, each observation is rebuilt from the very
-messages that the node saw, and compared, and the decision period is that of the decisions; otherwise decisions are
-taken to fall every two seconds from a goal's first plan on.
+bags_to_dataset.py calls it. Two kinds of bags are read. Where the applr node's decisions were recorded they say which
+messages a decision saw and what the planner had; each observation is rebuilt from these very messages and compared with
+the node's. Elsewhere the servers' parameter_updates say what the planner had, and decisions are taken to fall every two
+seconds from a goal's first plan on.
 """
 
 from __future__ import annotations
@@ -10,24 +11,24 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Iterator, List, Optional, Set, Tuple
+from typing import Callable, Dict, Iterator, List, Optional, Set, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
-from training.bags.goals import ABORTED, SUCCEEDED, goals
 from training.bags.reader import SECOND, Recording
-from training.env.episode import TIME_LIMIT
-from training.env.episode import nearest as smallest
+from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest
 from training.env.outcome import Outcome
 from training.env.reward import Reward, failed
 from training.replay.trajectory import Trajectory, TransitionLayout
 
+SUCCEEDED, ABORTED = 3, (4, 5)  # actionlib
 MAX_AGE = 1.0  # s; older scans, poses and plans are no basis for a decision
 JUMP = 0.3  # m beyond what 5 m/s covers: the robot was put elsewhere, or the clock was
-EARLIER = SECOND // 4  # a recorder's clock may lag so far behind the node's
+EARLIER = SECOND // 4  # an update that was recorded within this time of a decision is its result
 CLOSE = 1e-5  # difference at which a rebuilt observation still equals the node's (float32, pose rounding)
 
 
@@ -51,20 +52,38 @@ class BagReport:
 
 
 @dataclass
+class Goal:
+    """One course as driven: when it began and ended, and how (actionlib status; None: the bag ended first)."""
+
+    id: str
+    start: int
+    end: int
+    status: Optional[int]
+    frame: str
+    xy: Tuple[float, float]
+    period: float  # between two decisions [s]
+
+    @property
+    def ended(self) -> bool:
+        """Reached or given up: a terminal state. A goal that was cancelled or replaced is merely cut off."""
+        return self.status == SUCCEEDED or self.status in ABORTED
+
+
+@dataclass
 class Sample:
     """An observation to be rebuilt from messages, and what came of it.
 
     Attributes:
-        at: ROS time [ns]. end: the course ends here, and no decision was made.
-        seen, said: the observation (n,) and the decision (k,) that the node itself published, if recorded.
+        at: ROS time [ns].
+        decision: what the node published, if it made and recorded one.
+        end: the course ends here, and no decision was made.
         scan, pose, plan: indices of the messages that the observation is made of; -1 for none.
         trouble: why it cannot be rebuilt (outcome is None), or why the transition that ends here cannot be used.
     """
 
     at: int
+    decision: Optional[dict] = None
     end: bool = False
-    seen: Optional[np.ndarray] = None
-    said: Optional[np.ndarray] = None
     scan: int = -1
     pose: int = -1
     plan: int = -1
@@ -95,13 +114,87 @@ def trajectories(
             report.periods.add(goal.period)
         except Skipped as reason:
             report.skip(str(reason))
-    usable = [m for _, samples in courses for m in samples if not m.trouble]
-    nearest, scans = recording.scans(m.scan for m in usable)
-    plans = recording.plans(m.plan for m in usable)
+    scans = recording.scans(m.scan for _, samples in courses for m in samples if not m.trouble)
     for number, (goal, samples) in enumerate(courses):
-        for i in range(len(samples)):
-            _see(recording, goal, samples, i, scans, plans, nearest, report)
-        yield from _cut(recording, goal, number, samples, reward, layout, report)
+        for i, sample in enumerate(samples):
+            if sample.trouble:
+                continue
+            try:
+                rebuild_observation(recording, goal, samples, i, scans[sample.scan])
+                if _equals_the_nodes(sample):
+                    report.verified += 1
+                if i and samples[i - 1].outcome is not None:
+                    label_outcome(recording, goal, samples[i - 1], sample)
+                    sample.trouble = _unusable(recording, goal, samples, i)
+            except ObservationError as error:
+                sample.outcome, sample.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
+            except Skipped as reason:
+                sample.outcome, sample.trouble = None, str(reason)
+        for run in split_at_gaps(samples, report.skip):
+            yield _trajectory(recording, goal, number, run, reward, layout, report)
+
+
+# -- courses -----------------------------------------------------------------------------------------------------------
+def goals(recording: Recording, skip: Callable[[str], None]) -> List[Goal]:
+    """The goals that were pursued, by the action's status.
+
+    Args:
+        recording: what the bag holds.
+        skip: is called with the reason where there is none, or one cannot be used.
+    """
+    spans: List[List] = []  # [id, start, end]
+    before = ""
+    for at, running in recording.status:
+        if before:  # it was pursued until now
+            spans[-1][2] = at
+        if running and running != before:
+            spans.append([running, at, at])
+        before = running
+    found, period = [], decision_period(recording)
+    for goal, start, end in spans:
+        targets = [g for g in recording.goals if start - 2 * SECOND <= g[0] <= start + SECOND]
+        targets = targets or [g for g in recording.goals if g[0] <= end]
+        at, status = recording.results.get(goal, (end, None))
+        if targets:
+            end = end if status is None else min(end, at)
+            found.append(Goal(goal, start, end, status, targets[-1][1], targets[-1][2:4], period))
+        else:
+            skip("the goal's position was not recorded")
+    if not spans:
+        skip("no goal was pursued")
+    return found
+
+
+def decision_period(recording: Recording) -> float:
+    """The decision period [s]: the median interval of a goal's recorded decisions, in whole control cycles.
+
+    Where none were recorded it is the paper's.
+    """
+    stamps: Dict[str, List[int]] = {}
+    for decision in recording.decisions:
+        if 0 <= decision["stamp"] <= recording.end:  # a bag may state anything
+            stamps.setdefault(decision["goal"], []).append(decision["stamp"])
+    intervals = np.concatenate([np.zeros(0), *(np.diff(times) for times in stamps.values())])
+    intervals = intervals[intervals > 0]
+    if not len(intervals):
+        return PERIOD
+    return round(max(1, round(float(np.median(intervals)) / SECOND / CONTROL_PERIOD)) * CONTROL_PERIOD, 9)
+
+
+def _check_motion(recording, goal) -> None:
+    """Raises Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
+    during = (recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end)
+    stamps, pose = recording.odometry.stamp[during], recording.odometry.pose[during]
+    if len(stamps) < 2 or not np.isfinite(pose).all():
+        raise Skipped("odometry is not finite" if len(stamps) > 1 else "no odometry while the goal was pursued")
+    gaps = np.diff(stamps)
+    if (gaps < 0).any() or (gaps == 0).mean() > 0.1:
+        raise Skipped("the clock jumped")
+    if (np.hypot(*np.diff(pose[:, :2], axis=0).T) > JUMP + 5.0 * gaps / SECOND).any():
+        raise Skipped("the odometry jumped")
+    stamps = recording.scan_stamp[(recording.scan_at >= goal.start) & (recording.scan_at <= goal.end)]
+    if (np.diff(stamps) < 0).any():
+        raise Skipped("the clock jumped")
 
 
 def _finish(recording, goal, finish: Optional[float]) -> None:
@@ -129,9 +222,8 @@ def _samples(recording, goal) -> List[Sample]:
         plans = recording.plan_at[(recording.plan_at >= goal.start) & (recording.plan_at <= goal.end)]
         if not len(plans):
             raise Skipped("no global plan was recorded for the goal")
-        samples = [
-            _sample(recording, goal, at) for at in range(int(plans[0]), goal.end + 1, round(goal.period * SECOND))
-        ]
+        times = range(int(plans[0]), goal.end + 1, round(goal.period * SECOND))
+        samples = [_sample(recording, goal, at) for at in times]
     if goal.end - samples[-1].at > (0 if goal.ended else 0.9 * goal.period * SECOND):
         samples.append(_sample(recording, goal, goal.end))
         samples[-1].end = True
@@ -141,22 +233,16 @@ def _samples(recording, goal) -> List[Sample]:
 
 
 def _sample(recording, goal, at, decision=None) -> Sample:
-    sample = Sample(at)
+    sample, odometry = Sample(at, decision), recording.odometry.stamp
     if decision:
-        published = recording.observations.get(decision["number"], ())  # numbers begin anew with each node
-        sample.seen = min(published, key=lambda o: abs(o[0] - decision["at"]), default=(0, None))[1]
-        sample.said = _vector(recording, decision["theta"] or decision["theta_prev"])
-        sample.scan = _exactly(recording.scan_stamp, decision["scan"])
-        sample.pose = _exactly(recording.odometry.stamp, decision["odometry"])
-        sample.plan = _exactly(recording.plan_stamp, decision["plan"])
+        sample.scan = _last(recording.scan_stamp == decision["scan"])
+        sample.pose = _last(odometry == decision["odometry"])
+        sample.plan = _last(recording.plan_stamp == decision["plan"])
     else:
-        sample.scan = _before(recording.scan_stamp, at)
-        sample.pose = _nearest(recording.odometry.stamp, recording.scan_stamp[sample.scan])
-        sample.plan = _before(recording.plan_at, at)
-    for what, index, stamps in (
-        ("scan", sample.scan, recording.scan_stamp),
-        ("odometry", sample.pose, recording.odometry.stamp),
-    ):
+        sample.scan = _last(recording.scan_stamp <= at)
+        sample.pose = int(np.argmin(np.abs(odometry - recording.scan_stamp[sample.scan])))
+        sample.plan = _last(recording.plan_at <= at)
+    for what, index, stamps in (("scan", sample.scan, recording.scan_stamp), ("odometry", sample.pose, odometry)):
         if index < 0 or abs(int(stamps[index]) - at) > MAX_AGE * SECOND:
             sample.trouble = f"no {what} for a decision"
     if sample.plan < 0 or recording.plan_at[sample.plan] < goal.start - SECOND // 2:
@@ -164,41 +250,76 @@ def _sample(recording, goal, at, decision=None) -> Sample:
     return sample
 
 
-def _see(recording, goal, samples, i, scans, plans, nearest, report) -> None:
-    """Fills sample i with what was seen at it and what happened since sample i - 1, or says what is wrong."""
-    sample = samples[i]
-    if sample.trouble:
-        return
-    try:
-        scan, (frame, points) = scans[sample.scan], plans[sample.plan]
-        layout, turned = recording.layout, recording.robot.laser.pose[2]
-        ranges = layout.resample(scan.ranges, scan.angle_min + turned, scan.angle_increment)
-        pose = _pose(recording, sample.pose, frame, sample.at)
-        phi = goal_angle(local_goal(points, pose, layout.lookahead))
-        theta = _chosen(recording, goal, samples[i - 1], sample) if sample.end and i else _had(recording, sample)
-        sample.observation = observe(ranges, phi, theta, recording.space, layout)
-        near = smallest(nearest[[sample.scan]], recording.robot.laser.range_min)
-        sample.outcome = Outcome(
-            ranges,
-            phi,
-            theta,
-            last_scan_min=near,
-            decision_min=near,
-            decisions=i,
-            time_s=(sample.at - samples[0].at) / SECOND,
-        )
-        _compare(sample, report)
-        if i and samples[i - 1].outcome is not None:
-            _happened(recording, goal, samples[i - 1], sample, nearest)
-            sample.trouble = _unusable(recording, goal, samples, i)
-    except ObservationError as error:
-        sample.outcome, sample.trouble = None, f"a scan or plan is unusable ({str(error).split(':')[0]})"
-    except Skipped as reason:
-        sample.outcome, sample.trouble = None, str(reason)
+def _last(which) -> int:
+    """The last index at which `which` (n,) holds; -1 for none."""
+    found = np.flatnonzero(which)
+    return int(found[-1]) if len(found) else -1
 
 
-def _happened(recording, goal, before, sample, nearest) -> None:
-    """The parts of an Outcome that a transition has: progress, clearance, contact, jerk, the end."""
+# -- samples -----------------------------------------------------------------------------------------------------------
+def rebuild_observation(recording, goal, samples, i, scan) -> None:
+    """Fills sample i with what was seen at it; Skipped or ObservationError where it cannot be rebuilt."""
+    sample, layout, laser = samples[i], recording.layout, recording.robot.laser
+    frame, points = recording.plans[sample.plan]
+    ranges = layout.resample(scan.ranges, scan.angle_min + laser.pose[2], scan.angle_increment)
+    phi = goal_angle(local_goal(points, _pose(recording, sample.pose, frame, sample.at), layout.lookahead))
+    at_end = sample.end and i
+    theta = theta_after(recording, goal, samples[i - 1], sample) if at_end else theta_before(recording, sample)
+    sample.observation = observe(ranges, phi, theta, recording.space, layout)
+    near = nearest(recording.nearest[[sample.scan]], laser.range_min)
+    seconds = (sample.at - samples[0].at) / SECOND
+    sample.outcome = Outcome(ranges, phi, theta, last_scan_min=near, decision_min=near, decisions=i, time_s=seconds)
+
+
+def theta_before(recording, sample) -> np.ndarray:
+    """The parameters theta_{t-1} (k,) that the planner had when a decision was made."""
+    if sample.decision:
+        return _whole(recording, sample.decision["before"])
+    return _announced(recording, sample.at, EARLIER)
+
+
+def theta_after(recording, goal, before, after) -> np.ndarray:
+    """theta_t (k,): what the planner had between two samples. It arrives within half a period or not at all."""
+    if before.decision:
+        return _whole(recording, before.decision["after"] or before.decision["before"])
+    return _announced(recording, min(before.at + round(0.5 * goal.period * SECOND), after.at))
+
+
+def _whole(recording, values) -> np.ndarray:
+    """{name: value} of a decision → theta (k,)."""
+    theta = np.array([values.get(name, math.nan) for name in recording.space.names])
+    if not np.isfinite(theta).all():
+        raise Skipped("the planner's parameters are not known")
+    return theta
+
+
+def _announced(recording, at, lag=0) -> np.ndarray:
+    """(k,) what the servers had announced `lag` before a time, or else first until then. Inflation: the local one's."""
+    theta = np.array(recording.space.theta0)
+    for i, name in enumerate(recording.space.names):
+        target = recording.space.targets[name][0]
+        updates = [(time, values) for time, values in recording.parameters.get(target.server, ()) if time <= at]
+        if not updates:
+            raise Skipped("the planner's parameters are not known")
+        values = ([values for time, values in updates if time <= at - lag] or [updates[0][1]])[-1]
+        theta[i] = next(values[n] for n in target.names if n in values)
+    if not np.isfinite(theta).all():
+        raise Skipped("parameters are not finite")
+    return theta
+
+
+def _equals_the_nodes(sample) -> bool:
+    """Whether the node's own observation was recorded and is the rebuilt one; Skipped where it is another."""
+    if sample.decision is None or not len(sample.decision["observation"]):
+        return False
+    seen = sample.decision["observation"]
+    if seen.shape != sample.observation.shape or not np.allclose(seen, sample.observation, rtol=0.0, atol=CLOSE):
+        raise Skipped("a rebuilt observation differs from the node's")
+    return True
+
+
+def label_outcome(recording, goal, before, sample) -> None:
+    """The parts of an Outcome that a transition has: progress, clearance, contact, the end."""
     outcome = sample.outcome
     here = _pose(recording, sample.pose, goal.frame, sample.at)
     there = _pose(recording, before.pose, goal.frame, before.at)
@@ -209,52 +330,10 @@ def _happened(recording, goal, before, sample, nearest) -> None:
     outcome.seconds = (sample.at - before.at) / SECOND
     during = (recording.scan_stamp > before.at) & (recording.scan_stamp <= sample.at)
     if during.any():
-        outcome.decision_min = smallest(nearest[during], recording.robot.laser.range_min)
+        outcome.decision_min = nearest(recording.nearest[during], recording.robot.laser.range_min)
     outcome.contact = any(before.at < at <= sample.at for at in recording.collisions)
     if goal.ended and sample.at == goal.end:
         outcome.success, outcome.aborted = goal.status == SUCCEEDED, goal.status in ABORTED
-
-
-def _cut(recording, goal, number, samples, reward, layout, report) -> Iterator[Trajectory]:
-    """Trajectories of consecutive usable transitions."""
-    run: List[Sample] = []
-    for sample in samples + [None]:
-        if sample is not None and sample.trouble:
-            report.skip(sample.trouble)
-        if run and (sample is None or sample.trouble):
-            if len(run) > 1:
-                yield _trajectory(recording, goal, number, run, reward, layout, report)
-            run = []
-        if sample is not None and sample.outcome is not None:
-            run.append(sample)
-
-
-def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
-    actions, rewards = [], []
-    for before, after in zip(run, run[1:]):
-        space = recording.space.paper
-        action = space.to_action(_chosen(recording, goal, before, after))
-        change = float(np.abs(action - space.to_action(before.outcome.theta)).mean())
-        limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
-        rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
-        actions.append(action)
-    last = run[-1].outcome
-    report.episodes += 1
-    report.transitions += len(rewards)
-    return Trajectory.of(
-        layout,
-        [m.observation for m in run],
-        actions,
-        rewards,
-        last.success or failed(last),
-        {
-            "actor": "bag:" + recording.path.name[:180],
-            "episode": number,
-            "goal": goal.id[:180],
-            "from": run[0].outcome.decisions,
-            "success": bool(last.success),
-        },
-    )
 
 
 def _unusable(recording, goal, samples, i) -> str:
@@ -268,94 +347,9 @@ def _unusable(recording, goal, samples, i) -> str:
     ]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE * SECOND:
         return "scans are missing"
-    if not np.array_equal(_chosen(recording, goal, before, after), after.outcome.theta):
+    if not np.array_equal(theta_after(recording, goal, before, after), after.outcome.theta):
         return "parameters were changed between decisions"
     return ""
-
-
-def _had(recording, sample) -> np.ndarray:
-    """The parameters theta_{t-1} (k,) that the planner had when a decision was made.
-
-    An update that was recorded within EARLIER of the decision is its result rather than its input, unless the
-    observation that the node itself published says otherwise.
-    """
-    found = []
-    for lag in (EARLIER, EARLIER // 5, 0):
-        try:
-            found.append(_theta(recording, sample.at - lag))
-        except Skipped:
-            if not lag and not found:
-                raise
-    space = recording.space.paper
-    if sample.seen is not None and sample.seen.shape == (recording.layout.beams + 1 + len(space),):
-        for theta in found:
-            if np.allclose(space.to_action(theta), sample.seen[-len(space) :], rtol=0.0, atol=CLOSE):
-                return theta
-    return found[0]
-
-
-def _chosen(recording, goal, before, after) -> np.ndarray:
-    """theta_t (k,): what the planner had between two samples. It arrives within half a period or not at all."""
-    half = round(0.5 * goal.period * SECOND)
-    if before.said is not None and after.at - before.at < half:
-        return before.said
-    return _theta(recording, min(before.at + half, after.at))
-
-
-def _theta(recording, at) -> np.ndarray:
-    """(k,) what the planner had at a time, as the servers announced it. Inflation: the local costmap's."""
-    theta = np.array(recording.space.theta0)
-    for i, name in enumerate(recording.space.names):
-        target = recording.space.targets[name][0]
-        updates = recording.parameters.get(target.server, ())
-        known = [values for time, values in updates if time <= at]
-        theta[i] = (
-            next(known[-1][n] for n in target.names if n in known[-1]) if known else _published(recording, name, at)
-        )
-    if not np.isfinite(theta).all():
-        raise Skipped("parameters are not finite")
-    return theta
-
-
-def _published(recording, name, at) -> float:
-    """A parameter that no server announced before `at` (a split bag lacks the latched messages): the node's word."""
-    said = next((d["theta_prev"] for d in recording.decisions if d["stamp"] >= at), None)
-    if isinstance(said, dict) and isinstance(said.get(name), (int, float)):
-        return float(said[name])
-    raise Skipped("the planner's parameters are not known")
-
-
-def _vector(recording, values) -> Optional[np.ndarray]:
-    """{name: value} of a decision → theta (k,), None where it is not whole."""
-    try:
-        return np.array([float(values[name]) for name in recording.space.names])
-    except (KeyError, TypeError, ValueError):
-        return None
-
-
-def _compare(sample, report) -> None:
-    seen = sample.seen
-    if seen is None:
-        return
-    if seen.shape != sample.observation.shape or not np.allclose(seen, sample.observation, rtol=0.0, atol=CLOSE):
-        raise Skipped("a rebuilt observation differs from the node's")
-    report.verified += 1
-
-
-def _check_motion(recording, goal) -> None:
-    """Raises Skipped where the odometry says that robot or clock jumped while the goal was pursued."""
-    during = (recording.odometry.stamp >= goal.start) & (recording.odometry.stamp <= goal.end)
-    stamps, pose = recording.odometry.stamp[during], recording.odometry.pose[during]
-    if len(stamps) < 2 or not np.isfinite(pose).all():
-        raise Skipped("odometry is not finite" if len(stamps) > 1 else "no odometry while the goal was pursued")
-    gaps = np.diff(stamps)
-    if (gaps < 0).any() or (gaps == 0).mean() > 0.1:
-        raise Skipped("the clock jumped")
-    if (np.hypot(*np.diff(pose[:, :2], axis=0).T) > JUMP + 5.0 * gaps / SECOND).any():
-        raise Skipped("the odometry jumped")
-    stamps = recording.scan_stamp[(recording.scan_at >= goal.start) & (recording.scan_at <= goal.end)]
-    if (np.diff(stamps) < 0).any():
-        raise Skipped("the clock jumped")
 
 
 def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
@@ -369,15 +363,38 @@ def _pose(recording, index, frame, at) -> Tuple[float, float, float]:
     return (*transform_point(known[-1], x, y), a + known[-1][2])
 
 
-def _exactly(stamps, stamp) -> int:
-    found = np.flatnonzero(stamps == stamp)
-    return int(found[-1]) if len(found) else -1
+# -- episodes ----------------------------------------------------------------------------------------------------------
+def split_at_gaps(samples, skip: Callable[[str], None]) -> Iterator[List[Sample]]:
+    """Runs of samples with usable transitions between them; `skip` is called with the trouble of the others."""
+    run: List[Sample] = []
+    for sample in samples:
+        if sample.trouble:
+            skip(sample.trouble)
+            if len(run) > 1:
+                yield run
+            run = []
+        if sample.outcome is not None:
+            run.append(sample)
+    if len(run) > 1:
+        yield run
 
 
-def _before(stamps, at) -> int:
-    found = np.flatnonzero(stamps <= at)
-    return int(found[-1]) if len(found) else -1
-
-
-def _nearest(stamps, stamp) -> int:
-    return int(np.argmin(np.abs(stamps - stamp)))
+def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
+    actions, rewards, space = [], [], recording.space.paper
+    for before, after in zip(run, run[1:]):
+        action = space.to_action(theta_after(recording, goal, before, after))
+        change = float(np.abs(action - space.to_action(before.outcome.theta)).mean())
+        limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
+        rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
+        actions.append(action)
+    last = run[-1].outcome
+    report.episodes += 1
+    report.transitions += len(rewards)
+    info = {
+        "actor": "bag:" + recording.path.name[:180],
+        "episode": number,
+        "goal": goal.id[:180],
+        "from": run[0].outcome.decisions,
+        "success": bool(last.success),
+    }
+    return Trajectory.of(layout, [m.observation for m in run], actions, rewards, last.success or failed(last), info)

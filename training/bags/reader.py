@@ -1,34 +1,41 @@
 """Reads what a bag recorded of a drive: ROS 1 bags and ROS 2 / mcap folders alike, through rosbags.
 
 episodes.py rebuilds transitions from it, APPLD its demonstrations. Only standard topics are needed; what the applr node
-adds (/applr/decision) says exactly which messages a decision saw, and is compared where it is there.
+adds (/applr/decision) says exactly which messages a decision saw, and what the planner had.
 """
 
 from __future__ import annotations
 
+import bz2
 import json
 import re
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Dict, Iterable, Iterator, List, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Tuple
 
+import lz4.frame
 import numpy as np
+import yaml
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag1 import reader as rosbag1
+from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_typestore
 
 from applr_ros1 import robots
+from applr_ros1.common import files
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training.bags.compression import bound_rosbags
 from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
 SECOND = 1_000_000_000
-PATH_HEADER = 80  # a packed nav_msgs/Path of fewer bytes has no poses
 RUNNING = (1, 6)  # actionlib: active, preempting
+MAX_UNPACKED = 2**28  # bytes of one chunk; rosbag makes chunks of 768 kB
+PIECE = 2**20
+METADATA = "metadata.yaml"  # of a ROS 2 bag
 
 
 class BagError(ApplrError):
@@ -71,6 +78,17 @@ class BagOptions(Options):
 
 
 @dataclass
+class Poses:
+    """Odometry: at (n,), stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
+
+    at: np.ndarray
+    stamp: np.ndarray
+    pose: np.ndarray
+    twist: np.ndarray
+    frame: str
+
+
+@dataclass
 class Recording:
     """The content of a bag in order of recording.
 
@@ -80,71 +98,37 @@ class Recording:
     path: Path
     topics: TopicNames
     robot: robots.Robot = robots.JACKAL  # which parameters were recorded, and how a policy of it sees a scan
-    odometry: "Poses" = field(init=False)  # this and the next four: set by _fill
+    odometry: Poses = field(init=False)  # this and the next six: set by _fill
     scan_at: np.ndarray = field(init=False)  # (n,)
     scan_stamp: np.ndarray = field(init=False)  # (n,)
+    nearest: np.ndarray = field(init=False)  # (n,) smallest range of each scan [m]; NaN where there is none
     plan_at: np.ndarray = field(init=False)  # (m,) plans that are not empty
-    plan_stamp: np.ndarray = field(init=False)
+    plan_stamp: np.ndarray = field(init=False)  # (m,)
+    plans: List[Tuple[str, np.ndarray]] = field(init=False)  # m of (frame, (k, 2) points [m])
     # {server as the space names it: [(at, {name: value}), ...]}
     parameters: Dict[str, List[Tuple[int, Dict[str, float]]]] = field(default_factory=dict)
-    multipliers: Dict[str, float] = field(default_factory=dict)  # of parameters that the applr node sent multiplied
     status: List[Tuple[int, str]] = field(default_factory=list)  # (at, id of the running goal or "")
     results: Dict[str, Tuple[int, int]] = field(default_factory=dict)  # goal id → (at, actionlib status)
     goals: List[tuple] = field(default_factory=list)  # (at, frame, x, y, yaw)
-    sent: List[Tuple[int, str]] = field(default_factory=list)  # goals by their own topic: (at, id)
     commands: List[Tuple[int, float, float]] = field(default_factory=list)  # (at, v [m/s], w [rad/s])
     source: Dict[str, Any] = field(default_factory=dict)  # who demonstrated, and where
     collisions: List[int] = field(default_factory=list)  # when a contact was reported
     transforms: Dict[Tuple[str, str], List[Tuple[int, tuple]]] = field(default_factory=dict)
-    decisions: List[dict] = field(default_factory=list)  # /applr/decision, with "at"
-    observations: Dict[int, List[tuple]] = field(default_factory=dict)  # decision number → [(at, (729,))]
+    decisions: List[dict] = field(default_factory=list)  # see _decision
     end: int = 0
 
     def __post_init__(self):
         self.space, self.layout = space_of(self.robot), layout_of(self.robot)
 
-    def scans(self, wanted: Iterable[int]) -> Tuple[np.ndarray, Dict[int, Any]]:
-        """Smallest range (n,) [m] of every scan, and {index: LaserScan} of those wanted. Reads the bag once more.
-
-        NaN and 0, by which some lasers mean that nothing returned, are no ranges; the smallest is NaN where all are.
-        """
+    def scans(self, wanted: Iterable[int]) -> Dict[int, Any]:
+        """{index: LaserScan} of those wanted. Reads the bag once more, since all scans may be larger than memory."""
         wanted, kept = set(wanted), {}
-        nearest = np.full(len(self.scan_at), np.inf)
-        for i, message in enumerate(self._messages(self.topics.scan)):
-            if len(message.ranges) and i < len(nearest):
-                nearest[i] = np.fmin.reduce(np.where(message.ranges == 0.0, np.nan, message.ranges))
-            if i in wanted:
-                kept[i] = message
-        return nearest, kept
-
-    def plans(self, wanted: Iterable[int]) -> Dict[int, Tuple[str, np.ndarray]]:
-        """{index: (frame, (k, 2) points)} of the plans wanted. Reads the bag once more."""
-        wanted, kept = set(wanted), {}
-        for i, message in enumerate(self._messages(self.topics.plan, at_least=PATH_HEADER, wanted=wanted)):
-            if message is not None:
-                kept[i] = (
-                    message.header.frame_id.lstrip("/"),
-                    np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses]),
-                )
-        return kept
-
-    def _messages(self, topic, at_least=0, wanted=None):
         with _open(self.path) as reader:
-            connections = [c for c in reader.connections if c.topic == topic]
-            packed = (p for p in (reader.messages(connections) if connections else ()) if len(p[2]) >= at_least)
-            for i, (connection, _, raw) in enumerate(packed):
-                yield reader.deserialize(raw, connection.msgtype) if wanted is None or i in wanted else None
-
-
-@dataclass
-class Poses:
-    """Odometry: at (n,), stamp (n,), pose (n, 3) x, y [m], yaw [rad], twist (n, 2) v [m/s], w [rad/s], its frame."""
-
-    at: np.ndarray
-    stamp: np.ndarray
-    pose: np.ndarray
-    twist: np.ndarray
-    frame: str
+            connections = [c for c in reader.connections if c.topic == self.topics.scan]
+            for i, (connection, _, raw) in enumerate(reader.messages(connections) if wanted else ()):
+                if i in wanted:
+                    kept[i] = reader.deserialize(raw, connection.msgtype)
+        return kept
 
 
 def read_bag(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robots.JACKAL) -> Recording:
@@ -163,7 +147,7 @@ def read_bag(path, topics: TopicNames = TopicNames(), robot: robots.Robot = robo
 
 
 def read_messages(path, topics: TopicNames, robot: robots.Robot) -> Recording:
-    """Read a bag: everything but scans and plans, of which only the times are read; BagError where it is damaged."""
+    """Read a bag: everything but the ranges of scans; BagError where it is damaged."""
     recording = Recording(Path(path), topics, robot)
     with refused(path), _open(recording.path) as reader:
         _fill(recording, reader)
@@ -188,149 +172,177 @@ def _open(path: Path) -> AnyReader:
         raise BagError(f"{path}: not there")
     if path.is_file() and path.stat().st_size == 0:
         raise BagError(f"{path}: empty file")
-    if path.suffix in (".mcap", ".db3") and (path.parent / "metadata.yaml").exists():
+    if path.suffix in (".mcap", ".db3") and (path.parent / METADATA).exists():
         path = path.parent
     for file in path.iterdir() if path.is_dir() else [path]:
         if not file.is_file() and not file.is_dir():
             raise BagError(f"{path}: {file.name} is a pipe or device; give a regular file")
-    bound_rosbags()
+    if path.is_dir():
+        about = yaml.safe_load(files.read_bytes(str(path / METADATA), PIECE))["rosbag2_bagfile_information"]
+        if about.get("compression_mode", "").lower() not in ("", "none"):
+            raise BagError(f"{path}: its files or messages are compressed; rosbags-convert makes a bag that is not")
+    # rosbags 0.11.9 (requirements/training.txt) unpacks a chunk of a few kilobytes to any size in one call, and has no
+    # option for it: these tables are where it looks for the decompressor of a chunk
+    rosbag1.decompressors["bz2"] = lambda data: unpack(bz2.BZ2Decompressor, data)
+    rosbag1.decompressors["lz4"] = lambda data: unpack(lz4.frame.LZ4FrameDecompressor, data)
+    storage_mcap.DECOMPRESSORS["lz4"] = lambda data, size: unpack(lz4.frame.LZ4FrameDecompressor, data)
+    storage_mcap.DECOMPRESSORS["zstd"] = lambda data, size: unpack(storage_mcap.zstd.ZstdDecompressor, data)
     return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+
+
+def unpack(make: Callable[[], Any], data: bytes) -> bytes:
+    """What `data` unpacks to, one stream after the other, in pieces, so that Ctrl-C is heard.
+
+    Args:
+        make: Makes a decompressor of bz2's interface: decompress(data, max_length), eof, unused_data.
+        data: The compressed bytes.
+
+    Raises:
+        ApplrError: It is more than MAX_UNPACKED bytes.
+        EOFError: The data end in the middle of a stream.
+    """
+    parts, size = [], 0
+    while data:
+        decompressor = make()
+        while not decompressor.eof:
+            part = decompressor.decompress(data, PIECE)
+            data = b""
+            size += len(part)
+            if size > MAX_UNPACKED:
+                raise ApplrError(f"unpacks to more than {MAX_UNPACKED >> 20} MiB")
+            parts.append(part)
+            if not part and decompressor.needs_input:
+                raise EOFError("compressed data end too early")
+        data = decompressor.unused_data
+    return b"".join(parts)
 
 
 def _fill(recording: Recording, reader: AnyReader) -> None:
     topics, base = recording.topics, recording.topics.move_base
-    light = {
+    rows_of: Dict[str, Callable[[Any], Iterable[tuple]]] = {
+        topics.scan: _scan,
         topics.odometry: _odometry,
+        topics.plan: _plan,
         base + "/status": _status,
-        base + "/result": _result,
+        base + "/result": lambda m: [(m.status.goal_id.id, int(m.status.status))],
         base + "/current_goal": _goal,
-        base + "/goal": _sent,
         topics.command: _command,
         topics.demonstration: _demonstrator,
-        topics.collision: _collision,
+        topics.collision: lambda m: [()] if getattr(m, "data", False) else [],
         "/tf": _tf,
         "/tf_static": _tf,
         topics.applr + "/decision": _decision,
-        topics.applr + "/parameters": _multipliers,
     }
     updates = re.compile(re.escape(base) + r"(?:/[^/]+){0,2}/parameter_updates")
-    heavy: Dict[str, List[Tuple[int, int]]] = {topics.scan: [], topics.plan: []}
-    rows: List[tuple] = []
-    connections = [c for c in reader.connections if c.topic in light or c.topic in heavy or updates.fullmatch(c.topic)]
+    connections = [c for c in reader.connections if c.topic in rows_of or updates.fullmatch(c.topic)]
     if not reader.message_count:
         raise BagError(f"{recording.path}: holds no messages")
-    header = reader.typestore.fielddefs.get("std_msgs/msg/Header", ((), ()))[1]
-    stamp_offset = 4 * reader.is2 + 4 * (header[0][0] == "seq" if header else 0)
+    rows: Dict[str, List[tuple]] = {topic: [] for topic in rows_of}
     for connection, at, raw in reader.messages(connections) if connections else ():
         recording.end = at
-        if connection.topic in heavy:
-            seconds, nanoseconds = np.frombuffer(raw, "<i4", 2, stamp_offset).tolist()
-            if connection.topic == topics.scan or len(raw) >= PATH_HEADER:
-                heavy[connection.topic].append((at, seconds * SECOND + nanoseconds))
-            continue
         message = reader.deserialize(raw, connection.msgtype)
-        if connection.topic in light:
-            light[connection.topic](recording, at, message, rows)
+        if connection.topic in rows:
+            rows[connection.topic] += [(at, *row) for row in rows_of[connection.topic](message)]
         else:
             _parameters(recording, at, message, connection.topic)
-    for name, topic in (("scan", topics.scan), ("plan", topics.plan)):
-        times = np.array(heavy[topic], dtype=np.int64).reshape(-1, 2)
-        setattr(recording, name + "_at", times[:, 0])
-        setattr(recording, name + "_stamp", times[:, 1])
-    frame = rows[0][7] if rows else "odom"
+    recording.scan_at, recording.scan_stamp = _times(rows[topics.scan])
+    recording.nearest = np.array([row[2] for row in rows[topics.scan]], dtype=np.float64)
+    recording.plan_at, recording.plan_stamp = _times(rows[topics.plan])
+    recording.plans = [row[2:] for row in rows[topics.plan]]
+    driven = rows[topics.odometry]
+    table = np.array([row[2:7] for row in driven], dtype=np.float64).reshape(-1, 5)
+    recording.odometry = Poses(*_times(driven), table[:, :3], table[:, 3:], driven[0][7] if driven else "odom")
+    recording.status = rows[base + "/status"]
+    recording.results = {goal: (at, status) for at, goal, status in rows[base + "/result"]}
+    recording.goals = rows[base + "/current_goal"]
+    recording.commands = rows[topics.command]
+    recording.source = next((said for _, said in reversed(rows[topics.demonstration])), {})
+    recording.collisions = [at for (at,) in rows[topics.collision]]
+    for at, frames, pose in sorted(rows["/tf"] + rows["/tf_static"], key=lambda row: row[0]):
+        recording.transforms.setdefault(frames, []).append((at, pose))
+    recording.decisions = [dict(decision, at=at) for at, decision in rows[topics.applr + "/decision"]]
+
+
+def _times(rows) -> Tuple[np.ndarray, np.ndarray]:
+    """The times at (n,) and stamp (n,), int64, of rows that begin with them."""
     times = np.array([row[:2] for row in rows], dtype=np.int64).reshape(-1, 2)
-    table = np.array([row[2:7] for row in rows], dtype=np.float64).reshape(-1, 5)
-    recording.odometry = Poses(times[:, 0], times[:, 1], table[:, :3], table[:, 3:], frame)
+    return times[:, 0], times[:, 1]
 
 
-def _odometry(recording, at, message, rows):
+def _scan(message):
+    """NaN and 0, by which some lasers mean that nothing returned, are no ranges."""
+    ranges = np.where(message.ranges == 0.0, np.nan, message.ranges)
+    return [(_stamp(message), np.fmin.reduce(ranges) if len(ranges) else np.inf)]
+
+
+def _plan(message):
+    points = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses])
+    return [(_stamp(message), message.header.frame_id.lstrip("/"), points)] if len(points) else []
+
+
+def _odometry(message):
     p, q, t = message.pose.pose.position, message.pose.pose.orientation, message.twist.twist
-    frame = message.header.frame_id.lstrip("/")
-    rows.append((at, _stamp(message), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z, frame))
+    return [(_stamp(message), p.x, p.y, yaw_of(q), t.linear.x, t.angular.z, message.header.frame_id.lstrip("/"))]
 
 
-def _status(recording, at, message, rows):
+def _status(message):
     running = [s.goal_id.id for s in message.status_list if s.status in RUNNING]
-    recording.status.append((at, running[-1] if running else ""))
+    return [(running[-1] if running else "",)]
 
 
-def _result(recording, at, message, rows):
-    recording.results[message.status.goal_id.id] = (at, int(message.status.status))
-
-
-def _goal(recording, at, message, rows):
+def _goal(message):
     p, q = message.pose.position, message.pose.orientation
-    recording.goals.append((at, message.header.frame_id.lstrip("/"), p.x, p.y, yaw_of(q)))
+    return [(message.header.frame_id.lstrip("/"), p.x, p.y, yaw_of(q))]
 
 
-def _sent(recording, at, message, rows):
-    recording.sent.append((at, message.goal_id.id))
-    _goal(recording, at, message.goal.target_pose, rows)
-
-
-def _command(recording, at, message, rows):
+def _command(message):
     message = getattr(message, "twist", message)  # TwistStamped too
-    recording.commands.append((at, message.linear.x, message.angular.z))
+    return [(message.linear.x, message.angular.z)]
 
 
-def _demonstrator(recording, at, message, rows):
+def _demonstrator(message):
     try:
         said = json.loads(message.data)
     except (ValueError, RecursionError):
-        return
-    if isinstance(said, dict):
-        recording.source = {str(k)[:40]: v if isinstance(v, (int, float)) else str(v)[:200] for k, v in said.items()}
+        return []
+    if not isinstance(said, dict):
+        return []
+    return [({str(k)[:40]: v if isinstance(v, (int, float)) else str(v)[:200] for k, v in said.items()},)]
 
 
-def _collision(recording, at, message, rows):
-    if getattr(message, "data", False):
-        recording.collisions.append(at)
-
-
-def _tf(recording, at, message, rows):
+def _tf(message):
     for t in message.transforms:
-        key = t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")
-        p = t.transform.translation
-        recording.transforms.setdefault(key, []).append((at, (p.x, p.y, yaw_of(t.transform.rotation))))
+        frames, p = (t.header.frame_id.lstrip("/"), t.child_frame_id.lstrip("/")), t.transform.translation
+        yield frames, (p.x, p.y, yaw_of(t.transform.rotation))
 
 
-def _decision(recording, at, message, rows):
-    number = int(message.number)
+def _decision(message):
+    """What msg/Decision.msg says: its number and goal, the stamps of what was seen, the observation, and both sets."""
     before, after = (dict(zip(p.names, map(float, p.values))) for p in (message.before, message.after))
     stamps = {name: _nanoseconds(getattr(message, name)) for name in ("scan", "odometry", "plan")}
-    decision = {"at": at, "number": number, "goal": message.goal, "stamp": _stamp(message), **stamps}
-    recording.decisions.append(dict(decision, theta_prev=before, theta=after or None))
-    observation = np.array(message.observation, dtype=np.float32)
-    recording.observations.setdefault(number, []).append((at, observation))
+    seen = np.array(message.observation, dtype=np.float32)
+    decision = {"number": int(message.number), "goal": message.goal, "stamp": _stamp(message), **stamps}
+    return [(dict(decision, before=before, after=after, observation=seen),)]
 
 
 def _nanoseconds(time) -> int:
     return int(time.sec) * SECOND + int(time.nanosec)
 
 
-def _multipliers(recording, at, message, rows):
-    """What the planner has from now on are a set's values multiplied by these."""
-    given = {str(name): float(factor) for name, factor in zip(message.names, message.multipliers)}
-    if set(given) <= set(recording.space.names) and all(0.0 < factor < np.inf for factor in given.values()):
-        recording.multipliers = {name: factor for name, factor in given.items() if factor != 1.0}
+def _stamp(message) -> int:
+    """A header's stamp in nanoseconds."""
+    return _nanoseconds(message.header.stamp)
 
 
 def _parameters(recording, at, message, topic):
     values = {p.name: p.value for kind in ("bools", "ints", "doubles") for p in getattr(message, kind)}
     space = recording.space
-    for name, factor in recording.multipliers.items():
-        values.update((n, values[n] / factor) for n in space.targets[name][0].names if n in values)
     server = topic[len(recording.topics.move_base) : -len("/parameter_updates")].lstrip("/")
     place = server.rpartition("/")[0]
     for wanted in space.servers:  # layers have any name: one in the same place that knows the values
         names = (target.names for _, target in space.targets_of(wanted))
         if wanted.rpartition("/")[0] == place and all(any(n in values for n in known) for known in names):
             recording.parameters.setdefault(wanted, []).append((at, values))
-
-
-def _stamp(message) -> int:
-    """A header's stamp in nanoseconds."""
-    return _nanoseconds(message.header.stamp)
 
 
 def find(paths) -> List[Path]:
@@ -343,18 +355,14 @@ def find(paths) -> List[Path]:
     for path in map(Path, paths):
         if not path.exists():
             raise BagError(f"{path}: there is no such file or folder; give .bag or .mcap files or ROS 2 bag folders")
-        if path.is_dir() and not (path / "metadata.yaml").exists():
-            inside = sorted(path.rglob("*"))
-            found += [
-                p
-                for p in inside
-                if p.suffix == ".bag"
-                or p.name.endswith(".bag.active")
-                or (p.suffix == ".mcap" and not (p.parent / "metadata.yaml").exists())
-                or (p.is_dir() and (p / "metadata.yaml").exists())
-            ]
-        else:
-            found.append(path)
+        holds_bags = path.is_dir() and not (path / METADATA).exists()
+        found += [inside for inside in sorted(path.rglob("*")) if _is_bag(inside)] if holds_bags else [path]
     if not found:
         raise BagError(f"{', '.join(map(str, paths))}: no bags there; give .bag or .mcap files or ROS 2 bag folders")
     return found
+
+
+def _is_bag(path: Path) -> bool:
+    if path.suffix == ".mcap":
+        return not (path.parent / METADATA).exists()
+    return path.name.endswith((".bag", ".bag.active")) or (path / METADATA).exists()

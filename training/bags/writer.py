@@ -56,40 +56,21 @@ class BagWriter:
     # -- the topics --------------------------------------------------------------------------------
     def scan(self, time: float, ranges) -> None:
         """Write a scan: ranges (beams,) [m] of the robot's laser."""
-        empty = np.empty(0, np.float32)
         laser = self.robot.laser
-        self._put(
-            self.topics.scan,
-            "sensor_msgs/msg/LaserScan",
-            time,
-            self._header(time, laser.frame),
-            laser.first_angle,
-            laser.first_angle + laser.increment * (len(ranges) - 1),
-            laser.increment,
-            0.0,
-            1.0 / laser.rate,
-            laser.range_min,
-            laser.range_max,
-            np.ascontiguousarray(ranges, np.float32),
-            empty,
-        )
+        last = laser.first_angle + laser.increment * (len(ranges) - 1)
+        fan = laser.first_angle, last, laser.increment, 0.0, 1.0 / laser.rate, laser.range_min, laser.range_max
+        measured = np.ascontiguousarray(ranges, np.float32), np.empty(0, np.float32)
+        header = self._header(time, laser.frame)
+        self._put(self.topics.scan, "sensor_msgs/msg/LaserScan", time, header, *fan, *measured)
 
     def odometry(self, time: float, pose, twist) -> None:
         """Write the odometry: pose (x, y, yaw) [m, rad] in the robot's odometry frame, twist (v, w) [m/s, rad/s]."""
-        make, zeros = self._make, np.zeros(36)
-        self._put(
-            self.topics.odometry,
-            "nav_msgs/msg/Odometry",
-            time,
-            self._header(time, self.robot.frames.odom),
-            self.robot.frames.base,
-            make("geometry_msgs/msg/PoseWithCovariance", self._pose(pose), zeros),
-            make(
-                "geometry_msgs/msg/TwistWithCovariance",
-                make("geometry_msgs/msg/Twist", self._vector(twist[0]), self._vector(0.0, 0.0, twist[1])),
-                zeros,
-            ),
-        )
+        frames, zeros = self.robot.frames, np.zeros(36)
+        driven = self._make("geometry_msgs/msg/Twist", self._vector(twist[0]), self._vector(0.0, 0.0, twist[1]))
+        where = self._make("geometry_msgs/msg/PoseWithCovariance", self._pose(pose), zeros)
+        moving = self._make("geometry_msgs/msg/TwistWithCovariance", driven, zeros)
+        header = self._header(time, frames.odom)
+        self._put(self.topics.odometry, "nav_msgs/msg/Odometry", time, header, frames.base, where, moving)
 
     def command(self, time: float, v: float, w: float) -> None:
         """What the base is told to drive [m/s, rad/s]."""
@@ -101,13 +82,9 @@ class BagWriter:
 
     def goal(self, time: float, goal) -> None:
         """(x, y, yaw) in the robot's odometry frame, as move_base announces the goal that it has accepted."""
-        self._put(
-            self.topics.move_base + "/current_goal",
-            "geometry_msgs/msg/PoseStamped",
-            time,
-            self._header(time, self.robot.frames.odom),
-            self._pose(goal),
-        )
+        header = self._header(time, self.robot.frames.odom)
+        topic = self.topics.move_base + "/current_goal"
+        self._put(topic, "geometry_msgs/msg/PoseStamped", time, header, self._pose(goal))
 
     def contact(self, time: float) -> None:
         """Write that the robot touches something."""

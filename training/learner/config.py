@@ -99,7 +99,7 @@ class TaskOptions(Options):
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
     simulator: SimulatorName = option("kinematic",
-        "Simulator to train and evaluate in: kinematic, pybullet, or the MODULE:CLASS of your own.")
+        "Simulator to train and evaluate in: kinematic or pybullet.")
     planner: Planner = option("ours",
         "Planner to train with: ours; cpp-like, which has the defects of the C++ move_base that success depends on; or "
         "drawn, which takes one of the two at each reset. Evaluations of a run with drawn use ours.")

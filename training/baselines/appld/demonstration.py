@@ -100,7 +100,7 @@ def _instants(recording: Recording) -> Demonstration:
     goal = tuple(goals[-1] if goals else pose[-1].tolist())
     if not all(math.isfinite(v) for v in goal):
         raise BagError("its goal is not finite")
-    scans = recording.scans(chosen)[1]
+    scans = recording.scans(chosen)
     geometries = {(len(s.ranges), s.angle_min, s.angle_increment, s.range_min, s.range_max) for s in scans.values()}
     if len(geometries) > 1:
         raise BagError("its scans have different beams; a demonstration needs one scanner with fixed settings")
