@@ -1,29 +1,42 @@
 """Text that is made from the code and the data when the site is built.
 
-A line `<!-- from code: NAME ARGUMENTS -->` of a page becomes the Markdown that the function NAME of this file or of one
-that it imports returns.
+A line `<!-- from code: NAME ARGUMENTS -->` of a page becomes the Markdown that the function NAME of this file returns.
+What is a file as it stands, the pages take with literalinclude and csv-table.
 """
 
+import contextlib
 import csv
+import importlib
 import inspect
+import io
+import os
 import re
-import subprocess
+import sys
 import xml.etree.ElementTree as xml
 from pathlib import Path
 
-from commands import commands
-from parameters import parameters
+from applr_ros1.planner.parameters.declarations import SERVERS, STATIC
+from applr_ros1.planner.parameters.layers import TYPES
+from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR
 
 ROOT = Path(__file__).resolve().parents[2]
 MARK = re.compile(r"^<!-- from code: (\w+) ?(.*) -->$", re.MULTILINE)
+MAP, NAMED = "costmap_2d::StaticLayer", "recovery_behaviors"
+TITLES = {  # of parameters that more than one place has; the others stand below /move_base
+    "": "`/move_base`",
+    "local_costmap": "`/move_base/local_costmap` and `/move_base/global_costmap`",
+    MAP: "Each static layer (`static_layer` in files without `plugins`)",
+    "local_costmap/obstacles_layer": "Each obstacle layer (`obstacle_layer` in files without `plugins`)",
+    "local_costmap/obstacles_layer/scan": "Each source of an obstacle layer (`scan` on the Jackal)",
+    "local_costmap/inflater_layer": "Each inflation layer (`inflation_layer` in files without `plugins`)",
+    NAMED: "Each behaviour that `recovery_behaviors` names",
+    "applr": "`/move_base/applr`, which C++ does not have",
+}
 
 
 def table(head, rows):
-    """A Markdown table; numbers stand right."""
-    rows = [[str(cell).replace("|", "\\|") for cell in row] for row in rows]
-    number = re.compile(r"[-+<±]?\s?\d[\d.,]*( .*)?|")
-    right = [all(number.fullmatch(row[i]) for row in rows) for i in range(len(head))]
-    lines = [head, ["---:" if r else "---" for r in right], *rows]
+    """A Markdown table."""
+    lines = [head, ["---"] * len(head), *([str(cell).replace("|", "\\|") for cell in row] for row in rows)]
     return "\n".join("| %s |" % " | ".join(line) for line in lines)
 
 
@@ -33,10 +46,21 @@ def rows_of(name):
         return list(csv.DictReader(file))
 
 
-def csv_table(name):
-    """A file of docs/results as it is."""
-    rows = rows_of(name)
-    return table(list(rows[0]), [row.values() for row in rows])
+def commands(*modules):
+    """What `python -m MODULE --help` prints, for each."""
+    os.environ["COLUMNS"] = "110"
+    parts = []
+    for module in modules:
+        command, printed, argv = importlib.import_module(module), io.StringIO(), sys.argv
+        sys.argv = [module, "--help"]
+        with contextlib.redirect_stdout(printed), contextlib.suppress(SystemExit):
+            command.main()
+        sys.argv = argv
+        name = re.match(r"usage: (\./applr \w+|\S+)", printed.getvalue()).group(1)
+        if not name.startswith("./applr"):
+            name = "python -m " + module.replace(".__main__", "")
+        parts.append("## `%s`\n\n```text\n%s```" % (name, printed.getvalue()))
+    return "\n\n".join(parts)
 
 
 def comparison(prefix):
@@ -45,59 +69,32 @@ def comparison(prefix):
     rows = []
     for row in rows_of(prefix + "_time"):
         rate, won = rates[row["method"]], faster.get(row["method"])
-        rows.append(
-            [
-                "`%s`" % row["method"],
-                "%s s (%s)" % (row["time [s]"], row["95 % interval"]),
-                "%+.1f %%" % -float(row["faster [%]"]) if won else "",
-                rate["success [%]"].split(" ")[0] + " %",
-                rate["collided [%]"].split(" ")[0] + " %",
-                " / ".join(won[key].split(" ")[0] for key in ("method better", "dwa better")) if won else "",
-            ]
-        )
+        time = "%s s (%s)" % (row["time [s]"], row["95 % interval"])
+        share = "%+.1f %%" % -float(row["faster [%]"]) if won else ""
+        counts = " / ".join(won[key].split(" ")[0] for key in ("method better", "dwa better")) if won else ""
+        success, contact = (rate[key].split(" ")[0] + " %" for key in ("success [%]", "collided [%]"))
+        rows.append(["`%s`" % row["method"], time, share, success, contact, counts])
     head = ["method", "time (95 % interval)", "than `dwa`", "success", "with a contact", "worlds faster / slower"]
     return table(head, rows)
 
 
 def faults():
     """The table of faults, in its groups."""
-    rows = rows_of("faults")
-    parts = []
+    rows, parts = rows_of("faults"), []
     for group in dict.fromkeys(row["group"] for row in rows):
         cells = [list(row.values())[1:] for row in rows if row["group"] == group]
-        parts += ["## %s\n\n%s" % (group, table(["", "fault", "what happens", "measured"], cells))]
+        parts.append("## %s\n\n%s" % (group, table(["", "fault", "what happens", "measured"], cells)))
     return "\n\n".join(parts)
-
-
-def messages():
-    """The package's messages and services."""
-    files = sorted((ROOT / "msg").glob("*.msg")) + sorted((ROOT / "srv").glob("*.srv"))
-    return "\n\n".join("## %s\n\n```text\n%s```" % (file.name, file.read_text(encoding="utf-8")) for file in files)
 
 
 def launch_arguments():
     """The arguments of each launch file."""
     parts = []
     for file in sorted((ROOT / "applr_ros1" / "launch").glob("*.launch")):
-        rows = [
-            ["`%s`" % arg.get("name"), "`%s`" % arg.get("default") if arg.get("default") else "", arg.get("doc")]
-            for arg in xml.parse(file).getroot().findall("arg")
-            if arg.get("doc")
-        ]
+        arguments = [arg for arg in xml.parse(file).getroot().findall("arg") if arg.get("doc")]
+        rows = [["`%s`" % arg.get("name"), "`%s`" % arg.get("default", " "), arg.get("doc")] for arg in arguments]
         parts += ["## %s\n\n%s" % (file.name, table(["argument", "default", "meaning"], rows))] if rows else []
     return "\n\n".join(parts)
-
-
-def applr_usage():
-    """What `./applr --help` prints."""
-    printed = subprocess.run([ROOT / "applr", "--help"], capture_output=True, text=True, check=True).stdout
-    return "```text\n%s```" % printed
-
-
-def recipes():
-    """The files of training/recipes."""
-    files = sorted((ROOT / "training" / "recipes").glob("*.yaml"))
-    return "\n\n".join("## %s\n\n```yaml\n%s```" % (file.stem, file.read_text(encoding="utf-8")) for file in files)
 
 
 def methods():
@@ -107,8 +104,36 @@ def methods():
     return table(["name", "method"], [["`%s`" % name, text] for name, (_, text) in METHODS.items()])
 
 
+def parameters():
+    """The parameters of move_base: a list for every dynamic_reconfigure server, then what is read only at start-up."""
+    parts = []
+    for title, declared in (
+        ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
+        ("Read once, when the node starts", dict(STATIC, **{MAP: TYPES[MAP].static, NAMED: BEHAVIOUR})),
+    ):
+        parts += ["## " + title]
+        for path in declared:
+            if not path.startswith("global_costmap"):  # the same as local_costmap's
+                entries = [_parameter(p) for p in declared[path] if p.name != "restore_defaults"]
+                parts += ["### " + TITLES.get(path, "`/move_base/%s`" % path), "\n".join(entries)]
+    return "\n\n".join(parts)
+
+
+def _parameter(p):
+    """One parameter as an item of a list."""
+    older = "".join(", older name `%s`" % name for name in p.aliases)
+    ends = ["any" if abs(end) >= 2**31 - 1 else "%g" % end for end in (p.min, p.max) if p.type in ("int", "double")]
+    kind = ", ".join([p.type, " to ".join(ends)] if ends else [p.type]) + (" " + p.unit if p.unit else "")
+    default = "%g" % p.default if isinstance(p.default, (int, float)) else p.default or "empty"
+    if isinstance(p.default, bool):
+        default = str(p.default).lower()
+    elif isinstance(p.default, list):
+        default = ", ".join(entry["name"] if isinstance(entry, dict) else str(entry) for entry in p.default) or "empty"
+    return "- **`%s`**%s (%s; default `%s`). %s" % (p.name, older, kind, default, p.doc)
+
+
 def robot_sections():
-    """The sections of robot.yaml and their fields, from the dataclasses that read them."""
+    """The sections of robot.yaml and their fields, from the classes that read them."""
     from applr_ros1.robots import description
     from applr_ros1.robots.reader import RobotFile
 
@@ -118,9 +143,26 @@ def robot_sections():
     )
 
 
+def _section(name, kind):
+    """One section: the class's docstring, which has sentences `field: text.`, and a row for each field."""
+    fields = "|".join(kind.model_fields)
+    pattern = r"(?:^|\s)((?:%s)(?:, (?:%s))*): " % (fields, fields)
+    first, *texts = re.split(pattern, " ".join(inspect.getdoc(kind).split()))
+    about = {field: text for names, text in zip(texts[::2], texts[1::2]) for field in names.split(", ")}
+    rows = []
+    for field, declared in kind.model_json_schema()["properties"].items():
+        taken = declared.get("anyOf", [declared])[0]  # the other one is null
+        item = taken.get("prefixItems", [taken])[0]
+        value = " or ".join(item["enum"]) if "enum" in item else item["type"]
+        value += ", %g to %g" % (item["minimum"], item["maximum"]) if "minimum" in item else ""
+        value = "%d of: %s" % (len(taken["prefixItems"]), value) if "prefixItems" in taken else value
+        meaning = about.get(field, "") + (" [%s]" % declared["unit"] if declared.get("unit") else "")
+        rows.append(["`%s`" % field, meaning, value, declared.get("default", "required")])
+    return "## %s\n\n%s\n\n%s" % (name, first, table(["field", "meaning", "value", "default"], rows))
+
+
 def jackal_space():
     """The Jackal's parameter space, with the declared meaning of each parameter."""
-    from applr_ros1.planner.parameters.declarations import SERVERS
     from applr_ros1.policy.parameter_space import SPACE
     from applr_ros1.robots import JACKAL
 
@@ -133,49 +175,8 @@ def jackal_space():
     return table(["parameter", "default", "range", "unit", "meaning"], rows)
 
 
-def _section(name, kind):
-    """One section: the class's docstring, which has sentences `field: text.`, and a row for each field."""
-    fields = "|".join(kind.model_fields)
-    first, *texts = re.split(
-        r"(?:^|\s)((?:%s)(?:, (?:%s))*): " % (fields, fields), " ".join(inspect.getdoc(kind).split())
-    )
-    about = {field: text for names, text in zip(texts[::2], texts[1::2]) for field in names.split(", ")}
-    rows = []
-    for field, declared in kind.model_json_schema()["properties"].items():
-        meaning = "%s [%s]" % (about.get(field, ""), declared["unit"]) if declared.get("unit") else about.get(field, "")
-        default = declared.get("default", "required")
-        shown = "%g" % default if isinstance(default, float) else str(default or "none")
-        shown = "from the shape" if default is None else shown
-        rows.append(["`%s`" % field, meaning.strip(), _taken(declared), shown])
-    return "## %s\n\n%s\n\n%s" % (name, first, table(["field", "meaning", "value", "default"], rows))
-
-
-def _taken(declared):
-    """What a field takes, from its JSON schema."""
-    declared = declared.get("anyOf", [declared])[0]  # the other one is null
-    if "enum" in declared:
-        return " or ".join(declared["enum"])
-    if "prefixItems" in declared:
-        items = declared["prefixItems"]
-        return "%d numbers, %g to %g" % (len(items), items[0]["minimum"], items[0]["maximum"])
-    if declared["type"] == "array":
-        return "list of points [x, y]"
-    if declared["type"] == "string":
-        return "name"
-    if declared["type"] == "boolean":
-        return "true or false"
-    kind = "whole number" if declared["type"] == "integer" else "number"
-    return "%s, %g to %g" % (kind, declared["minimum"], declared["maximum"])
-
-
-FUNCTIONS = {
-    f.__name__: f for f in (csv_table, comparison, faults, messages, launch_arguments, applr_usage, recipes, methods)
-}
-FUNCTIONS.update({f.__name__: f for f in (robot_sections, jackal_space, commands, parameters)})
-
-
 def _read(app, page, source):
-    source[0] = MARK.sub(lambda mark: FUNCTIONS[mark.group(1)](*mark.group(2).split()), source[0])
+    source[0] = MARK.sub(lambda mark: globals()[mark.group(1)](*mark.group(2).split()), source[0])
 
 
 def setup(app):
