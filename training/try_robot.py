@@ -36,7 +36,18 @@ from training.common.options import PLACE, Options, option
 from training.evaluation.run import EvaluationOptions, drive, settings
 from training.evaluation.store import TrialStore
 from training.evaluation.trials import TRIAL_RUNNER, plan, world_list
-from training.report.verdict import LOOKS, OWN, POLICY, SET, Pairs, failures, picture, verdict
+from training.report.verdict import (
+    LOOKS,
+    OWN,
+    POLICY,
+    SET,
+    decided,
+    failures,
+    mean_scores,
+    paired_trials,
+    picture,
+    verdict,
+)
 
 TRIALS = 3  # of each method in each world, at most
 
@@ -80,14 +91,14 @@ def run(options: TryOptions) -> int:
     with continuable(), closing(TrialStore(out, settings(evaluation, worlds, chosen), trials)) as store:
         blocks = _blocks(store, names, max(1, options.workers), 60.0 * options.minutes)
         drive(store, evaluation, blocks)
-        pairs, used_up = Pairs(store.results, names), len(store.results) == len(trials)
-    found = verdict(pairs, robot.name, robot.folder, used_up)
+        driven, used_up = paired_trials(store.results, names), len(store.results) == len(trials)
+    method, sentences = verdict(driven, robot.name, robot.folder, used_up)
     path, missing = Path(out) / "verdict.png", absent("matplotlib")
     if not missing:
-        picture(pairs, robot.name, path)
-    print("\n".join([*found.sentences, *failures(pairs), f"picture: {missing or path}", "line for robot.yaml:"]))
-    print(f"method: {found.method}")
-    return 0 if found.pays else 1
+        picture(mean_scores(driven), robot.name, path)
+    print("\n".join([*sentences, *failures(driven), f"picture: {missing or path}", "line for robot.yaml:"]))
+    print(f"method: {method}")
+    return 0 if method == POLICY else 1
 
 
 def _blocks(store: TrialStore, names: Sequence[str], pairs: int, seconds: float) -> Iterator[List[Trial]]:
@@ -100,7 +111,8 @@ def _blocks(store: TrialStore, names: Sequence[str], pairs: int, seconds: float)
         count = first // len(names)
         if looks and count >= looks[0]:
             looks.pop(0)
-            if Pairs({trial: store.results[trial] for trial in store.plan[:first]}, names).decided():
+            so_far = {trial: store.results[trial] for trial in store.plan[:first]}
+            if decided(mean_scores(paired_trials(so_far, names))):
                 return
         block = list(store.plan[first : first + pairs * len(names)])
         if first and time.monotonic() > until and not all(trial in store.results for trial in block):

@@ -1,79 +1,51 @@
-"""The trials of an evaluation as arrays: by method and world, in the paper's two sets, in thirds of difficulty.
+"""The trials of an evaluation as a DataFrame: in the paper's two sets of worlds, in thirds of difficulty.
 
-All tables and figures of the report are made from these.
+All tables and figures of the report are made from it.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import re
-from dataclasses import dataclass
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
+import pandas as pd
 
+import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json
+from applr_ros1.drives.comparison import Comparison, compare
 from applr_ros1.policy.parameter_space import Space
 from training.evaluation.score import FAILURE_SECONDS
-from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, flag, read_rows, read_trace
-from training.evaluation.trials import COLUMNS, KEY, MEASURES
-from worlds import barn
+from training.evaluation.store import MEASURES_FILE, SETTINGS, TRIALS, read_rows, read_trace
+from training.evaluation.trials import COLUMNS, KEY, MEASURES, under
+from worlds import World, barn
 
 SETS = ("Training", "Test", "Physical course", "Other")
 THIRDS = ("Easy", "Medium", "Difficult")
 BASELINE = "dwa"
-NUMBERS = {  # fields of a Cell by the columns of the files
-    "time": "time_s",
-    "decisions": "decisions",
-    "path_length": "path_length_m",
-    "route": "route_m",
-    "clearance": "min_clearance_m",
-    "jerk": "mean_jerk",
-    "turn": "mean_turn",
-    "switching": "switching",
-}
+FLAGS, TEXTS = ("success", "collided", "timeout"), ("world", "method", "reason")
+WHOLE = ("trial", "seed", "decisions")
 # what joined evaluations must have in common
 SAME = ("simulator", "protocol", "planner", "monitor", "ground", "robot", "seed")
 
-
-@dataclass(frozen=True)
-class Cell:
-    """The trials of one method in one world, in their order: arrays (n,)."""
-
-    success: np.ndarray
-    collided: np.ndarray
-    timeout: np.ndarray
-    time: np.ndarray  # [s]; the limit where it timed out, the time until then where a contact or a flip ended it
-    decisions: np.ndarray
-    path_length: np.ndarray  # [m]
-    reason: List[str]
-    route: np.ndarray  # length of the reference route [m]
-    clearance: np.ndarray  # smallest laser range [m]
-    jerk: np.ndarray  # mean |jerk| [m/s^3]
-    turn: np.ndarray  # mean |yaw acceleration| [rad/s^2]
-    switching: np.ndarray  # mean change of the parameters per decision, of their range in [-1, 1]
-
-    @property
-    def times(self) -> np.ndarray:
-        """Times of the successful trials [s]."""
-        return self.time[self.success]
-
-    @property
-    def counted(self) -> np.ndarray:
-        """Times of all trials (n,) [s], a failed one counting as the limit however it ended."""
-        return np.where(self.success, self.time, FAILURE_SECONDS)
+log = logging.getLogger(__name__)
 
 
 class Results:
-    """cells[method][world], the evaluation's settings, and how worlds are grouped.
+    """The trials of an evaluation, its settings, and how worlds are grouped.
 
     Args:
         folder: the folder of an evaluation.
         joined: folders of evaluations of the same methods in other worlds, or of other methods in the same worlds,
             whose trials count as if they were here.
+
+    Attributes:
+        trials: a row per trial with the columns of trials.csv and measures.csv, the "set" of its world, and "counted",
+            its time [s] or, where it failed, however that ended, the limit.
 
     Raises:
         ApplrError: there are no trials, a folder is given twice, or the joined evaluations do not fit together.
@@ -81,47 +53,42 @@ class Results:
     """
 
     def __init__(self, folder: os.PathLike | str, joined: Sequence[os.PathLike | str] = ()):
-        self.folder, self.joined = Path(folder), [Path(other) for other in joined]
+        self.folder = Path(folder)
         self._folder_of: Dict[Tuple[str, str], Path] = {}  # of each world and method
-        rows, resolved, key = [], set(), itemgetter(*KEY)
-        for place in (self.folder, *self.joined):
-            if place.resolve() in resolved:
-                raise ApplrError(f"{place}: given twice, so that its trials would count twice; join it once")
-            resolved.add(place.resolve())
-            found = read_rows(place / TRIALS, COLUMNS)
-            for driven in dict.fromkeys((row["world"], row["method"]) for row in found):
-                if self._folder_of.setdefault(driven, place) != place:
-                    raise ApplrError(
-                        f"{self._folder_of[driven]} and {place} both have {driven[0]} of {driven[1]}; join other "
-                        "worlds or other methods"
-                    )
-            measures = {key(row): row for row in read_rows(place / MEASURES_FILE, MEASURES)}
-            rows += [{**row, **measures[key(row)]} for row in found]
-        if not rows:
+        folders, frames = [self.folder, *map(Path, joined)], []
+        for n, path in enumerate(folders):
+            if path.resolve() in [other.resolve() for other in folders[:n]]:
+                raise ApplrError(f"{path}: given twice, so that its trials would count twice; join it once")
+            frames.append(_read(path))
+            for world, method in frames[-1][["world", "method"]].drop_duplicates().itertuples(index=False):
+                other = self._folder_of.setdefault((world, method), path)
+                if other != path:
+                    raise ApplrError(f"{other} and {path} both have {world} of {method}; join other worlds or methods")
+        trials = pd.concat(frames, ignore_index=True)
+        if trials.empty:
             raise ApplrError(f"{self.folder} holds no trials; give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._digests = {tuple(self.settings["worlds"]): self.settings["worlds_sha256"]}
-        for place in self.joined:
-            self._join(place)
-        self.planner: str = self.settings["planner"]
+        for path in folders[1:]:
+            self._join(path)
         self.robot: Dict[str, Any] = self.settings["robot"]  # trials.described gives it
         self.space = Space.stated(self.robot["space"], self.robot["name"])
+        self.planner: str = self.settings["planner"]
         if self.settings["monitor"]:
             self.planner += ", with the collision monitor"
-        self.count = len(rows)
-        self.methods = list(dict.fromkeys(row["method"] for row in rows))
-        self.worlds = list(dict.fromkeys(row["world"] for row in rows))
-        self._moving = set(self.settings["worlds_with_movers"])
+        moving = self.settings["worlds_with_movers"]
+        set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
+        self.trials = trials.assign(
+            set=trials.world.map(set_of_world), counted=trials.time_s.where(trials.success, FAILURE_SECONDS)
+        )
+        self.methods: List[str] = trials.method.unique().tolist()
+        self.worlds: List[str] = trials.world.unique().tolist()
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
         self.rivals = [m for m in self.methods if m != self.baseline]
-        try:
-            self.cells = self._cells(rows)
-        except ValueError as error:
-            raise ApplrError(f"{self.folder / TRIALS}: {error}; evaluate anew into another folder") from None
 
-    def _join(self, place: Path) -> None:
+    def _join(self, folder: Path) -> None:
         """Takes over another evaluation's worlds and methods. Raises ApplrError where something else differs, too."""
-        here, there = self.settings, read_json(place / SETTINGS)
+        here, there = self.settings, read_json(folder / SETTINGS)
         other = [name for name in SAME if here[name] != there[name]]
         names, digest = tuple(there["worlds"]), there["worlds_sha256"]
         if self._digests.setdefault(names, digest) != digest:
@@ -129,7 +96,7 @@ class Results:
         methods, more = here["methods"], there["methods"]
         other += [name for name in methods if name in more and methods[name] != more[name]]
         if other:
-            raise ApplrError(f"{place}: driven with another {other[0]} than {self.folder}; it cannot be joined")
+            raise ApplrError(f"{folder}: driven with another {other[0]} than {self.folder}; it cannot be joined")
         here["methods"] = {**methods, **more}
         known = set(here["worlds"])
         for name, spec in zip(there["worlds"], there["world_specs"]):
@@ -140,56 +107,77 @@ class Results:
             here[name] = [*here.get(name, []), *there.get(name, [])]
         here["wall_s"] = here.get("wall_s", 0.0) + there.get("wall_s", 0.0)
 
-    def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
-        """What was recorded of a trial (store.read_trace), None where nothing was."""
-        place = self._folder_of.get((world, method))
-        return read_trace(place, world, method, trial) if place else None
-
-    @staticmethod
-    def _cells(rows: List[Dict[str, str]]) -> Dict[str, Dict[str, Cell]]:
-        found: Dict[str, Dict[str, List[Dict[str, str]]]] = {}
-        for row in rows:
-            found.setdefault(row["method"], {}).setdefault(row["world"], []).append(row)
-        return {method: {world: _cell(trials) for world, trials in worlds.items()} for method, worlds in found.items()}
+    def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
+        """The trials of a method in some worlds."""
+        return self.trials[(self.trials.method == method) & self.trials.world.isin(worlds)]
 
     def of_set(self, name: str) -> List[str]:
         """Worlds of one of SETS, in their order."""
-        return [w for w in self.worlds if self._set_of(w) == name]
+        return self.trials.world[self.trials.set == name].unique().tolist()
 
-    def _set_of(self, world: str) -> str:
-        return "Other" if world in self._moving else set_of(world)  # DynaBARN's numbers are BARN's too
-
-    def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, List[str], str]]:
-        """(name of the set, its worlds, method) of each of SETS that has worlds, and each of the methods, or all."""
+    def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, str, pd.DataFrame]]:
+        """(name of the set, method, trials) of each of SETS that has worlds, and each of the methods, or all."""
         for name in SETS:
             worlds = self.of_set(name)
             for method in (self.methods if methods is None else methods) if worlds else []:
-                yield name, worlds, method
+                yield name, method, self.of(method, worlds)
 
-    def both(self, method: str, worlds: List[str], other: str = "") -> List[str]:
-        """Those of `worlds` that both `method` and the other method, or the baseline, have driven."""
-        return [w for w in worlds if w in self.cells[method] and w in self.cells[other or self.baseline]]
+    def both(self, worlds: Sequence[str], *methods: str) -> List[str]:
+        """Those of `worlds` that all of some methods have driven."""
+        driven = [set(self.of(method, worlds).world) for method in methods]
+        return [w for w in worlds if all(w in of_method for of_method in driven)]
 
-    def by_difficulty(self, worlds: List[str]) -> List[str]:
+    def scores(self, method: str, worlds: Sequence[str]) -> pd.Series:
+        """A method's mean time over all trials of each world [s], a failed one counting as the limit."""
+        return self.of(method, worlds).groupby("world", sort=False).counted.mean().reindex(worlds)
+
+    def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
+        """A method beside another in those of some worlds that both have driven."""
+        both = self.both(worlds, method, other)
+        return compare(self.scores(method, both), self.scores(other, both))
+
+    def by_difficulty(self, worlds: Sequence[str]) -> List[str]:
         """Worlds by the baseline's mean time over all trials, a failed one counting as the limit; fastest first."""
-        cells = self.cells[self.baseline]
-        return sorted((w for w in worlds if w in cells), key=lambda w: (cells[w].counted.mean(), w))
+        scores = self.scores(self.baseline, self.both(worlds, self.baseline))
+        return sorted(scores.index, key=lambda world: (scores[world], world))
 
     def thirds(self) -> Dict[str, List[str]]:
         """All training and test worlds in thirds of difficulty, as the paper has them: 100 each of 300."""
-        ordered = self.by_difficulty([w for w in self.worlds if self._set_of(w) in SETS[:2]])
+        ordered = self.by_difficulty(self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist())
         return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
 
-    def pooled(self, method: str, worlds: List[str], field: str) -> np.ndarray:
-        """A field of all trials of `method` in `worlds`."""
-        parts = [getattr(self.cells[method][w], field) for w in worlds if w in self.cells[method]]
-        return np.concatenate(parts) if parts else np.zeros(0)
+    def trace(self, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
+        """What was recorded of a trial (store.read_trace), None where nothing was."""
+        folder = self._folder_of.get((world, method))
+        return read_trace(folder, world, method, trial) if folder else None
+
+    def load(self, name: str) -> Optional[World]:
+        """A world of the evaluation, None where its file has gone since."""
+        specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
+        try:
+            world = under(self.settings["protocol"], worlds_package.load(specs[name]))
+            return worlds_package.scaled(world, self.robot["world_scale"])
+        except ApplrError as error:
+            log.warning("no map of %s: %s", name, error)
+            return None
 
 
-def _cell(trials: List[Dict[str, str]]) -> Cell:
-    flags = {name: np.array([flag(trial[name]) for trial in trials]) for name in ("success", "collided", "timeout")}
-    numbers = {name: np.array([float(trial[column]) for trial in trials]) for name, column in NUMBERS.items()}
-    return Cell(reason=[trial["reason"] for trial in trials], **flags, **numbers)
+def _read(folder: Path) -> pd.DataFrame:
+    """The trials of a folder with their measures."""
+    trials, measures = (
+        pd.DataFrame(read_rows(folder / name, columns), columns=list(columns))
+        for name, columns in ((TRIALS, COLUMNS), (MEASURES_FILE, MEASURES))
+    )
+    found = trials.merge(measures, on=list(KEY), how="left", validate="one_to_one")
+    try:
+        for name in found.columns.difference(TEXTS):
+            kind = int if name in WHOLE else float
+            found[name] = found[name].map({"True": True, "False": False}) if name in FLAGS else found[name].astype(kind)
+        if found[list(FLAGS)].isna().any(axis=None):
+            raise ValueError("a flag is neither True nor False")
+        return found.astype(dict.fromkeys(FLAGS, bool))
+    except ValueError as error:
+        raise ApplrError(f"{folder / TRIALS}: {error}; evaluate anew into another folder") from None
 
 
 def set_of(world: str) -> str:

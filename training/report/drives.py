@@ -15,7 +15,7 @@ import numpy as np
 from applr_ros1.common.files import read_bytes, write_bytes
 from training.common.folders import make_folder
 from training.report.data import Results
-from training.report.figures import colors, load
+from training.report.figures import colors
 from worlds import World
 
 FILE = "drives.html"
@@ -60,7 +60,7 @@ def write(results: Results, out: Path, title: str) -> str:
 def _world(results: Results, name: str) -> Optional[Dict[str, Any]]:
     """A world with its drives; None where there are none, or where the world's file has gone since."""
     drives = [drive for place, method in enumerate(results.methods) for drive in _drives(results, name, method, place)]
-    world = load(results, name) if drives else None
+    world = results.load(name) if drives else None
     if world is None:
         return None
     points = [np.cumsum(drive["p"], axis=0)[:, :2] / 100.0 for drive in drives]
@@ -86,21 +86,21 @@ def _world(results: Results, name: str) -> Optional[Dict[str, Any]]:
 
 def _drives(results: Results, world: str, method: str, place: int) -> List[Dict[str, Any]]:
     """The drives of one method in a world whose traces were kept: how each ended, and what was driven."""
-    cell, found = results.cells[method].get(world), []
-    for trial in range(0 if cell is None else min(MOST_TRIALS, len(cell.success))):
-        trace = results.trace(world, method, trial)
-        if cell is None or trace is None or not len(trace["pose"]):
+    found = []
+    for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
+        trace = results.trace(world, method, row.trial)
+        if trace is None or not len(trace["pose"]):
             continue
         last = len(trace["pose"]) - 1
         rows = np.unique(np.append(np.arange(0, last, EVERY), last))
         steps = np.rint(trace["pose"][rows] * 100.0).astype(int)
         drive: Dict[str, Any] = {
             "m": place,
-            "k": trial,
-            "t": round(float(cell.time[trial]), 1),
-            "ok": bool(cell.success[trial]),
-            "hit": bool(cell.collided[trial]),
-            "why": cell.reason[trial],
+            "k": row.trial,
+            "t": round(row.time_s, 1),
+            "ok": row.success,
+            "hit": row.collided,
+            "why": row.reason,
             "p": np.diff(steps, axis=0, prepend=0).tolist(),
             "v": _whole(trace["twist"][rows, 0], 100),
         }

@@ -5,15 +5,11 @@ page.py calls them.
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
 import numpy as np
 
-import worlds as worlds_package
-from applr_ros1.common.errors import ApplrError
-from training.evaluation.trials import under
 from training.report.data import Results
 from worlds import World
 from worlds.draw import draw
@@ -38,8 +34,6 @@ def region_of(world: World, poses: np.ndarray) -> np.ndarray:
 # the baseline red and applr green, as in the paper
 COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
 DPI = 110
-
-log = logging.getLogger(__name__)
 
 
 def canvas(columns: int = 1, rows: int = 1, size: Tuple[float, float] = (5.5, 4.0), **more):
@@ -66,16 +60,14 @@ def times(results: Results, folder: Path) -> Optional[str]:
     figure, axes = canvas(len(sets), size=(8.0, 4.0) if len(sets) == 1 else (5.5, 4.0))
     shade = colors(results)
     for ax, name in zip(axes[0], sets):
-        base = results.cells[results.baseline]
-        ordered = sorted(
-            (w for w in results.of_set(name) if w in base and len(base[w].times)), key=lambda w: base[w].times.mean()
+        mean = (
+            results.trials[results.trials.success & (results.trials.set == name)]
+            .groupby(["method", "world"])
+            .time_s.mean()
         )
+        ordered = mean[results.baseline].sort_values().index if results.baseline in mean else []
         for method in results.methods:
-            points = [
-                (n, results.cells[method][w].times.mean())
-                for n, w in enumerate(ordered)
-                if w in results.cells[method] and len(results.cells[method][w].times)
-            ]
+            points = [(n, mean[method, world]) for n, world in enumerate(ordered) if (method, world) in mean]
             if not points:
                 continue
             x, y = np.array(points, dtype=float).T
@@ -97,7 +89,7 @@ def times(results: Results, folder: Path) -> Optional[str]:
 
 def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     """The driven paths of all methods over the map of one world."""
-    world, traces = load(results, name), _traces(results, name)
+    world, traces = results.load(name), _traces(results, name)
     if world is None or not traces:
         return None
     shade = colors(results)
@@ -105,8 +97,8 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
     ax = axes[0, 0]
     draw(ax, world, path=False)
     for method, trace in traces.items():
-        cell = results.cells[method][name]
-        said = f"{cell.time[0]:.1f} s" if cell.success[0] else cell.reason[0] or "failed"
+        first = results.of(method, [name]).iloc[0]
+        said = f"{first.time_s:.1f} s" if first.success else first.reason or "failed"
         ax.plot(trace["pose"][:, 0], trace["pose"][:, 1], color=shade[method], lw=1.6, label=f"{method}: {said}")
     _frame(ax, world, traces)
     ax.set_title(f"{name}: driven paths, first trial of each method")
@@ -116,7 +108,7 @@ def paths(results: Results, folder: Path, name: str) -> Optional[str]:
 
 def profile(results: Results, folder: Path, name: str, method: str) -> Optional[str]:
     """A method's parameters along one course, regions coloured (paper, Fig. 5)."""
-    world, trace = load(results, name), results.trace(name, method, 0)
+    world, trace = results.load(name), results.trace(name, method, 0)
     if world is None or trace is None or not len(trace["theta"]):
         return None
     regions = region_of(world, trace["pose"])
@@ -170,19 +162,8 @@ def chosen(results: Results) -> List[str]:
     return ordered[len(ordered) // 2 :][:1] + [w for w in with_traces if w == "physical_course"]
 
 
-def load(results: Results, name: str) -> Optional[World]:
-    """A world of the evaluation, None where its file has gone since."""
-    specs = dict(zip(results.settings["worlds"], results.settings["world_specs"]))
-    try:
-        world = under(results.settings["protocol"], worlds_package.load(specs[name]))
-        return worlds_package.scaled(world, results.robot["world_scale"])
-    except ApplrError as error:
-        log.warning("no map of %s: %s", name, error)
-        return None
-
-
 def _traces(results: Results, name: str) -> Dict[str, dict]:
-    found = {m: results.trace(name, m, 0) for m in results.methods if name in results.cells[m]}
+    found = {m: results.trace(name, m, 0) for m in results.methods}
     return {m: trace for m, trace in found.items() if trace is not None and len(trace["pose"])}
 
 

@@ -98,11 +98,11 @@ def _pictures(results: Results, out: Path) -> List[Tuple[str, str]]:
 
 def _facts(results: Results) -> List[str]:
     s = results.settings
-    per = sorted({len(cell.success) for cells in results.cells.values() for cell in cells.values()})
-    trials = " to ".join(map(str, dict.fromkeys((per[0], per[-1]))))
+    per = results.trials.groupby(["method", "world"]).size()
+    trials = " to ".join(map(str, dict.fromkeys((per.min(), per.max()))))
     facts = [
-        f"{results.count} trials: {len(results.worlds)} worlds × {len(results.methods)} methods × {trials} trials. "
-        f"Simulator: {s['simulator']}, ground {s['ground']}. Planner: {results.planner}.",
+        f"{len(results.trials)} trials: {len(results.worlds)} worlds × {len(results.methods)} methods × {trials} "
+        f"trials. Simulator: {s['simulator']}, ground {s['ground']}. Planner: {results.planner}.",
         f"Protocol {s['protocol']}. {PROTOCOLS[s['protocol']].sentence}",
     ]
     if "wall_s" in s:

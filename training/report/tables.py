@@ -13,7 +13,9 @@ from itertools import combinations
 from typing import Dict, List, Sequence
 
 import numpy as np
+import pandas as pd
 
+from applr_ros1.drives.comparison import over_worlds
 from applr_ros1.policy.decision import PERIOD
 from training.evaluation.score import barn_metric
 from training.report import paper, statistics
@@ -82,12 +84,10 @@ def share(n: int, total: int) -> str:
 def table_1(results: Results) -> Table:
     """Average traversal times, in seconds and in two-second decisions."""
     rows = []
-    for name, worlds, method in results.groups():
-        mean, low, high = statistics.mean_time(results, method, worlds)
-        success = results.pooled(method, worlds, "success")
-        both = results.both(method, worlds)
-        base, own = (statistics.mean_counted(results, m, both) for m in (results.baseline, method))
-        gain, least, most = statistics.gain(results, method, worlds)
+    for name, method, trials in results.groups():
+        mean, low, high = statistics.mean_time(trials)
+        found = results.compare(method, results.baseline, results.of_set(name))
+        gain, least, most = found.gain
         rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
         rows.append(
             {
@@ -96,8 +96,8 @@ def table_1(results: Results) -> Table:
                 "time [s]": number(mean),
                 "95 % interval": span(low, high),
                 "two-second decisions": number(mean / PERIOD),
-                "successes": f"{success.sum():.0f} of {len(success)}",
-                f"faster than {results.baseline} [s]": number(base - own) if rival else NONE,
+                "successes": f"{trials.success.sum()} of {len(trials)}",
+                f"faster than {results.baseline} [s]": number(-found.difference.value) if rival else NONE,
                 "faster [%]": number(100 * gain, 1) if rival else NONE,
                 "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
                 "paper [decisions]": number(stated),
@@ -108,9 +108,9 @@ def table_1(results: Results) -> Table:
         "table_1",
         "Table I: average traversal time",
         rows,
-        "Time: mean over the successful trials of all worlds. Faster: over all trials of the worlds that both have "
-        "driven, a failed one counting as the limit. Intervals by bootstrap over worlds. In two-second decisions: "
-        "seconds / 2.",
+        "Time: mean over the successful trials of all worlds. Faster: mean over the worlds that both have driven of "
+        "the mean over all trials, a failed one counting as the limit. Intervals by bootstrap over worlds. In "
+        "two-second decisions: seconds / 2.",
         of_paper=(
             paper.UNIT,
             f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
@@ -121,16 +121,16 @@ def table_1(results: Results) -> Table:
 def table_2(results: Results) -> Table:
     """Welch tests per world."""
     base, rows = results.baseline, []
-    for name, worlds, method in results.groups(results.rivals):
-        verdicts = statistics.welch(results, method, worlds)
-        counts = statistics.count(verdicts) + statistics.count(verdicts, corrected=True)
-        shares = [share(n, len(verdicts)) for n in counts]
+    for name, method, trials in results.groups(results.rivals):
+        tests = statistics.welch(trials, results.of(base, results.of_set(name)))
+        counts = statistics.count(tests) + statistics.count(tests, corrected=True)
+        shares = [share(n, len(tests)) for n in counts]
         stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
         rows.append(
             {
                 "worlds": name,
                 "method": method,
-                "tested": f"{sum(not np.isnan(v.p) for v in verdicts)} of {len(verdicts)}",
+                "tested": f"{tests.p.count()} of {len(tests)}",
                 "method better": shares[0],
                 f"{base} better": shares[1],
                 "method better (Holm)": shares[2],
@@ -156,8 +156,8 @@ def table_3(results: Results) -> Table:
     for third, part in paper.THIRDS:
         worlds = [w for w in thirds[third] if w in parts.get(part, thirds[third])]
         for method in results.rivals if worlds else []:
-            both = results.both(method, worlds)
-            better, worse = statistics.count(statistics.welch(results, method, both))
+            tests = statistics.welch(results.of(method, worlds), results.of(base, worlds))
+            better, worse = statistics.count(tests)
             stated = (NONE, NONE)
             if (method, base) == ("applr", "dwa"):
                 mark = " (*)" if (third, part) in paper.SWAPPED else ""
@@ -167,10 +167,10 @@ def table_3(results: Results) -> Table:
                 {
                     "worlds": f"{third} {part}",
                     "method": method,
-                    "n": str(len(both)),
-                    "method better": share(better, len(both)),
-                    f"{base} better": share(worse, len(both)),
-                    f"{base} mean time, all trials [s]": number(results.pooled(base, worlds, "counted").mean()),
+                    "n": str(len(tests)),
+                    "method better": share(better, len(tests)),
+                    f"{base} better": share(worse, len(tests)),
+                    f"{base} mean time, all trials [s]": number(results.of(base, worlds).counted.mean()),
                     "paper: applr better": stated[0],
                     "paper: dwa better": stated[1],
                 }
@@ -189,18 +189,19 @@ def table_4(results: Results) -> Table:
     """The physical course, with failures named."""
     rows = []
     for method in results.methods:
-        cell = results.cells[method].get("physical_course")
-        if cell is None:
+        trials = results.of(method, ["physical_course"])
+        if trials.empty:
             continue
-        times, failures = cell.times, [r or "failed" for r, good in zip(cell.reason, cell.success) if not good]
-        deviation = times.std(ddof=1) if len(times) > 1 else 0.0
+        times = trials.time_s[trials.success]
+        failures = trials.reason[~trials.success].replace("", "failed").value_counts(sort=False)
+        deviation = times.std() if len(times) > 1 else 0.0
         rows.append(
             {
                 "method": method,
                 "time [s] (mean ± sd)": f"{times.mean():.1f} ± {deviation:.1f}" if len(times) else NONE,
-                "successes": f"{cell.success.sum()} of {len(cell.success)}",
-                "failures": "; ".join(f"{failures.count(r)}: {r}" for r in dict.fromkeys(failures)) or "none",
-                "contacts": f"{cell.collided.sum()} of {len(cell.collided)}",
+                "successes": f"{trials.success.sum()} of {len(trials)}",
+                "failures": "; ".join(f"{n}: {why}" for why, n in failures.items()) or "none",
+                "contacts": f"{trials.collided.sum()} of {len(trials)}",
                 "paper [s]": paper.PHYSICAL.get(method, NONE),
             }
         )
@@ -220,15 +221,14 @@ PAPER = [table_1, table_2, table_3, table_4]
 def rates(results: Results) -> Table:
     """What share succeeds, touches something, runs out of time; BARN's metric."""
     rows = []
-    for name, worlds, method in results.groups():
-        row = {"worlds": name, "method": method, "trials": str(len(results.pooled(method, worlds, "success")))}
+    for name, method, trials in results.groups():
+        row = {"worlds": name, "method": method, "trials": str(len(trials))}
         for column, field in (("success", "success"), ("collided", "collided"), ("timed out", "timeout")):
-            row[f"{column} [%]"] = _rate(results, method, worlds, field)
+            row[f"{column} [%]"] = _rate(trials[field], trials.world)
         for lower in (2, 4):
-            cells = [results.cells[method][w] for w in worlds if w in results.cells[method]]
-            scores = [barn_metric(c.success, c.collided, c.time, c.route, float(lower)) for c in cells]
-            sums, counts = np.array([s.sum() for s in scores]), np.array([float(len(s)) for s in scores])
-            value, low, high = statistics.over_worlds([sums, counts], statistics.ratio)
+            scores = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m, float(lower))
+            by_world = scores.groupby(trials.world, sort=False)
+            value, low, high = over_worlds(by_world.sum(), by_world.count())
             row[f"metric, {lower} OT"] = number(value, 3)
             row[f"95 % interval, {lower} OT"] = span(low, high, 3)
         rows.append(row)
@@ -249,21 +249,17 @@ def rates(results: Results) -> Table:
 def smoothness(results: Results) -> Table:
     """How smooth, how near, how restless."""
     rows = []
-    for name, worlds, method in results.groups():
-        success = results.pooled(method, worlds, "success").astype(bool)
-        fields = ("jerk", "turn", "clearance", "switching", "path_length", "route")
-        good = {field: results.pooled(method, worlds, field)[success] for field in fields}
+    for name, method, trials in results.groups():
+        good = trials[trials.success]
         values = {
-            "mean |jerk| [m/s³]": good["jerk"],
-            "mean |yaw acceleration| [rad/s²]": good["turn"],
-            "median smallest range [m]": good["clearance"],
-            "change of parameters per decision": good["switching"],
-            "driven / reference route": good["path_length"] / good["route"],
+            "mean |jerk| [m/s³]": good.mean_jerk.mean(),
+            "mean |yaw acceleration| [rad/s²]": good.mean_turn.mean(),
+            "median smallest range [m]": good.min_clearance_m.median(),
+            "change of parameters per decision": good.switching.mean(),
+            "driven / reference route": (good.path_length_m / good.route_m).mean(),
         }
-        known = {column: value[~np.isnan(value)] for column, value in values.items()}
-        average = {column: np.median if column.startswith("median") else np.mean for column in known}
-        told = {column: number(float(average[column](v)), 3) if len(v) else NONE for column, v in known.items()}
-        rows.append({"worlds": name, "method": method, **told})
+        shown = {column: number(value, 3) for column, value in values.items()}
+        rows.append({"worlds": name, "method": method, **shown})
     return Table.of(
         "smoothness",
         "Smoothness, clearance and switching",
@@ -279,20 +275,20 @@ def pairs(results: Results) -> Table:
     rows = []
     for name in SETS:
         worlds = results.of_set(name)
-        couples = [c for c in combinations(results.methods, 2) if results.both(c[0], worlds, c[1])]
-        found = [statistics.paired(results, a, b, worlds) for a, b in couples]
+        couples = [c for c in combinations(results.methods, 2) if results.both(worlds, *c)]
+        found = [results.compare(*couple, worlds) for couple in couples]
         adjusted = statistics.holm_adjusted(np.array([f.p for f in found]))
         for (a, b), f, p in zip(couples, found, adjusted):
-            verdicts = statistics.welch(results, a, worlds, b)
-            faster, slower = (share(n, len(verdicts)) for n in statistics.count(verdicts, corrected=True))
+            tests = statistics.welch(results.of(a, worlds), results.of(b, worlds))
+            faster, slower = (share(n, len(tests)) for n in statistics.count(tests, corrected=True))
             rows.append(
                 {
                     "worlds": name,
                     "method": a,
                     "other": b,
                     "n": str(f.worlds),
-                    "difference, all trials [s]": number(f.difference),
-                    "95 % interval": span(f.low, f.high),
+                    "difference, all trials [s]": number(f.difference.value),
+                    "95 % interval": span(f.difference.low, f.difference.high),
                     "p": _p(f.p),
                     "p (Holm)": _p(p),
                     "method faster in": faster,
@@ -332,11 +328,10 @@ def _p(value: float) -> str:
     return "≤ 0.0001" if value < 1.5e-4 else f"{value:.4f}"
 
 
-def _rate(results: Results, method: str, worlds: List[str], field: str) -> str:
-    flags = [getattr(results.cells[method][w], field) for w in worlds if w in results.cells[method]]
-    if not flags:
+def _rate(flags: pd.Series, world: pd.Series) -> str:
+    if flags.empty:
         return NONE
-    share, low, high = statistics.rate(flags)
+    share, low, high = statistics.rate(flags, world)
     return f"{100 * share:.1f} ({100 * low:.1f} to {100 * high:.1f})"
 
 

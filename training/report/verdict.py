@@ -1,28 +1,29 @@
 """Whether the policy pays on a robot: a verdict from pairs of trials, and why drives failed. try_robot.py prints it.
 
 A drive counts as its time, as 100 s where it failed, and as 5 s more where the robot touched something
-(evaluation/score.py). Methods are compared by the paired t-test of the races (score.clearly_worse), with the world as
-the unit, after the numbers of pairs in LOOKS and at the end: at LEVEL per look and side, a difference where there is
-none is found in at most one of twenty runs. A run that is continued looks once more.
+(evaluation/score.py). Methods are compared over worlds (applr_ros1/drives/comparison.py) after the numbers of courses
+in LOOKS and at the end: at LEVEL per look, a difference where there is none is found in at most one of twenty runs. A
+run that is continued looks once more.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Dict, List, Mapping, Sequence, Tuple
+from typing import List, Mapping, Sequence, Tuple
 
 import numpy as np
+import pandas as pd
 
+from applr_ros1.drives.comparison import compare
 from training.actors.tasks import Trial, TrialResult
-from training.evaluation.score import CONTACT_SECONDS, FAILURE_SECONDS, clearly_worse, trial_seconds
-from training.report.statistics import over_worlds, rate, ratio
+from training.evaluation.score import CONTACT_SECONDS, FAILURE_SECONDS, trial_seconds
+from training.report.figures import canvas
+from training.report.statistics import mean_time, rate
 
 OWN, POLICY, SET = "dwa", "applr", "static"
 WORDS = {OWN: "its own parameters", POLICY: "the policy", SET: "the best single set"}
 LOOKS = (8, 16)  # numbers of pairs after which it may end; there is a last look when all is driven or the time is spent
-LEVEL = 0.05 / 2 / (len(LOOKS) + 1)
+LEVEL = 0.05 / (len(LOOKS) + 1)  # of the two-sided test of each look
 
 # what a trial's reason begins with, and what to change; the first that fits counts
 REMEDIES = (
@@ -48,80 +49,59 @@ REMEDIES = (
 )
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What is to be said at the end.
+def paired_trials(results: Mapping[Trial, TrialResult], methods: Sequence[str]) -> pd.DataFrame:
+    """The trials of those courses that all of some methods have driven with the same seed.
 
-    Attributes:
-        method: the one to drive with.
-        pays: whether that is the policy, which then is clearly better than the robot's own parameters.
-        sentences: arrivals and times; whether the policy pays; what to do next.
+    Returns:
+        A row per trial: its "world", "trial" and "method", what TrialResult says, and its "score" [s].
     """
-
-    method: str
-    pays: bool
-    sentences: Tuple[str, str, str]
-
-
-class Pairs:
-    """Trials of some methods in the same courses with the same seeds.
-
-    Args:
-        results: of the trials; those of a world, number and method whose rivals are missing are left out.
-        methods: the robot's own parameters first.
-    """
-
-    def __init__(self, results: Mapping[Trial, TrialResult], methods: Sequence[str]):
-        self.methods = list(methods)
-        found: Dict[Tuple[str, int], Dict[str, TrialResult]] = {}
-        for trial, result in results.items():
-            found.setdefault((trial.world, trial.trial), {})[trial.method] = result
-        whole = {key: row for key, row in found.items() if len(row) == len(self.methods)}
-        self.worlds = list(dict.fromkeys(world for world, _ in whole))
-        self._rows = {w: [row for (world, _), row in whole.items() if world == w] for w in self.worlds}
-        self.count = len(whole)
-
-    def of(self, method: str) -> List[List[TrialResult]]:
-        """A method's trials, a list for each world."""
-        return [[row[method] for row in self._rows[world]] for world in self.worlds]
-
-    def scores(self, method: str) -> np.ndarray:
-        """A method's mean score in each world (n,) [s]."""
-        return np.array(
-            [
-                np.mean([trial_seconds(r.success, r.time_s, r.collided, CONTACT_SECONDS) for r in trials])
-                for trials in self.of(method)
-            ]
-        )
-
-    def worse(self, method: str, other: str) -> bool:
-        """Whether a method is clearly worse than another."""
-        return clearly_worse(self.scores(method), self.scores(other), LEVEL)
-
-    def decided(self) -> bool:
-        """Whether one method is clearly better than each of the others."""
-        return any(all(self.worse(other, best) for other in self.methods if other != best) for best in self.methods)
+    names = ("world", "trial", "method", "success", "collided", "time_s", "reason")
+    rows = [{name: getattr(t if hasattr(t, name) else r, name) for name in names} for t, r in results.items()]
+    trials = pd.DataFrame(rows, columns=list(names))
+    trials["score"] = [trial_seconds(t.success, t.time_s, t.collided, CONTACT_SECONDS) for t in trials.itertuples()]
+    return trials[trials.groupby(["world", "trial"]).method.transform("nunique") == len(methods)]
 
 
-def verdict(pairs: Pairs, robot: str, folder: str, used_up: bool) -> Verdict:
+def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
+    """The mean score [s] of each method, a column, in each world, a row."""
+    return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
+
+
+def clearly_better(scores: pd.DataFrame, method: str, other: str) -> bool:
+    """Whether a method is clearly better than another."""
+    found = compare(scores[method], scores[other])
+    return found.difference.value < 0.0 and found.p < LEVEL
+
+
+def decided(scores: pd.DataFrame) -> bool:
+    """Whether one method is clearly better than each of the others."""
+    return any(all(clearly_better(scores, best, other) for other in scores if other != best) for best in scores)
+
+
+def verdict(trials: pd.DataFrame, robot: str, folder: str, used_up: bool) -> Tuple[str, List[str]]:
     """The verdict on a robot.
 
     Args:
-        pairs: of at least one course.
+        trials: of at least one course (paired_trials).
         robot: its name.
         folder: of its description.
         used_up: whether no courses are left, so that more time would not help.
+
+    Returns:
+        The method to drive with: the policy only where it is clearly better than the robot's own parameters. Three
+        sentences: arrivals and times; whether the policy pays; what to do next.
     """
-    better = [method for method in pairs.methods[1:] if pairs.worse(OWN, method)]
-    best = min(better, key=lambda method: pairs.scores(method).mean(), default=OWN)
-    driven = f"Of {pairs.count} courses {robot} finished " + ", ".join(
-        f"{_arrivals(pairs.of(method))} with {WORDS[method]}" for method in pairs.methods
+    scores = mean_scores(trials)
+    better = [method for method in scores if method != OWN and clearly_better(scores, method, OWN)]
+    best = min(better, key=lambda method: scores[method].mean(), default=OWN)
+    of_method = dict(list(trials.groupby("method", sort=False)))
+    driven = f"Of {len(of_method[OWN])} courses {robot} finished " + ", ".join(
+        f"{_arrivals(one)} with {WORDS[method]}" for method, one in of_method.items()
     )
-    saved = pairs.scores(OWN) - pairs.scores(POLICY)
-    mean, low, high = over_worlds([saved, np.ones(len(saved))], ratio)
-    how = f"it takes {abs(mean):.1f} s {'less' if mean > 0 else 'more'} per course than {WORDS[OWN]}"
-    if np.isfinite(low):
-        how += f" (95 % interval of what it saves: {low:.1f} to {high:.1f} s)"
+    saved = compare(scores[OWN], scores[POLICY]).difference
+    how = f"it takes {abs(saved.value):.1f} s {'less' if saved.value > 0 else 'more'} per course than {WORDS[OWN]}"
+    if np.isfinite(saved.low):
+        how += f" (95 % interval of what it saves: {saved.low:.1f} to {saved.high:.1f} s)"
     how += f", where a failed drive counts as {FAILURE_SECONDS:g} s and a contact as {CONTACT_SECONDS:g} s more"
     train = f"python -m training.train --robot {folder} --recipe applr --init-from applr"
     if best == POLICY:
@@ -130,7 +110,7 @@ def verdict(pairs: Pairs, robot: str, folder: str, used_up: bool) -> Verdict:
     elif best == SET:
         judged = f"The policy does not pay on {robot}, the best single set does: with the policy {how}."
         advice = f"Load {folder}/static.yaml after your own parameters, or train a policy of its own ({train} ...)."
-    elif pairs.worse(POLICY, OWN):
+    elif clearly_better(scores, OWN, POLICY):
         judged = f"The policy does not pay on {robot}: {how}."
         advice = f"Keep your parameters, or train a policy of its own ({train} ...) and try again."
     else:
@@ -140,55 +120,42 @@ def verdict(pairs: Pairs, robot: str, folder: str, used_up: bool) -> Verdict:
             if used_up
             else "Keep your parameters for now, and give the same command more --minutes: it continues."
         )
-    return Verdict(best, best == POLICY, (driven + ".", judged, advice))
+    return best, [driven + ".", judged, advice]
 
 
-def _arrivals(worlds: Sequence[Sequence[TrialResult]]) -> str:
-    flags = [np.array([r.success for r in trials]) for trials in worlds]
-    share, low, high = rate(flags)
-    text = f"{sum(int(f.sum()) for f in flags)} ({100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %)"
-    times = [np.array([r.time_s for r in trials if r.success]) for trials in worlds]
-    mean, low, high = over_worlds([np.array([t.sum() for t in times]), np.array([float(len(t)) for t in times])], ratio)
+def _arrivals(trials: pd.DataFrame) -> str:
+    share, low, high = rate(trials.success, trials.world)
+    text = f"{trials.success.sum()} ({100 * share:.0f} %, {100 * low:.0f} to {100 * high:.0f} %)"
+    mean, low, high = mean_time(trials)
     text += f" in {mean:.1f} s" if np.isfinite(mean) else ""
     return text + (f" ({low:.1f} to {high:.1f} s)" if np.isfinite(low) else "")
 
 
-def failures(pairs: Pairs) -> List[str]:
+def failures(trials: pd.DataFrame) -> List[str]:
     """A line for each of the three commonest reasons of failures: which, how often by method, and what to change."""
-    found: Counter[str] = Counter()
-    by: Dict[str, Counter[str]] = {}
-    for method in pairs.methods:
-        for result in (r for trials in pairs.of(method) for r in trials if not r.success):
-            why = reason(result)
-            found[why] += 1
-            by.setdefault(why, Counter())[method] += 1
+    failed = trials[~trials.success.astype(bool)]
+    failed = failed.assign(reason=[reason(text) for text in failed.reason])
     lines = []
-    for why, _ in found.most_common(3):
-        who = ", ".join(f"{count} with {WORDS[method]}" for method, count in by[why].items())
+    for why in failed.reason.value_counts().index[:3]:
+        counts = failed.method[failed.reason == why].value_counts(sort=False)
+        who = ", ".join(f"{count} with {WORDS[method]}" for method, count in counts.items())
         what = next((text for start, text in REMEDIES if why.startswith(start)), "")
         lines.append(f"failed: {why} ({who})" + (f": {what}" if what else ""))
     return lines
 
 
-def reason(result: TrialResult) -> str:
+def reason(text: str) -> str:
     """Why a trial failed: "aborted: ..." where the planner gave up, whatever time the trial stands for."""
-    prefix = "planner aborted: "
-    return "aborted: " + result.reason[len(prefix) :] if result.reason.startswith(prefix) else result.reason or "failed"
+    return text.replace("planner aborted: ", "aborted: ", 1) or "failed"
 
 
-def picture(pairs: Pairs, robot: str, path: Path) -> None:
+def picture(scores: pd.DataFrame, robot: str, path: Path) -> None:
     """Draws each course's score with the robot's own parameters against that with the others, into a PNG file."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 6), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    own = pairs.scores(OWN)
-    most = 1.05 * max(float(pairs.scores(method).max()) for method in pairs.methods)
+    figure, ((axes,),) = canvas(size=(6, 6))
+    most = 1.05 * float(scores.max(axis=None))
     axes.plot([0, most], [0, most], color="gray", linewidth=1)
-    for method, mark in zip(pairs.methods[1:], "ox"):
-        axes.plot(own, pairs.scores(method), mark, alpha=0.7, label=WORDS[method])
+    for method, mark in zip([method for method in scores if method != OWN], "ox"):
+        axes.plot(scores[OWN], scores[method], mark, alpha=0.7, label=WORDS[method])
     axes.set(xlim=(0, most), ylim=(0, most), aspect="equal", title=f"{robot}: a point per world, faster below the line")
     axes.set(xlabel=f"with {WORDS[OWN]} [s], a failure as {FAILURE_SECONDS:g}", ylabel="with the other [s]")
     axes.legend(loc="upper left")

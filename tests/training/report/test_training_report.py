@@ -4,15 +4,15 @@ import csv
 import html
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.comparison import compare, over_worlds
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.toy_runner import SETTINGS
 from training.actors.tasks import TrialResult
@@ -70,6 +70,11 @@ def row_of(table, method, name="Test"):
     return dict(zip(table.columns, next(r for r in table.rows if r[:2] == [name, method])))
 
 
+def arrivals(results, method, world):
+    trials = results.of(method, [world])
+    return trials.time_s[trials.success].to_numpy()
+
+
 def column(table, name):
     return [row[table.columns.index(name)] for row in table.rows]
 
@@ -98,26 +103,41 @@ def test_wilson_by_the_book():
 
 
 def test_trials_of_a_world_that_go_alike_count_as_one():
-    alike, apart = [np.full(5, k % 2 == 0) for k in range(20)], [np.arange(6) % 2 == 0 for _ in range(20)]
-    assert statistics.rate(alike) == pytest.approx((0.5, *statistics.wilson(0.5, 19)))
-    assert statistics.rate(apart) == pytest.approx((0.5, *statistics.wilson(0.5, 120)))
+    worlds = pd.Series(np.repeat(np.arange(20), 6))
+    assert statistics.rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *statistics.wilson(0.5, 19)))
+    apart = pd.Series(np.arange(120) % 2 == 0)
+    assert statistics.rate(apart, worlds) == pytest.approx((0.5, *statistics.wilson(0.5, 120)))
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():
     """Ten worlds of a hundred equal trials: as wide as for ten trials, 1.96 standard errors (.95 of n - 1)."""
     means = np.linspace(10.0, 30.0, 10)
-    value, low, high = statistics.over_worlds([means * 100, np.full(10, 100.0)], statistics.ratio)
     half = 1.96 * means.std() / math.sqrt(10)
-    assert (value, low, high) == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
+    found = over_worlds(means * 100, np.full(10, 100.0))
+    assert found == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
+    assert over_worlds(means) == pytest.approx(found)
 
 
 def test_the_paired_test_is_of_the_mean_by_hand():
     """Of the 16 ways to sign 9, 5, -1 and -1, eight have a sum of at least 12 or at most -12; ranks give .625."""
-    cells = {"a": {}, "b": {}}
-    for world, seconds in zip("wxyz", (9.0, 5.0, -1.0, -1.0)):
-        cells["a"][world], cells["b"][world] = (SimpleNamespace(counted=np.full(3, 20.0 + s)) for s in (seconds, 0.0))
-    made = SimpleNamespace(cells=cells, both=lambda method, worlds, other: worlds)
-    assert statistics.paired(made, "a", "b", list("wxyz")).p == 8 / 16
+    found = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
+    assert (found.worlds, found.ahead, found.p) == (4, 2, 8 / 16)
+    assert (found.difference.value, found.gain.value) == (3.0, -0.15)
+    alone = compare([10.0], [20.0])
+    assert (alone.worlds, alone.ahead, alone.gain.value) == (1, 1, 0.5)
+    assert np.isnan([alone.p, alone.gain.low, alone.difference.high]).all()
+
+
+@pytest.mark.parametrize(
+    ("scores", "text"),
+    [
+        ((30.0, 31.0, 32.0), "b took 55.0 % more time than a"),
+        ((10.0, 10.0, 10.0), "b took 50.0 % less time than a (95 % interval 50.0 to 50.0 %)"),
+        ((20.0, 15.0, 26.0), "b cannot be told from a"),
+    ],
+)
+def test_a_comparison_tells_slower_from_unknown(scores, text):
+    assert compare(scores, [20.0] * 3).sentence("b", "a").startswith(text)
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
@@ -126,11 +146,11 @@ def test_the_paired_test_is_of_the_mean_by_hand():
 def test_table_1_counts_successes_in_seconds_and_decisions(results):
     table = tables.table_1(results)
     row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
-    times = np.concatenate([results.cells["applr"][w].times for w in results.of_set("Training")])
-    base = np.concatenate([results.cells["dwa"][w].times for w in results.of_set("Training")])
+    times = np.concatenate([arrivals(results, "applr", w) for w in results.of_set("Training")])
+    base = np.concatenate([arrivals(results, "dwa", w) for w in results.of_set("Training")])
     assert row["time [s]"] == "%.2f" % times.mean()
     assert row["two-second decisions"] == "%.2f" % (times.mean() / 2)
-    counted = [results.pooled(m, results.of_set("Training"), "counted").mean() for m in ("applr", "dwa")]
+    counted = [results.of(m, results.of_set("Training")).counted.mean() for m in ("applr", "dwa")]
     assert abs(counted[0] / counted[1] - times.mean() / base.mean()) > 0.01  # failures are not left out
     assert row["faster [%]"] == "%.1f" % (100 * (1 - counted[0] / counted[1]))
     assert row["faster than dwa [s]"] == "%.2f" % (counted[1] - counted[0])
@@ -145,7 +165,7 @@ def test_table_2_tests_each_world(results):
     row = dict(zip(table.columns, next(r for r in table.rows if r[:2] == ["Training", "applr"])))
     worlds = results.of_set("Training")
     won = sum(
-        stats.ttest_ind(results.cells["applr"][w].times, results.cells["dwa"][w].times, equal_var=False).pvalue < 0.05
+        stats.ttest_ind(*(arrivals(results, m, w) for m in ("applr", "dwa")), equal_var=False).pvalue < 0.05
         for w in worlds
         if w != "generated:3"
     )
@@ -179,7 +199,7 @@ def test_any_two_methods_are_compared_in_pairs(results):
     assert list(dict.fromkeys(row[0] for row in table.rows)) == ["Training", "Test", "Physical course"]
     row = dict(zip(table.columns, next(row for row in table.rows if row[:3] == ["Training", "dwa", "applr"])))
     worlds = results.of_set("Training")
-    differences = [results.cells["dwa"][w].time.mean() - results.cells["applr"][w].time.mean() for w in worlds]
+    differences = [results.of("dwa", [w]).time_s.mean() - results.of("applr", [w]).time_s.mean() for w in worlds]
     assert row["difference, all trials [s]"] == "%.2f" % np.mean(differences)
     assert (row["p"], row["p (Holm)"]) == ("≤ 0.0001", "0.0003")  # of three pairs
     low, high = map(float, row["95 % interval"].split(" to "))
@@ -201,8 +221,8 @@ def test_a_failure_counts_as_the_limit_however_soon_it_came(tmp_path):
         store.add(trial, result)
     store.close()
     results = data.Results(tmp_path)
-    found = statistics.paired(results, "crash", "dwa", worlds[1:])
-    assert found.difference == pytest.approx(100.0 - 23.0)
+    found = results.compare("crash", "dwa", worlds[1:])
+    assert found.difference.value == pytest.approx(100.0 - 23.0)
     assert found.p == 2 / 2**5  # of all ways to exchange the two, two are as far apart
     assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
     hard = [row for row in tables.table_3(results).rows if row[0] == "Difficult All"]
@@ -213,8 +233,8 @@ def test_means_are_compared_over_the_same_worlds(folder):
     """Where a method was driven in some of the worlds only, as after --join."""
     joined = data.Results(folder)
     easy = joined.of_set("Test")[:4]
-    joined.cells[METHODS[2]] = {world: joined.cells[METHODS[2]][world] for world in easy}
-    base, other = (statistics.mean_counted(joined, method, easy) for method in ("dwa", METHODS[2]))
+    joined.trials = joined.trials[(joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)]
+    base, other = (joined.of(method, easy).counted.mean() for method in ("dwa", METHODS[2]))
     row = next(row for row in tables.table_1(joined).rows if row[:2] == ["Test", METHODS[2]])
     assert float(row[6]) == pytest.approx(base - other, abs=0.006)
 
@@ -255,7 +275,7 @@ def test_report_of_one_method_and_one_world(tmp_path):
     store.add(plan[0], result, trials.pack_trace(Trace))
     store.close()
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
-    assert "mine takes 100.0 s" in text
+    assert "mine took 100.0 s" in text
     assert "One world is no sample" in text
     assert "paper [" not in text
     assert "paper&#x27;s numbers" not in text
@@ -268,7 +288,7 @@ def test_the_summary_is_that_of_table_1_and_counts_failures(results):
     for method in METHODS[1:]:
         row = row_of(table, method)
         interval = row["95 % interval [%]"]
-        assert f"{method} takes {row['faster [%]']} % less time than dwa (95 % interval {interval} %)" in pace
+        assert f"{method} took {row['faster [%]']} % less time than dwa (95 % interval {interval} %)" in pace
         low, high = map(float, interval.split(" to "))
         halves.append((high - low) / 2)
     assert f"In {len(test)} test worlds" in pace
@@ -277,28 +297,6 @@ def test_the_summary_is_that_of_table_1_and_counts_failures(results):
         assert f"{method} fails in {good[1] - good[0] or 'none'} of {good[1]} and touches something in none" in ends
     assert f"The sample is {len(test)} worlds" in sample
     assert "± %.0f %%" % max(halves) in sample
-
-
-@pytest.mark.parametrize(
-    ("times", "said"),
-    [((30.0, 31.0, 32.0), "b takes 55.0 % more time"), ((20.0, 15.0, 26.0), "b cannot be told from dwa")],
-)
-def test_the_summary_tells_slower_from_unknown(times, said):
-    def cells(values):
-        made = [data.Cell(*[np.array([v])] * 12) for v in values]
-        return {w: replace(c, success=np.array([True]), collided=np.array([False])) for w, c in zip("xyz", made)}
-
-    made = SimpleNamespace(
-        baseline="dwa",
-        methods=["dwa", "b"],
-        worlds=list("xyz"),
-        settings={"methods": {}},
-        of_set=lambda name: [],
-        cells={"dwa": cells((20.0, 20.0, 20.0)), "b": cells(times)},
-        both=lambda *a: list("xyz"),
-        pooled=lambda m, w, f: np.concatenate([getattr(made.cells[m][x], f) for x in w]),
-    )
-    assert said in summary(made)[0]
 
 
 def test_nothing_to_report_is_one_line(tmp_path):

@@ -16,7 +16,7 @@ from training import try_robot
 from training.actors.tasks import Answer, Trial, TrialResult
 from training.evaluation.trials import content
 from training.report import verdict as judging
-from training.report.verdict import Pairs
+from training.report.verdict import decided, mean_scores, paired_trials
 
 ROBOT = "mine", "/home/me/mine", False
 
@@ -36,7 +36,7 @@ def pairs_of(*courses, methods=("dwa", "applr")):
     found = {}
     for number, values in enumerate(courses):
         found.update(trials_of(f"world{number}", dict(zip(methods, values))))
-    return Pairs(found, methods)
+    return paired_trials(found, methods)
 
 
 def around(*middles, count=12):
@@ -61,41 +61,41 @@ def around(*middles, count=12):
     ],
 )
 def test_the_verdict_is_three_sentences_and_a_method(courses, methods, method, second, third):
-    pairs = pairs_of(*courses, methods=methods)
-    found = judging.verdict(pairs, *ROBOT)
-    assert (found.method, found.pays) == (method, method == "applr")
-    assert found.sentences[0].startswith("Of 12 courses mine finished 12 (100 %, 76 to 100 %) in ")
-    assert second in found.sentences[1]
-    assert third in found.sentences[2]
+    found, sentences = judging.verdict(pairs_of(*courses, methods=methods), *ROBOT)
+    assert found == method
+    assert sentences[0].startswith("Of 12 courses mine finished 12 (100 %, 76 to 100 %) in ")
+    assert second in sentences[1]
+    assert third in sentences[2]
 
 
 def test_a_policy_that_is_faster_but_fails_more_often_does_not_pay():
     courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
-    found = judging.verdict(pairs_of(*courses), *ROBOT)
-    assert (found.method, found.pays) == ("dwa", False)
-    assert "16 (100 %" in found.sentences[0]
-    assert "9 (56 %" in found.sentences[0]
+    method, sentences = judging.verdict(pairs_of(*courses), *ROBOT)
+    assert method == "dwa"
+    assert "16 (100 %" in sentences[0]
+    assert "9 (56 %" in sentences[0]
 
 
 def test_it_ends_once_one_method_is_better_than_each_of_the_others():
-    assert pairs_of(*around(30, 20, count=8)).decided()
-    assert pairs_of(*around(20, 30, count=8)).decided()
-    assert not pairs_of(*around(20, 20, count=8)).decided()
-    assert not pairs_of(*around(30, 20, 20, count=8), methods=("dwa", "applr", "static")).decided()
-    assert pairs_of(*around(30, 20, 10, count=8), methods=("dwa", "applr", "static")).decided()
+    assert decided(mean_scores(pairs_of(*around(30, 20, count=8))))
+    assert decided(mean_scores(pairs_of(*around(20, 30, count=8))))
+    assert not decided(mean_scores(pairs_of(*around(20, 20, count=8))))
+    assert not decided(mean_scores(pairs_of(*around(30, 20, 20, count=8), methods=("dwa", "applr", "static"))))
+    assert decided(mean_scores(pairs_of(*around(30, 20, 10, count=8), methods=("dwa", "applr", "static"))))
 
 
 def test_a_difference_at_a_level_of_five_percent_is_not_yet_clear():
     courses = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]  # one-sided p = .036
-    assert not pairs_of(*courses).decided()
+    assert not decided(mean_scores(pairs_of(*courses)))
 
 
 def test_half_driven_courses_and_further_trials_of_a_world_are_no_pairs_of_their_own():
     found = trials_of("a", {"dwa": 20.0, "applr": 10.0})
     found.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
     found.update(trials_of("b", {"dwa": 20.0}))
-    pairs = Pairs(found, ("dwa", "applr"))
-    assert (pairs.count, pairs.scores("dwa").tolist(), pairs.scores("applr").tolist()) == (2, [25.0], [15.0])
+    trials = paired_trials(found, ("dwa", "applr"))
+    scores = mean_scores(trials)
+    assert (len(trials), scores.dwa.tolist(), scores.applr.tolist()) == (4, [25.0], [15.0])
 
 
 def test_failures_are_named_by_their_reason_with_what_to_change():
@@ -111,8 +111,7 @@ def test_failures_are_named_by_their_reason_with_what_to_change():
 
 def test_every_reason_for_which_move_base_aborts_has_a_remedy():
     for text in (state_machine.NO_CONTROL, state_machine.NO_PATH, state_machine.OSCILLATING):
-        result = TrialResult(reason=f"planner aborted: {text}")
-        assert any(judging.reason(result).startswith(start) for start, _ in judging.REMEDIES), text
+        assert any(judging.reason(f"planner aborted: {text}").startswith(start) for start, _ in judging.REMEDIES), text
 
 
 class Fixed:
