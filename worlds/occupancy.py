@@ -11,7 +11,7 @@ from typing import Iterator, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import outside_box
-from applr_ros1.common.limits import MAX_CELLS
+from applr_ros1.common.files import MAX_CELLS
 
 from .world import World, WorldError
 

@@ -115,10 +115,11 @@ def _main_of(module: str, node: bool) -> Optional[int]:
             "applr_ros1, then build this workspace again"
         ) from None
     signal.signal(signal.SIGINT, usual)
-    words = [word for word in sys.argv[1:] if ":=" not in word] if node else []
-    if {"-h", "--help"} & set(sys.argv[1:]) and (node or hasattr(loaded, "USAGE")):
-        print(getattr(loaded, "USAGE", loaded.__doc__))
+    usage = getattr(loaded, "USAGE", loaded.__doc__ if node else None)
+    if usage and {"-h", "--help"} & set(sys.argv[1:]):
+        print(usage)
         return 0
-    if words:
+    words = [word for word in sys.argv[1:] if ":=" not in word]
+    if node and words:
         raise ApplrError(f"{' '.join(words)}: give parameters as _NAME:=VALUE; --help says which there are")
     return loaded.main()

@@ -12,6 +12,7 @@ from applr_ros1.common.errors import ApplrError, reason
 
 MAX_BYTES = 2**31  # of a file that is read where the caller knows no smaller bound
 MAX_JSON = 2**28
+MAX_CELLS = 16_000_000  # of one map, 200 x 200 m at .05 m; a larger one is refused instead of filling the memory
 
 
 class StorageError(ApplrError):

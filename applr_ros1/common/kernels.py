@@ -12,6 +12,7 @@ compiles anew.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -70,27 +71,23 @@ def cache_folder(package: str) -> str:
     sources = hashlib.sha256()
     for path in sorted((ROOT / package).rglob("*.py")):
         sources.update(path.read_bytes())
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     places = [
-        os.path.join(home, "applr_ros1"),
+        os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "applr_ros1"),
         os.path.join(os.environ.get("TMPDIR") or "/tmp", f"applr_ros1-{os.getuid()}"),
     ]
     if os.environ.get("NUMBA_CACHE_DIR"):
         places.insert(0, os.path.abspath(os.path.join(os.environ["NUMBA_CACHE_DIR"], "applr_ros1")))
     for place in filter(os.path.isabs, places):  # "~" stays where neither HOME nor the user's entry names a folder
         folder = os.path.join(place, sources.hexdigest()[:16])
-        try:
+        with contextlib.suppress(OSError):
             os.makedirs(folder, mode=0o700, exist_ok=True)
-            if all(
-                os.stat(part).st_uid == os.getuid() and not os.stat(part).st_mode & 0o022 for part in (place, folder)
-            ):
-                os.utime(folder)  # the time of its last use
-                tempfile.TemporaryFile(dir=folder).close()  # else numba refuses the folder, and thereby the kernel
-                for old in sorted(os.scandir(place), key=lambda entry: -entry.stat().st_mtime)[KEPT:]:
-                    shutil.rmtree(old.path, ignore_errors=True)
-                return folder
-        except OSError:
-            continue
+            if any(entry.st_uid != os.getuid() or entry.st_mode & 0o022 for entry in map(os.stat, (place, folder))):
+                continue
+            os.utime(folder)  # the time of its last use
+            tempfile.TemporaryFile(dir=folder).close()  # else numba refuses the folder, and thereby the kernel
+            for old in sorted(os.scandir(place), key=lambda entry: -entry.stat().st_mtime)[KEPT:]:
+                shutil.rmtree(old.path, ignore_errors=True)
+            return folder
     tried = ", ".join(places)
     warnings.warn(f"no folder for compiled kernels can be written ({tried}): every start compiles anew", stacklevel=2)
     return ""

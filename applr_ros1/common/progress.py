@@ -21,46 +21,37 @@ def announced(what: str, say: Callable[[str], object], first: float = FIRST, eve
         first: Time [s] after which the first line comes.
         every: Time [s] between further lines.
     """
-    short = what.split(" (")[0]
-    began, done, spoken = time.monotonic(), threading.Event(), threading.Event()
+    short, began, done, spoken = what.split(" (")[0], time.monotonic(), threading.Event(), False
 
     def speak() -> None:
-        if done.wait(first):
-            return
-        spoken.set()
-        say(what)
-        while not done.wait(every):
-            say(f"still {short}: {round(time.monotonic() - began)} s")
+        nonlocal spoken
+        while not done.wait(every if spoken else first):
+            say(f"still {short}: {round(time.monotonic() - began)} s" if spoken else what)
+            spoken = True
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)
     speaker.start()
-    whole = False
     try:
         yield
-        whole = True
+    except BaseException:
+        spoken = False
+        raise
     finally:
         done.set()
         speaker.join()
-        if whole and spoken.is_set():
+        if spoken:
             say(f"done {short}: took {time.monotonic() - began:.0f} s")
 
 
 class Throttled:
-    """Lets a repeated line through once in `silence` seconds of wall time, with how often it has come so far.
+    """Lets a repeated line through once in EVERY seconds of wall time, with how often it has come so far."""
 
-    Args:
-        say: Called with the line.
-        silence: Wall time [s] between two lines.
-    """
-
-    def __init__(self, say: Callable[[str], object], silence: float = EVERY):
-        self._say, self._silence, self._count = say, silence, 0
-        self._last = 0.0
+    def __init__(self, say: Callable[[str], object]):
+        self._say, self._count, self._due = say, 0, 0.0
 
     def __call__(self, line: str) -> None:
         """Count the line, and pass it on if the last one that was passed on is long ago."""
         self._count += 1
-        now = time.monotonic()
-        if self._count == 1 or now - self._last >= self._silence:
-            self._last = now
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + EVERY
             self._say(line if self._count == 1 else f"{line} ({self._count} times so far)")

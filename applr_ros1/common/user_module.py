@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 from types import ModuleType
+from typing import Any
 
 
 def load(module: str) -> ModuleType:
@@ -23,13 +24,10 @@ def load(module: str) -> ModuleType:
         return importlib.import_module(module)
     name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")  # hides no other module
     if name not in sys.modules:
-        found = importlib.util.spec_from_file_location(name, path)
-        assert found is not None
-        assert found.loader is not None
-        made = importlib.util.module_from_spec(found)
-        sys.modules[name] = made
+        found: Any = importlib.util.spec_from_file_location(name, path)
+        sys.modules[name] = importlib.util.module_from_spec(found)
         try:
-            found.loader.exec_module(made)
+            found.loader.exec_module(sys.modules[name])
         except BaseException:
             del sys.modules[name]
             raise

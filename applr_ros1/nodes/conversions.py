@@ -21,7 +21,7 @@ from std_msgs.msg import Header
 
 from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.limits import MAX_CELLS
+from applr_ros1.common.files import MAX_CELLS
 from applr_ros1.planner.costmap.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 

@@ -20,24 +20,6 @@ pytestmark = pytest.mark.ros
 START, GOAL = (-2.25, 3.0, 1.57), (0.0, 10.0)  # the BARN Challenge's
 
 
-class Heard:
-    """The newest message of each topic, and when it came."""
-
-    def __init__(self, **topics):
-        self.messages = {}
-        self.subscribers = [
-            rospy.Subscriber("/" + name.replace("__", "/"), kind, self._keep, (name,), queue_size=5)
-            for name, kind in topics.items()
-        ]
-
-    def _keep(self, message, where):
-        self.messages[where[0]] = message
-
-    def next(self, name, seconds=5.0):
-        self.messages.pop(name, None)
-        return wait_for(lambda: self.messages.get(name), seconds, name)
-
-
 @pytest.fixture(scope="module")
 def gazebo():
     """The simulated robot, started by the launch file that the BARN Challenge's runner starts."""
@@ -57,18 +39,31 @@ def gazebo():
     assert "Traceback" not in child.text, child.text
 
 
-def test_starts_at_the_challenges_start_and_answers_where_it_is(gazebo):
-    get = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)
+def test_starts_at_the_challenges_start_and_refuses_in_words_what_it_cannot_do(gazebo):
+    get, set_state = (
+        rospy.ServiceProxy("/gazebo/get_model_state", GetModelState),
+        rospy.ServiceProxy("/gazebo/set_model_state", SetModelState),
+    )
     answer = get("jackal", "world")
     assert answer.success
     assert (answer.pose.position.x, answer.pose.position.y) == pytest.approx(START[:2], abs=0.02)
     assert not get("turtle", "world").success
     assert not get("jackal", "turtle").success
+    for field, value in (("model_name", "turtle"), ("reference_frame", "moon")):
+        state = model_state(0, 0, 0, 0)
+        setattr(state, field, value)
+        answer = set_state(state)
+        assert not answer.success
+        assert value in answer.status_message
+    assert not set_state(model_state(float("inf"), 0, 0, 0)).success
+
+
+def odometry():
+    return rospy.wait_for_message("/odometry/filtered", Odometry, 5.0)
 
 
 def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     simulation = GazeboSimulation(START)
-    heard = Heard(clock=Clock, odometry__filtered=Odometry)
     publisher = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
     wait_for(publisher.get_num_connections, 5.0, "connection")
     command = Twist()
@@ -79,13 +74,13 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     assert simulation.state().twist.linear.y == pytest.approx(0.5, abs=0.1)  # heading +y, in the world's axes
     publisher.publish(Twist())
     time.sleep(0.4)
-    before, clock = heard.next("odometry__filtered").pose.pose, heard.next("clock").clock
+    before, clock = odometry().pose.pose.position, rospy.wait_for_message("/clock", Clock, 5.0).clock
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     assert abs(simulation.state().twist.linear.y) < 0.02
-    after = heard.next("odometry__filtered").pose.pose
-    assert (after.position.x, after.position.y) == pytest.approx((before.position.x, before.position.y), abs=0.03)
-    assert heard.next("clock").clock > clock
+    after = odometry().pose.pose.position
+    assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.03)
+    assert rospy.wait_for_message("/clock", Clock, 5.0).clock > clock
     publisher.unregister()
 
 
@@ -116,34 +111,21 @@ def test_the_collision_monitor_lets_a_robot_go_that_was_set_to_another_place(gaz
     assert "Traceback" not in monitor.text
 
 
-def test_refuses_in_words_what_it_cannot_do(gazebo):
-    set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
-    for change, words in (
-        (dict(model_name="turtle"), "turtle"),
-        (dict(reference_frame="moon"), "moon"),
-    ):
-        state = model_state(0, 0, 0, 0)
-        for name, value in change.items():
-            setattr(state, name, value)
-        answer = set_state(state)
-        assert not answer.success
-        assert words in answer.status_message
-    assert not set_state(model_state(float("inf"), 0, 0, 0)).success
-
-
 def test_paused_time_stands_and_goes_on(gazebo):
     simulation = GazeboSimulation(START)
-    heard = Heard(clock=Clock)
-    heard.next("clock")
+    clocks = []
+    subscriber = rospy.Subscriber("/clock", Clock, lambda message: clocks.append(message.clock))
+    wait_for(lambda: clocks, 5.0, "the clock")
     simulation.pause()
     time.sleep(0.2)
-    stands = heard.messages["clock"].clock
+    stands = clocks[-1]
     time.sleep(0.5)
-    assert heard.messages["clock"].clock == stands
+    assert clocks[-1] == stands
     assert simulation.reset().success  # services answer meanwhile
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     simulation.unpause()
-    assert heard.next("clock").clock > stands
+    wait_for(lambda: clocks[-1] > stands, 5.0, "the clock")
+    subscriber.unregister()
 
 
 @pytest.fixture(scope="module")
@@ -174,8 +156,9 @@ def test_move_base_stands_without_complaint_while_time_does(gazebo, move_base):
     wait_for(lambda: math.dist(simulation.place(), place) > 0.2, 20.0, "the robot")
 
 
-def episodes(gazebo, count):
-    """The authors' loop; every episode drives, with the parameter that it set, and nothing fails."""
+@pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.long)])
+def test_the_training_loop_of_the_authors(gazebo, move_base, count):
+    """Every episode drives, with the parameter that it set, and nothing fails."""
     training = Training(GazeboSimulation(START), GOAL)
     for n in range(count):
         speed = 0.3 + 0.1 * (n % 5)
@@ -183,14 +166,4 @@ def episodes(gazebo, count):
         assert taken == pytest.approx(speed)
         assert 9.5 < planned < 16.0, n
         assert driven > 0.05, n
-
-
-def test_the_training_loop_of_the_authors(gazebo, move_base):
-    episodes(gazebo, 4)
-    assert "Traceback" not in move_base.text
-
-
-@pytest.mark.long
-def test_a_hundred_episodes_of_the_training_loop(gazebo, move_base):
-    episodes(gazebo, 100)
     assert "Traceback" not in move_base.text

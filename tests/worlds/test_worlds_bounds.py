@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import worlds
-from applr_ros1.common.limits import MAX_CELLS
+from applr_ros1.common.files import MAX_CELLS
 from worlds import metrics
 from worlds.draw import top_view
 from worlds.dynabarn import arena_course

@@ -12,7 +12,7 @@ from typing import Any, Dict, List, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError, meant
-from applr_ros1.common.limits import MAX_CELLS
+from applr_ros1.common.files import MAX_CELLS
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.declarations import (
