@@ -25,7 +25,7 @@ import gc
 import threading
 import time
 from math import isfinite
-from typing import Any
+from typing import Any, Callable
 
 import rospy
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -41,7 +41,6 @@ from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robot_check import usable
 
 from . import make
-from .real_time_rate import RealTimeRate
 from .ros_changes import Changes
 from .ros_others import OtherRobot
 from .ros_topics import BridgeTopics
@@ -293,6 +292,38 @@ class Bridge:
             self.topics.publish_clock(self.stamp())
         time.sleep(0.05)  # scans from the old place pass before the maps are cleared
         _clear_costmaps()
+
+
+class RealTimeRate:
+    """Keeps simulated and wall time in step.
+
+    Args:
+        warn: is called with a line, at most every 10 s, when this machine is too slow for the rate.
+    """
+
+    def __init__(self, warn: Callable[[str], None]):
+        self.warn = warn
+        self.late, self._reported = 0.0, 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """Count time from now on."""
+        self.next = time.monotonic()
+
+    def wait(self, simulated: float, factor: float, report: bool = True) -> None:
+        """Sleep until wall time has caught up; a delay of more than .2 s is given up and reported."""
+        now = time.monotonic()
+        self.next += simulated / factor
+        if self.next > now:
+            time.sleep(self.next - now)
+        elif now - self.next > 0.2:
+            self.late += now - self.next
+            self.next = now
+            if report and now - self._reported > 10.0:
+                self._reported = now
+                self.warn(
+                    f"{self.late:.1f} s lost so far: real_time_factor {factor:g} is too much for this machine now"
+                )
 
 
 def _clear_costmaps(patience=2.0):

@@ -1,6 +1,6 @@
 """From a specification that a person types ("generated:7", a file, a folder) to worlds.
 
-Everything loads through here.
+Everything loads through here, and is brought to the scale of the robot that drives.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
+import numpy as np
+
 from . import barn, dynamic, physical_course, sdf_reader
-from .world import World, WorldError
+from .world import Mover, World, WorldError
 
 FORMS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
@@ -153,3 +155,35 @@ def barn_half(folder: str, half: str) -> List[str]:
 
 def _natural(name: str):
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def scaled(world: World, factor: float) -> World:
+    """A world of a recipe (generated:N, fresh:N, dynamic:N, physical_course) with all lengths multiplied by `factor`.
+
+    The recipes fit the Jackal. Angles and times stay. A room of moving obstacles grows no larger: its goal would lie
+    off the planners' maps. A world from a file, which is a place, or a factor of 1 gives the world itself.
+    """
+    if world.movers:
+        factor = min(factor, 1.0)
+    if factor == 1.0 or not (
+        world.name.startswith(tuple(f"{name}:" for name in _RECIPES)) or world.name == physical_course.NAME
+    ):
+        return world
+    course = world.course
+    return dataclasses.replace(
+        world,
+        cylinders=world.cylinders * factor,
+        boxes=world.boxes * np.array([factor, factor, 1.0, factor, factor]),
+        course=dataclasses.replace(
+            course,
+            start=(course.start[0] * factor, course.start[1] * factor, course.start[2]),
+            goal=(course.goal[0] * factor, course.goal[1] * factor, course.goal[2]),
+            finish_y=None if course.finish_y is None else course.finish_y * factor,
+            goal_tolerance=course.goal_tolerance * factor,
+            path=course.path * factor,
+        ),
+        movers=tuple(
+            Mover(m.radius * factor, tuple((t, x * factor, y * factor) for t, x, y in m.waypoints), m.length, m.repeat)
+            for m in world.movers
+        ),
+    )
