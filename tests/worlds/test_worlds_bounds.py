@@ -1,4 +1,4 @@
-"""Open worlds, those off BARN's grid and huge ones: their picture, their difficulty and their map."""
+"""Open worlds and huge ones: their picture and their map."""
 
 from dataclasses import replace
 
@@ -7,7 +7,6 @@ import pytest
 
 import worlds
 from applr_ros1.common.files import MAX_CELLS
-from worlds import metrics
 from worlds.draw import top_view
 from worlds.dynabarn import arena_course
 from worlds.occupancy import occupancy
@@ -23,27 +22,6 @@ def test_a_world_without_standing_obstacles_has_a_picture(world):
     assert picture.shape[2] == 3
     assert picture.shape[1] > picture.shape[0]  # as long as the course, a metre to each side
     assert picture.min() < 255
-
-
-def moved(world, dx, dy):
-    """The same world elsewhere."""
-    return replace(
-        world,
-        cylinders=world.cylinders + (dx, dy, 0.0),
-        course=replace(world.course, path=world.course.path + (dx, dy)),
-    )
-
-
-def test_a_world_off_barns_grid_has_no_difficulty():
-    good = worlds.load("generated:0")
-    boxed = replace(good, boxes=worlds.load("physical_course").boxes)
-    pathless = replace(good, course=replace(good.course, path=np.zeros((0, 2))))
-    ahead, beside = moved(good, 0.0, 50.0), moved(good, -3.0, 0.0)  # indices beyond the grid, and negative ones
-    for world in (worlds.load("physical_course"), OPEN, boxed, pathless, ahead, beside):
-        with pytest.raises(worlds.WorldError, match="%s is not on BARN's grid" % world.name) as no:
-            metrics.difficulty(world)
-        assert "\n" not in str(no.value)
-    assert set(metrics.difficulty(good)) == set(metrics.NAMES)
 
 
 def test_a_map_of_too_many_cells_is_refused_before_it_is_made():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import worlds
-from worlds import barn, metrics, search
+from tests.support import barn_metrics as metrics
+from worlds import barn, search
 
 PUBLISHED = {  # medians of BARN's 300 worlds
     "closest_obstacle": 2.13,

@@ -15,7 +15,7 @@ from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.planner.variant import CPP_LIKE
 from training.env.drawn_robots import JACKAL_WIDTH
 from training.env.episode import Episode
-from worlds.metrics import clearance
+from worlds.world import clearance
 
 STATIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0)  # ends of the stretches of a way whose clearance is told [widths]
 STEP = 0.2  # between the points of a way where it is measured [widths]

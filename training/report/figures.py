@@ -13,7 +13,7 @@ import numpy as np
 from training.report.data import Results
 from worlds import World
 from worlds.draw import draw
-from worlds.metrics import clearance
+from worlds.world import clearance
 
 # label and colour, the tightest first; LIMITS [m] of the distance from the robot's middle to the nearest obstacle
 REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))

@@ -22,7 +22,7 @@ from training.report import data, paper, statistics, tables, write
 from training.report.figures import region_of
 from training.report.summary import summary
 from training.report.tables import Table
-from worlds import metrics
+from worlds.world import clearance
 
 METHODS = ("dwa", "applr", "other")
 
@@ -308,9 +308,9 @@ def test_regions():
     import worlds
 
     world = worlds.load("generated:7")
-    assert metrics.clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
+    assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
     post, free = world.cylinders[np.argmin(world.cylinders[:, 1])], np.array([[-2.25, 12.0]])
     near = post[:2] + (0.0, -0.35 - post[2])  # .35 m from the foremost post's surface
-    assert metrics.clearance(world, near[None])[0] == pytest.approx(0.35)
+    assert clearance(world, near[None])[0] == pytest.approx(0.35)
     poses = np.vstack([np.tile(near, (30, 1)), np.tile(free, (19, 1)), np.tile(near, (30, 1)), np.tile(free, (20, 1))])
     assert region_of(world, poses).tolist() == [0] * 79 + [2] * 20  # what lasts less than a second is none of its own

@@ -1,60 +1,30 @@
 """How hard a world is: BARN's five difficulty metrics, averaged over the reference path.
 
-Evaluation reports and the viewer use them. They equal BARN's published values to the last printed digit.
+The generator's worlds are compared with BARN's by them. They equal BARN's published values to the last printed digit.
 """
 
-from __future__ import annotations
-
 import math
-from typing import Dict, Tuple
 
 import numpy as np
 from scipy import ndimage
 
-from applr_ros1.common.angles import outside_box
-
-from . import barn, search
-from .world import World, WorldError
+from worlds import barn, search
 
 NAMES = ("closest_obstacle", "visibility", "dispersion", "dimension", "tortuosity")
 
 _DISPERSION_RADIUS = 3
-_SIXTEEN = (
-    (0, 1),
-    (1, 2),
-    (1, 1),
-    (2, 1),
-    (1, 0),
-    (2, -1),
-    (1, -1),
-    (1, -2),
-    (0, -1),
-    (-2, -1),
-    (-1, -1),
-    (-1, -2),
-    (-1, 0),
-    (-2, 1),
-    (-1, 1),
-    (-1, 2),
-)
+# fmt: off
+_SIXTEEN = ((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2),
+            (0, -1), (-2, -1), (-1, -1), (-1, -2), (-1, 0), (-2, 1), (-1, 1), (-1, 2))
+# fmt: on
 
 
-def difficulty(world: World) -> Dict[str, float]:
-    """The five metrics of a world on BARN's grid (generated, or a BARN file), by the names in NAMES.
-
-    Raises:
-        WorldError: the world has boxes, moving obstacles or a reference path that is not within the grid.
-    """
-    path = barn.to_cells(world.course.path)
-    inside = len(path) and path.min() >= 0 and (path < (barn.ROWS, barn.COLS)).all()
-    if not inside or len(world.boxes) or world.movers:
-        raise WorldError(
-            f"{world.name} is not on BARN's grid, so its difficulty cannot be measured; give generated worlds or BARN's"
-        )
-    return grid_difficulty(barn.fill_of(world.cylinders), path)
+def difficulty(world):
+    """The five metrics of a world on BARN's grid (generated, or a BARN file), by the names in NAMES."""
+    return grid_difficulty(barn.fill_of(world.cylinders), barn.to_cells(world.course.path))
 
 
-def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
+def grid_difficulty(filled, path):
     """The five metrics from a field and its reference path.
 
     filled   (30, 30) bool
@@ -86,7 +56,7 @@ def grid_difficulty(filled: np.ndarray, path: np.ndarray) -> Dict[str, float]:
     }
 
 
-def _free_run(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) -> int:
+def _free_run(free, cell, move):
     """Free cells in a row from `cell`, itself not counted, in the direction of `move`."""
     rows, columns = free.shape
     r, c, n = cell[0] + move[0], cell[1] + move[1], 0
@@ -95,12 +65,12 @@ def _free_run(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) ->
     return n
 
 
-def _dispersion(free: np.ndarray, cell: Tuple[int, int]) -> int:
+def _dispersion(free, cell):
     seen = [_meets_wall(free, cell, move) for move in _SIXTEEN]
     return sum(seen[i] != seen[i - 1] for i in range(len(seen)))
 
 
-def _meets_wall(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) -> bool:
+def _meets_wall(free, cell, move):
     """Whether a ray of 3 cells meets a cell that is not free. A step of +2 counts 2, one of -2, as in BARN, 1."""
     (r, c), gone = cell, 0
     while gone < _DISPERSION_RADIUS:
@@ -111,17 +81,3 @@ def _meets_wall(free: np.ndarray, cell: Tuple[int, int], move: Tuple[int, int]) 
             return True
         gone += 2 if 2 in move else 1
     return False
-
-
-def clearance(world: World, points: np.ndarray, time: float = 0.0) -> np.ndarray:
-    """(n,) distance [m] from each point (n, 2) to the nearest obstacle's surface; moving ones at `time` [s].
-
-    Inside a cylinder it is negative, inside a box 0; without obstacles it is inf.
-    """
-    moving = [(*mover.position(time), mover.radius) for mover in world.movers]
-    cylinders = np.vstack([world.cylinders, np.array(moving).reshape(-1, 3)])
-    x, y = points[:, :1], points[:, 1:]
-    nearest = np.min(np.hypot(x - cylinders[:, 0], y - cylinders[:, 1]) - cylinders[:, 2], axis=1, initial=np.inf)
-    for bx, by, yaw, size_x, size_y in world.boxes:
-        nearest = np.minimum(nearest, np.hypot(*outside_box(x[:, 0] - bx, y[:, 0] - by, yaw, size_x, size_y)))
-    return nearest
