@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import traceback
-from typing import Any, Callable, Iterable, Optional
+from typing import Any, Callable, Iterable, Literal, NamedTuple, Optional
 
 from applr_ros1.common.extras import absent
 
@@ -23,6 +23,28 @@ class ApplrError(ValueError):
     """
 
     exit_status = 1
+
+
+class Finding(NamedTuple):
+    """What a check found in something that a user wrote.
+
+    key: the name of the value, in its file once that is known. value: what stands there, such as "is 0.3" or "is
+    missing". advice: why that is wrong, and what to give. severity: an error cannot be driven with, a remark can.
+    """
+
+    key: str
+    value: str = ""
+    advice: str = ""
+    severity: Literal["error", "remark"] = "error"
+    file: str = ""
+
+    def __str__(self) -> str:
+        place = f"{self.file}: {self.key}" if self.file else self.key
+        return f"{place} {self.value}".rstrip() + (f": {self.advice}" if self.advice else "")
+
+    def below(self, path: str) -> Finding:
+        """The same, with the key below a path."""
+        return self._replace(key=f"{path}/{self.key}" if path else self.key)
 
 
 def meant(name: Any, known: Iterable[str], otherwise: str = "remove it") -> str:

@@ -349,8 +349,6 @@ class MoveBase:
         """
         new, old = self._config.request(server, values), self._config[server]
         changed = {name for name in new if new[name] != old[name]}
-        if server in COSTMAPS and changed & SIZE:
-            self._check_size(server, new)
         if server == self.local_planner_name:
             self.local_planner.reconfigure(new)
         self._config.accept(server, new)
@@ -383,11 +381,6 @@ class MoveBase:
         else:
             outline = padded_footprint(self._config[name])
         self.costmaps[name].set_footprint(outline)
-
-    def _check_size(self, name, new) -> None:
-        tree = dict(self.parameters)
-        tree[name] = dict(tree[name], **new)
-        complete(tree)
 
     def _reconfigure_costmap(self, name, changed) -> None:
         self._timers[name].set_frequency(self._config[name]["update_frequency"])

@@ -25,9 +25,9 @@ __all__ = ["errors", "remarks", "usable", "with_remarks"]
 def errors(robot: Robot, with_map: bool = False) -> List[str]:
     """What the robot cannot drive with: a line each. with_map: with its files for a map, instead of those without."""
     setup = Setup(robot, with_map)
-    found = list(local_planner.another_one(setup)) or [setup.placed(line) for line in check(setup.tree)]
+    found = list(local_planner.another_one(setup)) or [setup.placed(str(finding)) for finding in check(setup.tree)]
     if not found:
-        found = [setup.placed(line) for line in warnings(setup.tree) if MEANT in line]
+        found = [setup.placed(str(found)) for found in warnings(setup.tree) if MEANT in found.advice]
         setup.full = complete(setup.tree)
         for part in (local_planner, costmaps, body):
             found += part.errors(setup)

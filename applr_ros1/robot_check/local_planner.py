@@ -93,7 +93,7 @@ def _window(setup: Setup) -> Iterator[str]:
 def remarks(setup: Setup) -> Iterator[str]:
     """What is in vain, or a trap though nothing is wrong with it."""
     name, value, topics = setup.planner, setup.value, setup.robot.topics
-    yield from map(setup.placed, warnings(setup.tree))
+    yield from (setup.placed(str(finding)) for finding in warnings(setup.tree))
     if name == DWA:
         yield from map(setup.placed, _traps(setup))
     if value("yaw_goal_tolerance") > pi:

@@ -392,8 +392,8 @@ def main() -> int:
         return 1
     for logger in ("rosout", "rospy.internal"):
         logging.getLogger(logger).addFilter(_OwnFootprints())
-    for line in warnings(tree):
-        rospy.logwarn("parameter %s", line)
+    for finding in warnings(tree):
+        rospy.logwarn("parameter %s", finding)
     with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     if robot is not None:

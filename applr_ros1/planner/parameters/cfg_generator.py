@@ -22,7 +22,7 @@ def generate(server: str, node: str, name: str) -> int:
         doc = p.doc + (f" Unit: {p.unit}." if p.unit else "")
         choices = [generator.const(n, catkin.int_t, v, d) for n, v, d in p.enum]
         edit = generator.enum(choices, doc) if choices else ""
-        for key in (p.name,) + p.aliases:
+        for key in p.names:
             text = doc if key == p.name else f"Older name of {p.name}; both always show the same value."
             generator.add(key, types[p.type], 0, text, p.default, bounds[0], bounds[1], edit)
     return generator.generate("applr_ros1", node, name)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any, Dict
 
-from applr_ros1.planner.parameters.check import check_consistency, clamp, convert
-from applr_ros1.planner.parameters.declarations import servers
+from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.declarations import CONTRADICTIONS, servers
 from applr_ros1.planner.parameters.parameter import ParameterError
 
 
@@ -19,14 +19,11 @@ class Configuration:
         self._start: Dict[str, Dict[str, Any]] = {}
         self._declared = {name: server.parameters for name, server in servers(tree).items()}
         self._tables = {
-            name: {key: p for p in declared for key in (p.name,) + p.aliases}
-            for name, declared in self._declared.items()
+            name: {key: p for p in declared for key in p.names} for name, declared in self._declared.items()
         }
         for server, table in self._tables.items():
-            here = tree
-            for part in filter(None, server.split("/")):
-                here = here[part]
-            self._start[server] = {name: clamp(p, here[name]) for name, p in table.items()}
+            here = branch(tree, server)
+            self._start[server] = {name: p.clamp(here[name]) for name, p in table.items()}
         self.restore()
 
     def restore(self) -> None:
@@ -57,19 +54,18 @@ class Configuration:
         for name, value in values.items():
             if name not in table:
                 raise ParameterError(f"{name}: no such parameter of server {server!r}")
-            wanted[name] = clamp(table[name], convert(table[name], value))
+            wanted[name] = table[name].clamp(table[name].convert(value))
         if wanted.get("restore_defaults"):
             return dict(self._start[server])
         for p in self._declared[server]:
             if p.aliases:
-                names = [name for name in (p.name,) + p.aliases if name in wanted]
+                names = [name for name in p.names if name in wanted]
                 changed = [name for name in names if wanted[name] != has[p.name]]
                 if names:
-                    value = wanted[(changed or names)[0]]
-                    wanted.update({name: value for name in (p.name,) + p.aliases})
-        new = dict(has)
-        new.update(wanted)
-        check_consistency(server, new)
+                    wanted.update(dict.fromkeys(p.names, wanted[(changed or names)[0]]))
+        new = {**has, **wanted}
+        for finding in CONTRADICTIONS[server](new) if server in CONTRADICTIONS else ():
+            raise ParameterError(finding.below(server))  # the first
         if server == "":
             for name in ("base_global_planner", "base_local_planner"):
                 new[name] = self._start[server][name]  # nothing else can be loaded: it stays

@@ -8,8 +8,10 @@ the .cfg files import it at build time without numpy.
 
 from __future__ import annotations
 
-from typing import Any, Dict, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterator, NamedTuple, Tuple
 
+from applr_ros1.common.errors import Finding
+from applr_ros1.planner.parameters import costmap_parameters, dwa_planner_parameters, trajectory_planner_parameters
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
     INFLATION,
@@ -64,6 +66,13 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "local_costmap/obstacles_layer/scan": STATIC_SOURCE,
 }
 
+# what the values of a place cannot say together: yields findings whose keys are names in that place
+CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[Finding]]] = {
+    "TrajectoryPlannerROS": trajectory_planner_parameters.contradictions,
+    "DWAPlannerROS": dwa_planner_parameters.contradictions,
+    **dict.fromkeys(COSTMAPS, costmap_parameters.contradictions),
+}
+
 
 class Server(NamedTuple):
     """A dynamic_reconfigure server: the name of its generated type, without "Config", and its parameters."""
@@ -87,13 +96,14 @@ def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
     return found
 
 
-def static_tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
-    """The parameters of a tree that are read once, by place; the tree is arranged (layers.arranged)."""
-    found = {path: table for path, table in STATIC.items() if "costmap/" not in path}
+def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
+    """All parameters by place, of a tree that is arranged (layers.arranged): the names that can be given."""
+    places = [path for path in dict.fromkeys([*SERVERS, *STATIC]) if "costmap/" not in path]
+    found = {path: SERVERS.get(path, ()) + STATIC.get(path, ()) for path in places}
     for name in COSTMAPS:
         costmap = tree.get(name, {})
         for layer in layers(name, costmap) if isinstance(costmap, dict) else ():
-            found[layer.path] = TYPES[layer.kind].static
+            found[layer.path] = TYPES[layer.kind].live + TYPES[layer.kind].static
             own = costmap.get(layer.name, {})
             if layer.kind == OBSTACLE_LAYER and isinstance(own, dict):
                 found.update({f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)})

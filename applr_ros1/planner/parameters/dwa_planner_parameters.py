@@ -5,12 +5,17 @@ Joined in declarations.py. Pure standard library: the .cfg files import this at 
 
 from __future__ import annotations
 
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, whole
+import math
+from typing import Any, Dict, Iterator
+
+from applr_ros1.common.errors import Finding
+from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, too_many_points, whole
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags and texts have no bounds and no unit.
 # fmt: off
 SAMPLES = ("vx_samples", "vy_samples", "vth_samples")
+MOST_SAMPLES = 1_000_000  # of one cycle; more are refused instead of filling the memory
 
 # Live, through dynamic_reconfigure
 DWA_PLANNER = (
@@ -87,20 +92,6 @@ DWA_PLANNER = (
 )
 
 
-def warnings(values, latches):
-    """What is without effect, or more dangerous than it looks, in the values given for DWAPlannerROS: one line each.
-
-    values: those that the parameter files give; latches: latch_xy_goal_tolerance of move_base itself.
-    """
-    lines = [f"{old} is an older name without effect: give {OLDER[old]}" for old in OLDER if old in values]
-    if bool(values.get("latch_xy_goal_tolerance", latches)) != latches:
-        lines.append("latch_xy_goal_tolerance is without effect here: give it below move_base itself")
-    for name in ("occdist_scale", "path_distance_bias"):
-        if values.get(name) == 0:
-            lines.append(f"{name} is 0: trajectories that only this critic refuses are driven")
-    return lines
-
-
 OLDER = {
     "max_trans_vel": "max_vel_trans",
     "min_trans_vel": "min_vel_trans",
@@ -134,3 +125,34 @@ STATIC_DWA_PLANNER = (
     real(old, 0.0, -INF, INF, "", f"Older name of {new}. Without effect, as in the C++ node: give {new}.")
     for old, new in OLDER.items()
 )
+# fmt: on
+
+
+def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
+    """Values that cannot be run together: too many samples or points, or velocities of a base that strafes."""
+    counts = tuple(values[name] for name in SAMPLES)
+    most = math.prod(max(n, 2) + 1 for n in counts)  # each axis has two at least, and one more at zero
+    if most > MOST_SAMPLES:
+        yield Finding(
+            ", ".join(SAMPLES), f"are {counts}, up to {most} samples", f"give at most {MOST_SAMPLES} together"
+        )
+    yield from too_many_points(values, "sim_granularity", ["max_vel_trans"], values["sim_time"])
+    yield from too_many_points(values, "angular_sim_granularity", ["max_vel_theta"], values["sim_time"])
+    sideways = values["min_vel_y"], values["max_vel_y"]
+    if sideways != (0.0, 0.0):
+        yield Finding("min_vel_y, max_vel_y", f"are {sideways}", "give 0: no sideways velocity is commanded")
+
+
+def without_effect(values: Dict[str, Any], latches: bool) -> Iterator[Finding]:
+    """What is without effect, or more dangerous than it looks, in the values that parameter files give.
+
+    latches: latch_xy_goal_tolerance of move_base itself.
+    """
+    for old, new in OLDER.items():
+        if old in values:
+            yield Finding(old, "is an older name without effect", f"give {new}", "remark")
+    if bool(values.get("latch_xy_goal_tolerance", latches)) != latches:
+        yield Finding("latch_xy_goal_tolerance", "is without effect here", "give it below move_base itself", "remark")
+    for name in ("occdist_scale", "path_distance_bias"):
+        if values.get(name) == 0:
+            yield Finding(name, "is 0", "trajectories that only this critic refuses are driven", "remark")

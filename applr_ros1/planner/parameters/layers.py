@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, List, NamedTuple, Tuple
 
+from applr_ros1.common.errors import Finding
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
     INFLATION,
@@ -80,9 +81,12 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         good = isinstance(entry, dict) and isinstance(entry.get("name"), str) and entry["name"]
         if not good or entry.get("type") not in tuple(TYPES):
-            raise ParameterError(f"{name}/plugins has {entry!r}: give a name and a type of {', '.join(sorted(TYPES))}")
+            advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
+            raise ParameterError(Finding(f"{name}/plugins", f"has {entry!r}", advice))
         if any(layer.name == entry["name"] for layer in found):
-            raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each its own")
+            raise ParameterError(
+                Finding(f"{name}/plugins", f"has two layers named {entry['name']}", "give each its own")
+            )
         _check_name(f"{name}/plugins", entry["name"], COSTMAP + STATIC_COSTMAP)
         found.append(Layer(f"{name}/{entry['name']}", entry["name"], entry["type"]))
     return found
@@ -90,8 +94,9 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
 
 def _check_name(label: str, name: str, parameters: Tuple[Parameter, ...]) -> None:
     """Refuse the name of a branch that cannot be, or that is a parameter beside it."""
-    if not NAME.fullmatch(name) or name in INHERITED or any(name in (p.name,) + p.aliases for p in parameters):
-        raise ParameterError(f"{label} has the name {name!r}: give one of letters, digits and _ that is no parameter's")
+    if not NAME.fullmatch(name) or name in INHERITED or any(name in p.names for p in parameters):
+        advice = "give one of letters, digits and _ that is no parameter's"
+        raise ParameterError(Finding(label, f"has the name {name!r}", advice))
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:
@@ -131,7 +136,7 @@ def _move_to_layers(costmap) -> None:
     """The set of layers that files had before `plugins` existed."""
     with_map = costmap.get("static_map", False) is True
     if costmap.get("map_type") == "voxel":
-        raise ParameterError("map_type is voxel: give costmap, or plugins without a voxel layer")
+        raise ParameterError(Finding("map_type", "is voxel", "give costmap, or plugins without a voxel layer"))
     own = {layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {} for layer, _ in BEFORE_HYDRO}
     keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
     keys["obstacle_layer"] += ("observation_sources", *sources(costmap))

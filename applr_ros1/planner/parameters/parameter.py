@@ -7,12 +7,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Tuple
+from typing import Any, Dict, Iterable, Iterator, Optional, Tuple, Union
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, Finding
 
 INF = math.inf
 INT_MAX = 2147483647
+MOST_POINTS = 100_000  # of one trajectory or turn; more are refused instead of taking minutes
+TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may give as lists
+_GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text", "list": "a list"}
+
+
+class ParameterError(ApplrError):
+    """A name or value that cannot be taken; the message is one line with the remedy. `finding`: the same in fields."""
+
+    def __init__(self, finding: Union[Finding, str]):
+        super().__init__(str(finding))
+        self.finding = finding if isinstance(finding, Finding) else Finding(finding)
 
 
 @dataclass(frozen=True)
@@ -38,9 +49,49 @@ class Parameter:
     not_zero: bool = False
     clamps: bool = False
 
+    @property
+    def names(self) -> Tuple[str, ...]:
+        """Its name, then the older ones."""
+        return (self.name, *self.aliases)
 
-class ParameterError(ApplrError):
-    """A name or value that cannot be taken; the message is one line with the remedy."""
+    def convert(self, value: Any, label: str = "") -> Any:
+        """`value` as its type, bounds aside. ParameterError for another type, NaN, infinity or a useless 0."""
+        label = label or self.name
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if number and (self.type == "double" or self.type == "int" and value == value // 1):
+            if not math.isfinite(value):
+                raise ParameterError(Finding(label, f"is {value!r}", "give a finite number"))
+            if self.not_zero and value == 0:
+                raise ParameterError(Finding(label, "is 0, which cannot work", "give a number above it"))
+            return float(value) if self.type == "double" else int(value)
+        if self.type == "bool" and isinstance(value, bool) or self.type == "list" and isinstance(value, list):
+            return value
+        if self.type == "str" and isinstance(value, (str, list) if self.name in TEXT_OR_LIST else str):
+            return str(value)
+        raise ParameterError(Finding(label, f"is {value!r}", f"give {_GIVE[self.type]}"))
+
+    def clamp(self, value: Any, label: str = "") -> Any:
+        """`value` moved into the bounds. ParameterError where that makes it a useless 0."""
+        if self.type not in ("double", "int"):
+            return value
+        moved = min(max(value, self.min), self.max)
+        if self.not_zero and moved == 0:
+            raise ParameterError(
+                Finding(label or self.name, f"is {value!r}, which cannot work", "give a number above 0")
+            )
+        return moved
+
+
+def too_many_points(
+    values: Dict[str, Any], spacing: str, names: Iterable[str], time: Optional[float] = None
+) -> Iterator[Finding]:
+    """The first of the values, which is a speed if a time [s] is given, with too many points at `values[spacing]`."""
+    for name in names:
+        if abs(values[name]) * (1.0 if time is None else time) > MOST_POINTS * values[spacing]:
+            what = f"{name} {values[name]:g}" + ("" if time is None else f" and sim_time {time:g} s")
+            advice = f"with {what} there are more than {MOST_POINTS} points, give a larger one"
+            yield Finding(spacing, f"is {values[spacing]:g}", advice)
+            return
 
 
 def real(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:

@@ -6,8 +6,10 @@ Joined in declarations.py. Pure standard library: the .cfg files import this at 
 from __future__ import annotations
 
 import math
+from typing import Any, Dict, Iterator
 
-from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, real, text, whole
+from applr_ros1.common.errors import Finding
+from applr_ros1.planner.parameters.parameter import INF, RESTORE, flag, real, text, too_many_points, whole
 
 # Read the rows as: name, default, least and largest value, unit, sentence.
 # Flags, texts and lists have no bounds and no unit.
@@ -89,3 +91,12 @@ STATIC_TRAJECTORY_PLANNER = (
     flag("publish_cost_grid_pc", False,
         "Whether the cost grid is published as the point cloud cost_cloud for RViz."),
 )
+# fmt: on
+
+
+def contradictions(values: Dict[str, Any]) -> Iterator[Finding]:
+    """Values that cannot be run together. heading_scoring counts seconds: as a speed of 1 where it is on."""
+    speeds = ("max_vel_x", "min_vel_x", "escape_vel", "heading_scoring")
+    yield from too_many_points(values, "sim_granularity", speeds, values["sim_time"])
+    turns = ("max_vel_theta", "min_vel_theta", "min_in_place_vel_theta")
+    yield from too_many_points(values, "angular_sim_granularity", turns)

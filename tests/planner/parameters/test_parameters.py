@@ -11,7 +11,8 @@ import sys
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.check import check, complete, warnings
+from applr_ros1.planner.parameters.check import check, complete
+from applr_ros1.planner.parameters.check import warnings as findings_in_vain
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.planner.parameters.parameter import ParameterError
@@ -32,6 +33,14 @@ TURN, CLEAR = "rotate_recovery/RotateRecovery", "clear_costmap_recovery/ClearCos
 NOT_ZERO = [
     (server, p) for server in ("", PLANNER, "local_costmap") for p in SERVERS[server] if p.not_zero and p.min <= 0
 ]
+
+
+def problems(tree):
+    return [str(finding) for finding in check(tree)]
+
+
+def in_vain(tree):
+    return [str(finding) for finding in findings_in_vain(tree)]
 
 
 def changed(path, value):
@@ -69,7 +78,7 @@ def test_the_dwa_planners_server_equals_the_cpp_one():
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
     theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
     tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # 0 as in its own file
-    assert check(tree) == []
+    assert problems(tree) == []
     config = Configuration(complete(tree))
     assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
 
@@ -92,13 +101,13 @@ def test_the_control_period_is_looked_for_upwards():
 
 def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
     tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], max_rot_vel=2.0, max_trans_vel=0.3))
-    assert check(tree) == []
+    assert problems(tree) == []
     assert Configuration(complete(tree))["DWAPlannerROS"] == Configuration(complete(DWA))["DWAPlannerROS"]
-    assert warnings(tree)[:2] == [
+    assert in_vain(tree)[:2] == [
         "DWAPlannerROS/max_trans_vel is an older name without effect: give max_vel_trans",
         "DWAPlannerROS/max_rot_vel is an older name without effect: give max_vel_theta",
     ]
-    assert warnings(dict(DWA, local_costmap=JACKAL["local_costmap"])) == warnings(JACKAL) == []
+    assert in_vain(dict(DWA, local_costmap=JACKAL["local_costmap"])) == in_vain(JACKAL) == []
 
 
 @pytest.mark.parametrize(
@@ -110,7 +119,7 @@ def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
 )
 def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
     sees = {"local_costmap": JACKAL["local_costmap"]}
-    (line,) = warnings(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own, **sees))
+    (line,) = in_vain(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own, **sees))
     assert words in line
 
 
@@ -124,7 +133,7 @@ def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
     ],
 )
 def test_what_the_dwa_planner_cannot_run_with_is_one_line(values, words):
-    (line,) = check(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
+    (line,) = problems(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
     assert words in line
     config = Configuration(complete(DWA))
     if "max_vel_trans" not in values:  # that one is clamped by the server
@@ -137,11 +146,11 @@ def test_jackal_tree_equals_the_running_one():
 
 
 def test_jackal_is_clean_and_complete_is_stable():
-    assert check(JACKAL) == []
-    assert check({}) == []
+    assert problems(JACKAL) == []
+    assert problems({}) == []
     full = complete(JACKAL)
     assert complete(full) == full
-    assert check(full) == []
+    assert problems(full) == []
     assert full["aggressive_reset"]["reset_distance"] == 1.84
 
 
@@ -159,7 +168,7 @@ SEEN = "local_costmap/obstacles_layer/"
         (PLANNER + "/dwa", 1, "give true or false"),
         (PLANNER + "/pdist_scale", 0.5, "one of them"),
         (PLANNER + "/sim_granularity", 1e-9, "is 1e-09: .*more than 100000 points"),
-        ("rotate_recovery/sim_granularity", 1e-9, "100000 poses"),
+        ("rotate_recovery/sim_granularity", 1e-9, "100000 points"),
         ("controller_frequency", 0, "cannot work"),
         ("base_local_planner", "teb_local_planner/TebLocalPlannerROS", "teb_.*: give base_local_planner/Traj"),
         ("local_costmap/width", 100000, "cells"),
@@ -180,13 +189,13 @@ SEEN = "local_costmap/obstacles_layer/"
 )
 def test_check_says_what_where_and_what_to_do(path, value, words):
     name = path.rpartition("/")[2]
-    problems = check(changed(path, value))
-    assert any(re.search(words, problem) and name in problem for problem in problems), problems
-    assert all("\n" not in problem for problem in problems)
+    found = problems(changed(path, value))
+    assert any(re.search(words, problem) and name in problem for problem in found), found
+    assert all("\n" not in problem for problem in found)
 
 
 def test_a_topic_has_one_type():
-    (line,) = check(changed(SEEN + "scan/data_type", "PointCloud2"))
+    (line,) = problems(changed(SEEN + "scan/data_type", "PointCloud2"))
     assert line.endswith("PointCloud2 from the topic front/scan, another source takes LaserScan: give one type")
 
 
@@ -200,15 +209,15 @@ def test_scan_source_may_have_any_name():
     layer = tree["local_costmap"]["obstacles_layer"]
     layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
     layer["laser"]["raytrace_range"] = 4.5
-    assert check(tree) == []
+    assert problems(tree) == []
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
-    assert check(tree) == []
+    assert problems(tree) == []
     bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # C++'s defaults, and the ranges of the layer
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
     layer["observation_sources"] = "bump"
-    (line,) = warnings(tree)
+    (line,) = in_vain(tree)
     assert line.startswith("local_costmap/obstacles_layer/laser has no effect: observation_sources of")
 
 
@@ -227,7 +236,7 @@ TURTLEBOT = {  # in the shape of its navigation package
 
 def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     tree = {"global_costmap": TURTLEBOT, "local_costmap": dict(TURTLEBOT, static_map=False, track_unknown_space=True)}
-    assert check(tree) == []
+    assert problems(tree) == []
     full = complete(tree)
     world, local = full["global_costmap"], full["local_costmap"]
     assert [p["name"] for p in world["plugins"]] == ["static_layer", "obstacle_layer", "inflation_layer"]
@@ -238,7 +247,7 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     assert local["track_unknown_space"] is local["obstacle_layer"]["track_unknown_space"] is True
     assert "inflation_radius" not in world
     assert complete(full) == full
-    assert check(full) == []
+    assert problems(full) == []
     names = {name for name in servers(full) if "costmap" in name}
     assert names == {name[11:] for name in MAP_SURFACE["dynamic_reconfigure"] if "costmap" in name}
 
@@ -254,7 +263,7 @@ def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
 
 def test_footprint_may_be_a_list():
     tree = {"local_costmap": {"footprint": [[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]}}
-    assert check(tree) == []
+    assert problems(tree) == []
     assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
 
 
@@ -265,7 +274,7 @@ def test_what_would_be_clamped_to_a_useless_zero_is_refused_as_zero_is():
         for value in (0, -1):
             with pytest.raises(ParameterError, match="%s is .* cannot work" % p.name):
                 config.request(server, {p.name: value})
-        (line,) = check(changed(server + "/" + p.name if server else p.name, -1))
+        (line,) = problems(changed(server + "/" + p.name if server else p.name, -1))
         assert "cannot work" in line, p.name
 
 
@@ -282,7 +291,7 @@ def test_a_costmap_without_cells_is_refused_before_anything_changes():
 def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
     plugins = [{"name": "world", "type": "costmap_2d::StaticLayer"}]
     tree = {"global_costmap": {"plugins": plugins}, "local_costmap": {"plugins": plugins}}
-    assert check(tree) == []
+    assert problems(tree) == []
     assert MoveBase(tree).global_costmap.size == (200, 200)
 
 
@@ -309,8 +318,8 @@ def test_recovery_parameters_of_cpp_files_are_taken():
         wide=dict(CLEARING, reset_distance=7.0),
         turn={"frequency": 5.0, "sim_granularity": 0.02},
     )
-    assert check(tree) == []
-    assert warnings(tree) == []
+    assert problems(tree) == []
+    assert in_vain(tree) == []
     full = complete(tree)
     assert full["conservative_reset"]["layer_names"] == full["wide"]["layer_names"] == ["obstacles_layer"]
     assert complete(full) == full
@@ -319,8 +328,8 @@ def test_recovery_parameters_of_cpp_files_are_taken():
 @pytest.mark.parametrize(("name", "value"), [("affected_maps", "local"), ("invert_area_to_clear", True)])
 def test_what_cpp_would_clear_otherwise_is_remarked(name, value):
     tree = changed("aggressive_reset/" + name, value)
-    assert check(tree) == []
-    assert warnings(tree) == [
+    assert problems(tree) == []
+    assert in_vain(tree) == [
         "aggressive_reset/%s is without effect: a clearing clears both costmaps outside of its square" % name
     ]
 
