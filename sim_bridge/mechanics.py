@@ -13,10 +13,9 @@ from typing import Tuple
 
 import numpy as np
 
-from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import Robot, geometry
 
-GRAVITY = 9.8
+GRAVITY = geometry.GRAVITY
 STEP = 1.0 / 240.0  # both simulators' physics step [s]
 
 # the vector of scalars that the kernels take
@@ -58,17 +57,13 @@ class Mechanics:
 
 @lru_cache(maxsize=64)
 def mechanics(robot: Robot) -> Mechanics:
-    """The mechanics of a robot.
-
-    Raises ApplrError where its centre of mass lies outside its wheels and casters, so that it would tip over.
-    """
+    """The mechanics of a robot, whose centre of mass lies within its wheels and casters (robots/mistakes.py)."""
     base, body = robot.base, robot.body
     n = base.wheels
-    mass = body.mass + n * base.wheel_mass
-    body_com = _body_com(robot)
+    mass, com, loads = geometry.balance(robot)
+    body_com = body.centre_of_mass
     inertia = body.inertia or _box_inertia(body.mass, body.size)
     wheel = base.wheel_inertia or _wheel_inertia(base.wheel_mass, base.wheel_radius, base.wheel_width)
-    com = (body.mass / mass * body_com[0], body.mass / mass * body_com[1])
     base_height = base.wheel_radius - base.axle_height
     com_height = base_height + (body.mass * body_com[2] + n * base.wheel_mass * base.axle_height) / mass
     yaw_inertia = (
@@ -78,7 +73,7 @@ def mechanics(robot: Robot) -> Mechanics:
         + body.mass * (body_com[0] ** 2 + body_com[1] ** 2)
         - mass * (com[0] ** 2 + com[1] ** 2)
     )
-    supports, levers = _supports(robot, mass, com)
+    supports, levers = _supports(robot, com, loads)
     supports[:, BASE_X] = supports[:, BASE_X] - body_com[0]
     supports[:, BASE_Y] = supports[:, BASE_Y] - body_com[1]
     parts = np.array(geometry.parts(robot)) - np.array([com[0], com[1], 0.0, 0.0])
@@ -107,11 +102,6 @@ def mechanics(robot: Robot) -> Mechanics:
     return Mechanics(mass, yaw_inertia, com, body_com, inertia, wheel, base_height, scalars, supports, parts)
 
 
-def _body_com(robot):
-    body = robot.body
-    return body.com or (*body.centre, body.bottom + body.size[2] / 2)
-
-
 def _box_inertia(mass, size):
     x, y, z = (value * value for value in size)
     return mass / 12 * (y + z), mass / 12 * (x + z), mass / 12 * (x + y)
@@ -122,34 +112,19 @@ def _wheel_inertia(mass, radius, width):
     return across, mass / 2 * radius * radius, across
 
 
-def _supports(robot, mass, com):
+def _supports(robot, com, loads):
     """The array of supports, and the levers of the load's shift along x and y [m]."""
-    base = robot.base
-    places = np.array(geometry.wheel_places(base) + [tuple(place) for place in base.casters])
+    base, places = robot.base, geometry.supports(robot.base)
     supports = np.zeros((len(places), COLUMNS))
     supports[:, X], supports[:, Y] = places[:, 0] - com[0], places[:, 1] - com[1]
     supports[:, BASE_X], supports[:, BASE_Y] = places.T
     wheels = np.arange(len(places)) < base.wheels
     supports[:, SIDE] = np.where(wheels, np.where(places[:, 1] > 0.0, LEFT_SIDE, RIGHT_SIDE), CASTER)
     supports[:, SHARE] = np.where(wheels, 1.0, base.caster_friction / base.wheel_friction)
-    if base.wheels == 4:  # a rectangle: loads and their shift are plain
-        front, left = np.sign(places[:, 0]), np.sign(places[:, 1])
-        supports[:, LOAD] = (
-            0.25
-            * mass
-            * GRAVITY
-            * (1.0 + 2.0 * com[0] / base.wheelbase * front)
-            * (1.0 + 2.0 * com[1] / base.track * left)
-        )
-        supports[:, SHIFT_X], supports[:, SHIFT_Y] = -front, -left
-        levers = [2.0 * base.wheelbase, 2.0 * base.track]
-    else:  # the least loads that carry the weight, and the least that hold a moment
-        upright = np.array([np.ones(len(places)), places[:, 0], places[:, 1]])
-        supports[:, LOAD] = np.linalg.pinv(upright) @ (mass * GRAVITY * np.array([1.0, *com]))
-        centred = places - places.mean(axis=0)
-        supports[:, SHIFT_X], supports[:, SHIFT_Y] = -centred.T
-        levers = [float(value) or 1.0 for value in (centred**2).sum(axis=0)]
-    if (supports[:, LOAD] <= 0.0).any():
-        where = f"robot {robot.name}: its centre of mass ({com[0]:.3f}, {com[1]:.3f})"
-        raise ApplrError(f"{where} lies outside its wheels and casters: check body.com and base.casters")
-    return supports, levers
+    supports[:, LOAD] = loads
+    if base.wheels == 4:  # a rectangle: the shift of loads is plain
+        supports[:, [SHIFT_X, SHIFT_Y]] = -np.sign(places)
+        return supports, [2.0 * base.wheelbase, 2.0 * base.track]
+    centred = places - places.mean(axis=0)  # the least loads that hold a moment
+    supports[:, [SHIFT_X, SHIFT_Y]] = -centred
+    return supports, [float(value) or 1.0 for value in (centred**2).sum(axis=0)]

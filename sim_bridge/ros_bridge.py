@@ -38,7 +38,7 @@ from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.robot_check import usable
+from applr_ros1.robots.check import usable
 
 from . import make
 from .ros_changes import Changes

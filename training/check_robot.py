@@ -10,17 +10,17 @@ from __future__ import annotations
 
 import sys
 from math import degrees
-from typing import List, Optional, Sequence
+from typing import Dict, List, Optional, Sequence
 
 import numpy as np
 
-from applr_ros1.common.errors import run_main
+from applr_ros1.common.errors import Finding, run_main
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robot_check import errors, remarks
 from applr_ros1.robots import NAMES, Robot, RobotError, load
-from applr_ros1.robots.problems import refuse
+from applr_ros1.robots.check import findings
+from applr_ros1.robots.mistakes import refuse
 from training.common.command_line import parsed
 from training.common.options import Options, argument
 
@@ -53,13 +53,14 @@ def check(name_or_folder: str) -> int:
     try:
         described = load(name_or_folder)
         setups = (False,) if described.move_base.with_map is None else (False, True)
+        found: Dict[Finding, None] = {}
         for with_map in setups:
-            refuse(errors(described, with_map))
+            found.update(dict.fromkeys(findings(described, with_map)))
+            refuse(found)
     except RobotError as error:
-        print("\n".join(f"error: {line}" for line in error.lines), file=sys.stderr)
+        print("\n".join(f"error: {finding}" for finding in error.findings), file=sys.stderr)
         return 1
-    found = dict.fromkeys(line for with_map in setups for line in remarks(described, with_map))
-    print("\n".join(summary(described) + [f"remark: {line}" for line in found]))
+    print("\n".join(summary(described) + [f"remark: {finding}" for finding in found]))
     return 0
 
 

@@ -21,8 +21,8 @@ import numpy as np
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.robot_check.costmaps import WIDTH
 from applr_ros1.robots import from_parameters, from_urdf, robot_file
+from applr_ros1.robots.check import WIDTH
 from applr_ros1.robots.description import Monitoring
 from applr_ros1.robots.from_parameters import Parameters
 from applr_ros1.robots.reader import FILE

@@ -15,10 +15,10 @@ import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.common import files
-from applr_ros1.common.errors import ApplrError, meant
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch
-from applr_ros1.planner.parameters import check
-from applr_ros1.planner.parameters.declarations import servers
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.robots.check import space_findings
 
 MAX_SET_BYTES = 2**16  # of a JSON file with one set of parameters
 
@@ -264,49 +264,20 @@ def space_of(robot):
             differs; one line.
         ParameterError: The robot's parameter files cannot be used.
     """
-    tree = check.complete(robot.parameters())
-    theta0 = [_start(robot, parameter, tree) for parameter in robot.space]
+    tree = complete(robot.parameters())
+    for finding in space_findings(robot, tree):
+        raise ApplrError(f"robot {robot.name}: {finding}")
+    theta0 = [branch(tree, p.sets[0].server)[p.sets[0].name] for p in robot.space]
     low, high = ([getattr(parameter, bound) for parameter in robot.space] for bound in ("low", "high"))
     arrays = [np.array(column, dtype=np.float64) for column in (low, high, theta0)]
     integer = np.array([parameter.integer for parameter in robot.space])
     for array in (*arrays, integer):
         array.setflags(write=False)
     targets = {
-        p.name: tuple(Target(s.server, s.names, -1.0 if s.negated else 1.0) for s in p.settings) for p in robot.space
+        p.name: tuple(Target(s.server, s.names, -1.0 if s.negated else 1.0) for s in p.sets) for p in robot.space
     }
     beyond = tuple(parameter.name for parameter in robot.space if not parameter.paper)
     return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name, beyond)
-
-
-def _start(robot, parameter, tree):
-    """The value of a parameter in a complete tree, after checking all that it sets against the declarations."""
-    label = f"robot {robot.name}: parameter_space.{parameter.name}"
-    known_servers = servers(tree)
-    for setting in parameter.settings:
-        where = f"server {setting.server} of move_base" if setting.server else "move_base's own server"
-        if setting.server not in known_servers:
-            names = list(filter(None, known_servers))
-            raise ApplrError(
-                f"{label}: there is no {where}; {meant(setting.server, names, 'give ' + ', '.join(names))}"
-            )
-        known = {name: p for p in known_servers[setting.server].parameters for name in (p.name,) + p.aliases}
-        declared = known.get(setting.names[0])
-        if declared is None:
-            raise ApplrError(
-                f"{label}: {where} has no parameter {setting.names[0]}; docs/reference/parameters.md lists them"
-            )
-        if declared.type not in ("double", "int"):
-            raise ApplrError(f"{label}: {setting.names[0]} is no number in {where}; take another parameter")
-        if (declared.type == "int") != parameter.integer:
-            raise ApplrError(f"{label}: give integer: {str(declared.type == 'int').lower()}, as in {where}")
-        ends = sorted((-parameter.low, -parameter.high) if setting.negated else (parameter.low, parameter.high))
-        if not declared.min <= ends[0] <= ends[1] <= declared.max:
-            raise ApplrError(f"{label}: {where} takes {declared.min:g} to {declared.max:g}; stay within it")
-    first = parameter.settings[0]
-    value = branch(tree, first.server)[first.names[0]]
-    if not parameter.low <= value <= parameter.high:
-        raise ApplrError(f"{label}: move_base starts with {value:g}; include it in the range")
-    return value
 
 
 SPACE = space_of(robots.JACKAL)

@@ -7,7 +7,7 @@ and the launch file take what it returns. docs/tutorials/your_robot.md says how 
 from __future__ import annotations
 
 from applr_ros1.robots.description import GROUNDS, Robot
-from applr_ros1.robots.problems import RobotError
+from applr_ros1.robots.mistakes import RobotError
 from applr_ros1.robots.reader import NAMES, load, on_ground
 
 JACKAL = load("jackal")  # the robot where none is named

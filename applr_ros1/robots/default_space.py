@@ -1,4 +1,4 @@
-"""The parameter space of a robot whose robot.yaml states none: what the shipped policy sets, within wide ranges.
+"""The parameter space of a robot whose robot.yaml states none: what the included policy sets, within wide ranges.
 
 reader.py calls `default_space`.
 """
@@ -18,6 +18,8 @@ _DEFAULTS = {"vx_samples": 3.0, "forward_point_distance": 0.325, "inflation_radi
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
     """Ten to twelve parameters of local planner and inflation layers; ranges include what the files start with.
 
+    They are made without checks, because the tree has not been checked yet; check.py does so.
+
     Args:
         base: The robot's base, whose limits bound the speeds.
         body: Its body, whose width is the measure of the inflation radius.
@@ -28,10 +30,10 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
     width = max(body.size[1], base.track)
     weight = (0.5, 64.0) if dwa else (0.05, 3.0)
     fast, side = ("max_vel_trans", "vth_samples") if dwa else ("", "vtheta_samples")
-    mirrored = [] if dwa else [Setting(server, ("min_vel_theta",), True)]
+    mirrored = [] if dwa else [Setting.model_construct(server=server, name="min_vel_theta", negated=True)]
     inflation = _inflation_layers(tree)
     ranges: List[Tuple[str, float, float, bool, List[Setting]]] = [
-        ("max_vel_x", 0.1 * speed, speed, False, [Setting(server, (fast,))] if fast else []),
+        ("max_vel_x", 0.1 * speed, speed, False, [Setting.model_construct(server=server, name=fast)] if fast else []),
         ("max_vel_theta", 0.1 * turn, turn, False, mirrored),
         ("vx_samples", 4.0, 20.0, True, []),
         (side, 4.0, 60.0, True, []),
@@ -45,12 +47,13 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         if (find(tree, server, ("min_vel_x",)) or 0.0) < 0.0:  # no policy makes a robot reverse that its maker does not
             ranges.append(("min_vel_x", 0.0, 0.0, False, []))
     aliases = {} if dwa else {"path_distance_bias": ("pdist_scale",), "goal_distance_bias": ("gdist_scale",)}
-    found = [
-        _with_start(tree, name, low, high, whole, (Setting(server, (name, *aliases.get(name, ()))), *more))
-        for name, low, high, whole, more in ranges
-    ]
-    for name, low, high in (("inflation_radius", 0.15 * width, 3.0 * width), ("cost_scaling_factor", 1.0, 20.0)):
-        settings = tuple(Setting(layer, (name,)) for layer in inflation)
+    found = []
+    for name, low, high, whole, more in ranges:
+        first = Setting.model_construct(server=server, name=name, aliases=aliases.get(name, ()))
+        found.append(_with_start(tree, name, low, high, whole, (first, *more)))
+    layered = (("inflation_radius", 0.15 * width, 3.0 * width), ("cost_scaling_factor", 1.0, 20.0))
+    for name, low, high in layered if inflation else ():
+        settings = tuple(Setting.model_construct(server=layer, name=name) for layer in inflation)
         found.append(_with_start(tree, name, low, high, False, settings))
     return tuple(found)
 
@@ -62,7 +65,7 @@ def _with_start(
     start = _DEFAULTS.get(name) if start is None else start
     if start is not None:
         low, high = min(low, start), max(high, start)
-    return SpaceParameter(name, low, high, integer, settings)
+    return SpaceParameter.model_construct(name=name, range=(low, high), integer=integer, sets=settings)
 
 
 def _inflation_layers(tree: Dict[str, Any]) -> List[str]:

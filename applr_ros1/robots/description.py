@@ -1,6 +1,7 @@
-"""What a robot description holds: the sections of robot.yaml as pydantic models, which check their values.
+"""What robot.yaml holds, once: each field with its type, limits, unit, default and sentence, as pydantic models.
 
-reader.py fills them. Places are in the robot's base frame, x ahead. Fields without a default have to be given.
+reader.py fills them, new_robot.py asks for fields that other files leave out, the site's reference page lists them.
+Positions are in the robot's base frame, x ahead. Fields without a default have to be given.
 """
 
 from __future__ import annotations
@@ -9,43 +10,71 @@ import copy
 from dataclasses import dataclass, field
 from typing import Any, Dict, NamedTuple, Optional, Tuple
 
-from typing_extensions import Literal, get_args
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, model_validator
+from typing_extensions import Annotated, Literal, get_args
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import branch
-from applr_ros1.robots.field_types import Inertia3, Length3, Name, Place2, Place3, Section, real, values, whole
+from applr_ros1.common.trees import branch, merged
 
+PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
+Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # of a topic or frame
+Length = Annotated[StrictFloat, Field(ge=0.01, le=10.0)]
+Place = Annotated[StrictFloat, Field(ge=-10.0, le=10.0)]
+Inertia = Annotated[StrictFloat, Field(ge=1e-9, le=1e5)]
+Length3 = Tuple[Length, Length, Length]
+Place2 = Tuple[Place, Place]
+Place3 = Tuple[Place, Place, Place]
+Inertia3 = Tuple[Inertia, Inertia, Inertia]
 Ground = Literal["plain", "gazebo"]
 GROUNDS = get_args(Ground)
+MAX_PARAMETERS = 64  # of a parameter space
+
+
+class Section(BaseModel):
+    """A mapping in robot.yaml: its names are the fields of the derived class."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def real(unit: str, low: float, high: float, about: str, default: Any = ...) -> Any:
+    """A field that holds a finite number from low to high, in this unit ("" for none)."""
+    return Field(default, ge=low, le=high, strict=True, description=about, json_schema_extra={"unit": unit})
+
+
+def value(unit: str, about: str, default: Any = ..., **bounds: Any) -> Any:
+    """A field that holds a list, a text or a count; bounds as pydantic.Field takes them."""
+    return Field(default, description=about, json_schema_extra={"unit": unit}, **bounds)
 
 
 class Base(Section):
-    """Wheels, their places, and what the base's controller allows.
+    """Wheels, their positions, and what the base's controller allows."""
 
-    drive: skid_steer (four wheels, the two of a side turn together) or two_wheel (two driven wheels on the base frame's
-    y axis, and casters). track: distance between left and right wheels' middles. wheelbase: between front and rear
-    axle, 0 for two_wheel. axle_height: of the axles above the base frame. wheel_inertia: about x, y (the axle), z;
-    without it that of a full cylinder. wheel_friction, caster_friction: Coulomb coefficients on the ground. casters:
-    where they touch the ground. command_timeout: the base stops when no command has come for this long; 0 where it
-    never does.
-    """
-
-    drive: Literal["skid_steer", "two_wheel"]
-    max_speed: float = real("m/s", 0.01, 20.0)
-    max_yaw_rate: float = real("rad/s", 0.01, 20.0)
-    max_acceleration: float = real("m/s^2", 0.01, 100.0)
-    max_yaw_acceleration: float = real("rad/s^2", 0.01, 200.0)
-    wheel_radius: float = real("m", 0.005, 2.0)
-    wheel_width: float = real("m", 0.001, 2.0)
-    track: float = real("m", 0.01, 10.0)
-    axle_height: float = real("m", -2.0, 2.0)
-    wheelbase: float = real("m", 0.0, 10.0, 0.0)
-    wheel_mass: float = real("kg", 0.001, 500.0, 0.5)
-    wheel_inertia: Optional[Inertia3] = values("kg m^2", None)
-    wheel_friction: float = real("", 0.01, 3.0, 0.5)
-    casters: Tuple[Place2, ...] = values("m", (), max_length=8)
-    caster_friction: float = real("", 0.0, 3.0, 0.1)
-    command_timeout: float = real("s", 0.0, 60.0, 0.0)
+    drive: Literal["skid_steer", "two_wheel"] = value(
+        "",
+        "skid_steer (four wheels, the two of a side turn together) or two_wheel (two driven wheels on the base frame's "
+        "y axis, and casters)",
+    )
+    max_speed: float = real("m/s", 0.01, 20.0, "largest speed that the base's controller allows")
+    max_yaw_rate: float = real("rad/s", 0.01, 20.0, "largest turn rate that it allows")
+    max_acceleration: float = real("m/s^2", 0.01, 100.0, "largest acceleration that it allows")
+    max_yaw_acceleration: float = real("rad/s^2", 0.01, 200.0, "largest angular acceleration that it allows")
+    wheel_radius: float = real("m", 0.005, 2.0, "radius of a driven wheel")
+    wheel_width: float = real("m", 0.001, 2.0, "width of a driven wheel")
+    track: float = real("m", 0.01, 10.0, "distance between the middles of left and right wheels")
+    axle_height: float = real("m", -2.0, 2.0, "of the axles above the base frame")
+    wheelbase: float = real("m", 0.0, 10.0, "between front and rear axle, 0 for two_wheel", 0.0)
+    wheel_mass: float = real("kg", 0.001, 500.0, "of one driven wheel", 0.5)
+    wheel_inertia: Optional[Inertia3] = value(
+        "kg m^2", "about x, y (the axle), z; without it that of a full cylinder", None
+    )
+    wheel_friction: float = real("", 0.01, 3.0, "Coulomb coefficient of a driven wheel on the ground", 0.5)
+    casters: Tuple[Place2, ...] = value(
+        "m", "[[x, y], ...], where the base stands on the ground beside its wheels", (), max_length=8
+    )
+    caster_friction: float = real("", 0.0, 3.0, "Coulomb coefficient of a caster on the ground", 0.1)
+    command_timeout: float = real(
+        "s", 0.0, 60.0, "the base stops when no command has come for this long; 0 where it never does", 0.0
+    )
 
     @property
     def wheels(self) -> int:
@@ -54,40 +83,45 @@ class Base(Section):
 
 
 class Body(Section):
-    """The box that meets obstacles beside the wheels.
+    """The box that meets obstacles beside the wheels."""
 
-    size: length, width, height. centre: of the box along x and y; bottom: its underside above the base frame. com:
-    centre of mass, without it the middle of the box. inertia: about x, y, z through it, without it that of the full
-    box. friction: against obstacles.
-    """
+    size: Length3 = value("m", "[length, width, height] of the box around all but the wheels")
+    mass: float = real("kg", 0.01, 5000.0, "of all but the driven wheels")
+    centre: Place2 = value("m", "of the box, along x and y", (0.0, 0.0))
+    bottom: float = real("m", -2.0, 2.0, "its underside above the base frame", 0.0)
+    com: Optional[Place3] = value("m", "centre of mass; without it the middle of the box", None)
+    inertia: Optional[Inertia3] = value(
+        "kg m^2", "about x, y, z through the centre of mass; without it that of the full box", None
+    )
+    friction: float = real("", 0.01, 3.0, "Coulomb coefficient against obstacles", 0.5)
 
-    size: Length3 = values("m")
-    mass: float = real("kg", 0.01, 5000.0)
-    centre: Place2 = values("m", (0.0, 0.0))
-    bottom: float = real("m", -2.0, 2.0, 0.0)
-    com: Optional[Place3] = values("m", None)
-    inertia: Optional[Inertia3] = values("kg m^2", None)
-    friction: float = real("", 0.01, 3.0, 0.5)
+    @property
+    def top(self) -> float:
+        """Its upper side above the base frame [m]."""
+        return self.bottom + self.size[2]
+
+    @property
+    def centre_of_mass(self) -> Tuple[float, float, float]:
+        """`com`, or the middle of the box."""
+        return self.com or (*self.centre, self.bottom + self.size[2] / 2)
 
 
 class Laser(Section):
-    """A planar scanner, whose beams are evenly spread between both angles.
+    """A planar scanner, whose beams are evenly spread between both angles."""
 
-    pose: x, y [m] and yaw [rad]. height: above the base frame. no_return: what its driver states where nothing returns,
-    if that is not +inf, such as 0.0.
-    """
-
-    frame: Name
-    pose: Place3
-    height: float = real("m", -2.0, 5.0)
-    beams: int = whole(2, 8192)
-    first_angle: float = real("rad", -6.2832, 6.2832)
-    last_angle: float = real("rad", -6.2832, 6.2832)
-    range_min: float = real("m", 0.0, 10.0)
-    range_max: float = real("m", 0.1, 200.0)
-    rate: float = real("Hz", 0.5, 200.0)
-    noise: float = real("m", 0.0, 1.0, 0.0)
-    no_return: Optional[float] = real("m", 0.0, 1000.0, None)
+    frame: Name = value("", "frame of its scans in tf")
+    pose: Place3 = value("m, m, rad", "[x, y, yaw] of the scanner in the base frame")
+    height: float = real("m", -2.0, 5.0, "of the scanner above the base frame")
+    beams: int = value("", "number of ranges in a scan", ge=2, le=8192, strict=True)
+    first_angle: float = real("rad", -6.2832, 6.2832, "angle_min of the scans")
+    last_angle: float = real("rad", -6.2832, 6.2832, "angle_max of the scans")
+    range_min: float = real("m", 0.0, 10.0, "range_min of the scans")
+    range_max: float = real("m", 0.1, 200.0, "range_max of the scans")
+    rate: float = real("Hz", 0.5, 200.0, "scans per second")
+    noise: float = real("m", 0.0, 1.0, "standard deviation of a range", 0.0)
+    no_return: Optional[float] = real(
+        "m", 0.0, 1000.0, "what its driver states where nothing returns, if that is not +inf, such as 0.0", None
+    )
 
     @property
     def increment(self) -> float:
@@ -117,98 +151,116 @@ class Frames(Section):
 
 
 class OdometryErrors(Section):
-    """How the odometry errs: wheels for the distance, IMU for the heading. Standard deviations.
+    """How the odometry errs: wheels for the distance, IMU for the heading."""
 
-    scale_error: of the wheels' scale, drawn at a start. heading_drift: of the heading's slow error, heading_time its
-    correlation time, heading_noise what changes from one reading to the next. speed_noise: of the speed given with the
-    pose. gyro_noise, accelerometer_noise: of the IMU. lag: time constant of the
-    filter that joins them. rate: of the messages.
-    """
-
-    rate: float = real("Hz", 1.0, 240.0, 50.0)
-    scale_error: float = real("", 0.0, 0.5, 0.005)
-    heading_drift: float = real("rad", 0.0, 1.0, 0.002)
-    heading_time: float = real("s", 0.1, 1e4, 60.0)
-    heading_noise: float = real("rad", 0.0, 1.0, 0.003)
-    speed_noise: float = real("m/s", 0.0, 1.0, 0.005)
-    gyro_noise: float = real("rad/s", 0.0, 1.0, 0.005)
-    accelerometer_noise: float = real("m/s^2", 0.0, 5.0, 0.005)
-    lag: float = real("s", 0.0, 1.0, 0.0)
+    rate: float = real("Hz", 1.0, 240.0, "of the messages", 50.0)
+    scale_error: float = real("", 0.0, 0.5, "standard deviation of the wheels' scale, drawn at a start", 0.005)
+    heading_drift: float = real("rad", 0.0, 1.0, "standard deviation of the heading's slow error", 0.002)
+    heading_time: float = real("s", 0.1, 1e4, "correlation time of the heading's slow error", 60.0)
+    heading_noise: float = real("rad", 0.0, 1.0, "what changes from one heading to the next", 0.003)
+    speed_noise: float = real("m/s", 0.0, 1.0, "standard deviation of the speed given with the pose", 0.005)
+    gyro_noise: float = real("rad/s", 0.0, 1.0, "standard deviation of the IMU's turn rate", 0.005)
+    accelerometer_noise: float = real("m/s^2", 0.0, 5.0, "standard deviation of the IMU's acceleration", 0.005)
+    lag: float = real("s", 0.0, 1.0, "time constant of the filter that joins wheels and IMU", 0.0)
 
 
 class Monitoring(Section):
     """What the collision monitor relies on; see MonitorSettings."""
 
-    margin: float = real("m", 0.0, 1.0, 0.03)
-    reaction_time: float = real("s", 0.01, 2.0, 0.15)
-    creep_speed: float = real("m/s", 0.0, 1.0, 0.1)
-    deceleration: float = real("m/s^2", 0.01, 100.0, 4.0)
-    yaw_deceleration: float = real("rad/s^2", 0.01, 200.0, 12.0)
+    margin: float = real("m", 0.0, 1.0, "distance kept from every obstacle point", 0.03)
+    reaction_time: float = real("s", 0.01, 2.0, "from a command until the base follows the next one", 0.15)
+    creep_speed: float = real("m/s", 0.0, 1.0, "fastest speed of any point in space that no scan has shown", 0.1)
+    deceleration: float = real("m/s^2", 0.01, 100.0, "how hard the base brakes, at most max_acceleration", 4.0)
+    yaw_deceleration: float = real(
+        "rad/s^2", 0.01, 200.0, "how hard it ends a turn, at most max_yaw_acceleration", 12.0
+    )
 
 
 class Simulation(Section):
     """Numbers of both simulators that are chosen or fitted, not measured on the robot.
 
-    ground: plain, where tyres pull against their slip, or gazebo, with the friction of Gazebo's Jackal. There a wheel
-    turns track_multiplier times as fast for a turn as its track says, stands on both edges of its rim, and has
-    edge_shift more of its load on the outer one for each m/s^2 of lateral acceleration. command_delay: from a command
-    to the wheels.
-
-    grip_limit: on plain ground the tyres hold curves up to this v w. tyre_creep: slip speed at which a tyre has
-    .7 of its full friction. grip_noise, grip_time: uneven ground, relative standard deviation of each wheel's
-    friction and its correlation time. wheel_noise, wheel_time: the same of each side's speed; wheel_shake: its absolute
-    deviation while it moves. ground_stiffness, ground_damping: of one tyre. motor_torque: of one
-    wheel against obstacles. full_lift: a wheel this high above the ground pulls no more. wheel_rub, body_rub,
-    undo: of the kinematic simulator, fitted to pybullet's contacts: friction of a wheel and of the body along an
-    obstacle, and the share of an overlap that is undone in a step.
+    On plain ground tyres pull against their slip. On ground gazebo, with the friction of Gazebo's Jackal, a wheel turns
+    track_multiplier times as fast for a turn as its track says and stands on both edges of its rim.
     """
 
-    grip_limit: float = real("m/s^2", 0.05, 50.0)
-    ground: Ground = "plain"
-    track_multiplier: Optional[float] = real("", 0.5, 5.0, None)
-    edge_shift: float = real("s^2/m", 0.0, 2.0, 0.0)
-    command_delay: float = real("s", 0.0, 1.0, 0.0)
-    tyre_creep: float = real("m/s", 1e-4, 0.5, 0.02)
-    grip_noise: float = real("", 0.0, 1.0, 0.10)
-    grip_time: float = real("s", 0.01, 60.0, 0.5)
-    wheel_noise: float = real("", 0.0, 0.5, 0.005)
-    wheel_time: float = real("s", 0.01, 60.0, 0.5)
-    wheel_shake: float = real("m/s", 0.0, 0.5, 0.01)
-    ground_stiffness: float = real("N/m", 100.0, 1e7, 3.0e4)
-    ground_damping: float = real("N s/m", 1.0, 1e5, 400.0)
-    motor_torque: float = real("N m", 0.01, 1000.0, 10.0)
-    full_lift: float = real("m", 1e-4, 0.5, 0.005)
-    wheel_rub: float = real("", 0.0, 1.0, 0.66)
-    body_rub: float = real("", 0.0, 1.0, 0.94)
-    undo: float = real("", 0.02, 1.0, 0.51)
+    grip_limit: float = real("m/s^2", 0.05, 50.0, "on plain ground the tyres hold curves up to this v w")
+    ground: Ground = value("", "plain or gazebo", "plain")
+    track_multiplier: Optional[float] = real("", 0.5, 5.0, "that of the wheels' controller, on ground gazebo", None)
+    edge_shift: float = real(
+        "s^2/m", 0.0, 2.0, "share of a wheel's load that the outer edge has more per lateral acceleration", 0.0
+    )
+    command_delay: float = real("s", 0.0, 1.0, "from a command to the wheels", 0.0)
+    tyre_creep: float = real("m/s", 1e-4, 0.5, "slip speed at which a tyre has .7 of its full friction", 0.02)
+    grip_noise: float = real("", 0.0, 1.0, "uneven ground: relative standard deviation of a wheel's friction", 0.10)
+    grip_time: float = real("s", 0.01, 60.0, "its correlation time", 0.5)
+    wheel_noise: float = real("", 0.0, 0.5, "relative standard deviation of each side's speed", 0.005)
+    wheel_time: float = real("s", 0.01, 60.0, "its correlation time", 0.5)
+    wheel_shake: float = real("m/s", 0.0, 0.5, "absolute deviation of each side's speed while it moves", 0.01)
+    ground_stiffness: float = real("N/m", 100.0, 1e7, "of one tyre", 3.0e4)
+    ground_damping: float = real("N s/m", 1.0, 1e5, "of one tyre", 400.0)
+    motor_torque: float = real("N m", 0.01, 1000.0, "of one wheel against obstacles", 10.0)
+    full_lift: float = real("m", 1e-4, 0.5, "a wheel this high above the ground pulls no more", 0.005)
+    wheel_rub: float = real("", 0.0, 1.0, "kinematic simulator: friction of a wheel along an obstacle", 0.66)
+    body_rub: float = real("", 0.0, 1.0, "kinematic simulator: friction of the body along an obstacle", 0.94)
+    undo: float = real("", 0.02, 1.0, "kinematic simulator: share of an overlap that is undone in a step", 0.51)
 
 
-@dataclass(frozen=True)
-class Setting:
+Bound = Annotated[StrictFloat, Field(ge=-1e6, le=1e6)]
+ParameterName = Annotated[str, Field(pattern="^[A-Za-z][A-Za-z0-9_]*$")]
+ValueName = Annotated[str, Field(pattern=f"^{PATH}$")]
+
+
+class Setting(Section):
     """One dynamic_reconfigure value of move_base that follows a parameter of the space.
 
-    server: below move_base's name, such as DWAPlannerROS. names: accepted names, the newest first (servers differ:
-    path_distance_bias was pdist_scale before). negated: it takes the negative value.
+    server: below move_base's name, such as DWAPlannerROS; "" is move_base itself. name: in the file, without it the
+    parameter's. aliases: names in other versions of the server (path_distance_bias was pdist_scale before). negated: it
+    takes the negative value.
     """
 
-    server: str
-    names: Tuple[str, ...]
-    negated: bool = False
+    server: Annotated[str, Field(pattern=f"^({PATH})?$")]
+    name: ValueName
+    aliases: Tuple[ValueName, ...] = ()
+    negated: StrictBool = False
+
+    @property
+    def names(self) -> Tuple[str, ...]:
+        """Accepted names, the newest first."""
+        return (self.name, *self.aliases)
 
 
-@dataclass(frozen=True)
-class SpaceParameter:
-    """One parameter that a policy or a search sets, within low to high. The first setting is where it is read back.
+class SpaceParameter(Section):
+    """One parameter that a policy or a search sets, within its range. The first setting is where it is read back.
 
-    paper: whether policies in the paper's form see and set it, too.
+    name: in the file, its key. paper: whether policies in the paper's form see and set it, too.
     """
 
-    name: str
-    low: float
-    high: float
-    integer: bool
-    settings: Tuple[Setting, ...]
-    paper: bool = True
+    name: ParameterName
+    range: Tuple[Bound, Bound]
+    sets: Tuple[Setting, ...] = Field(min_length=1)
+    integer: StrictBool = False
+    paper: StrictBool = True
+
+    @property
+    def low(self) -> float:
+        """Its smallest value."""
+        return self.range[0]
+
+    @property
+    def high(self) -> float:
+        """Its largest value."""
+        return self.range[1]
+
+    @model_validator(mode="after")
+    def _agrees(self) -> SpaceParameter:
+        low, high = self.range
+        if not low < high:
+            raise ValueError(f"range is [{low:g}, {high:g}]: give a smaller number and a larger one")
+        if self.integer and not (low.is_integer() and high.is_integer()):
+            raise ValueError(f"range is [{low:g}, {high:g}]: give whole numbers for an integer")
+        if self.sets[0].negated:
+            raise ValueError("sets[0] is negated: give the value that has the parameter's own sign first")
+        return self
 
 
 class LoadedFile(NamedTuple):
@@ -221,15 +273,10 @@ class LoadedFile(NamedTuple):
 
 @dataclass(frozen=True)
 class MoveBaseSetup:
-    """The robot's move_base parameters, as its launch file loads them: nested dicts, {name: value or dict}.
+    """The robot's move_base parameters: the files in the order in which its launch file loads them."""
 
-    The files are those that the trees were joined from, in their order; later values count.
-    """
-
-    with_map: Optional[Dict[str, Any]]  # None where robot.yaml describes no setup with a map
-    without_map: Dict[str, Any]
-    files_with_map: Tuple[LoadedFile, ...] = ()
-    files_without_map: Tuple[LoadedFile, ...] = ()
+    without_map: Tuple[LoadedFile, ...]
+    with_map: Optional[Tuple[LoadedFile, ...]] = None  # None where robot.yaml describes no setup with a map
 
 
 @dataclass(frozen=True)
@@ -254,14 +301,28 @@ class Robot:
     @property
     def local_planner(self) -> str:
         """The local planner that its files name, without the package."""
-        return str(self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
+        return str(self._tree().get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
+
+    def files(self, with_map: bool = False) -> Tuple[LoadedFile, ...]:
+        """Its parameter files; ApplrError where there is no setup with a map."""
+        if not with_map:
+            return self.move_base.without_map
+        if self.move_base.with_map is None:
+            raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
+        return self.move_base.with_map
 
     def parameters(self, with_map: bool = False) -> Dict[str, Any]:
-        """The nested move_base parameters of its files, a copy; ApplrError where there is no setup with a map."""
-        tree = self.move_base.with_map if with_map else self.move_base.without_map
-        if tree is None:
-            raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
-        return copy.deepcopy(tree)
+        """The move_base parameters of its files, nested, later values before earlier ones; a copy."""
+        return copy.deepcopy(self._tree(with_map))
+
+    def _tree(self, with_map: bool = False) -> Dict[str, Any]:
+        joined: Dict[str, Any] = {}
+        for file in self.files(with_map):
+            tree = file.values
+            for part in reversed(list(filter(None, file.namespace.split("/")))):
+                tree = {part: tree}
+            joined = merged(joined, tree)
+        return joined
 
 
 def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
@@ -273,6 +334,6 @@ def find(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[
     costmap, _, layer = server.rpartition("/")
     if layer and costmap and "plugins" not in branch(tree, costmap):
         branches.append(branch(tree, costmap))
-    values = [branch[name] for branch in branches for name in names if name in branch]
-    numbers = [value for value in values if isinstance(value, (int, float)) and not isinstance(value, bool)]
+    found = [branch[name] for branch in branches for name in names if name in branch]
+    numbers = [number for number in found if isinstance(number, (int, float)) and not isinstance(number, bool)]
     return float(numbers[0]) if numbers else None

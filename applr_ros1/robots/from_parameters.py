@@ -1,6 +1,6 @@
 """Finds out below which namespaces a robot's launch file loads its parameter files, and what they say of the robot.
 
-training/new_robot.py calls `read`; parameter_files.py reads what that wrote.
+training/new_robot.py calls `read_parameter_files`; parameter_files.py reads the folder that it writes.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.trees import branch, merged
-from applr_ros1.robots import yaml_file
+from applr_ros1.robots.parameter_files import read_parameters
 
 _COSTMAPS = ("local_costmap", "global_costmap")
 _LAYERS = ("StaticLayer", "ObstacleLayer", "InflationLayer")
@@ -69,7 +69,7 @@ def read_parameter_files(paths: Sequence[str]) -> Parameters:
     """
     said = Parameters()
     for path in paths:
-        given = yaml_file.read_parameters(path)
+        given = read_parameters(path)
         inserted = re.search(r"\$\([^)]*\)", str(given))
         if inserted:
             raise ApplrError(

@@ -1,14 +1,17 @@
-"""Where a robot reaches: the rectangle around its body and wheels, for contacts and for the collision monitor.
+"""Where a robot reaches and how it stands: rectangles of its body and wheels, mass and load of its supports.
 
-Both simulators, the monitor's settings and RViz's model use it.
+Both simulators, the monitor's settings, RViz's model and the check of robot.yaml use it.
 """
 
 from __future__ import annotations
 
 from typing import List, Tuple
 
+import numpy as np
+
 from applr_ros1.robots.description import Base, Robot
 
+GRAVITY = 9.8
 Rectangle = Tuple[float, float, float, float]  # x, y of the middle, half length, half width
 
 
@@ -34,3 +37,22 @@ def bounding_box(robot: Robot) -> Tuple[float, float, float, float]:
         min(y - b for _, y, _, b in found),
         max(y + b for _, y, _, b in found),
     )
+
+
+def supports(base: Base) -> np.ndarray:
+    """(n, 2) where the base stands on the ground [m]: the driven wheels, then the casters."""
+    return np.array(wheel_places(base) + [tuple(place) for place in base.casters])
+
+
+def balance(robot: Robot) -> Tuple[float, Tuple[float, float], np.ndarray]:
+    """Mass [kg], centre of mass (x, y) [m], and the load (n,) [N] of each support at rest; none may be 0 or less."""
+    base, body = robot.base, robot.body
+    mass = body.mass + base.wheels * base.wheel_mass
+    com = (body.mass / mass * body.centre_of_mass[0], body.mass / mass * body.centre_of_mass[1])
+    places = supports(base)
+    if base.wheels == 4:  # a rectangle
+        front, left = np.sign(places[:, 0]), np.sign(places[:, 1])
+        along = 1.0 + 2.0 * com[0] / base.wheelbase * front
+        return mass, com, 0.25 * mass * GRAVITY * along * (1.0 + 2.0 * com[1] / base.track * left)
+    upright = np.array([np.ones(len(places)), places[:, 0], places[:, 1]])  # the least loads that carry the weight
+    return mass, com, np.linalg.pinv(upright) @ (mass * GRAVITY * np.array([1.0, *com]))

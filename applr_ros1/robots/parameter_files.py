@@ -1,6 +1,6 @@
-"""The section move_base of robot.yaml: joins parameter files as the robot's launch file loads them into one tree.
+"""The YAML files of a robot's folder, and the section move_base of robot.yaml, which says how they are loaded.
 
-reader.py reads it and calls `setup`.
+Files are bounded in size and hold plain values only. Called by reader.py and from_parameters.py.
 """
 
 from __future__ import annotations
@@ -8,15 +8,35 @@ from __future__ import annotations
 import os
 from typing import Any, Dict, Optional, Tuple
 
+import yaml
 from pydantic import Field, model_validator
 from typing_extensions import Annotated
 
-from applr_ros1.common.trees import merged
-from applr_ros1.robots import yaml_file
-from applr_ros1.robots.description import LoadedFile, MoveBaseSetup
-from applr_ros1.robots.field_types import PATH, Section
+from applr_ros1.common import files
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots.description import PATH, LoadedFile, MoveBaseSetup, Section
 
 FILE = "robot.yaml"
+MAX_BYTES = 2**17
+
+
+def read_yaml(path: str) -> Dict[str, Any]:
+    """The mapping in a YAML file; {} for an empty file. ApplrError of one line for everything else."""
+    text = files.read_bytes(path, MAX_BYTES)
+    try:
+        found = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, LookupError, RecursionError) as error:  # ValueError: such as a date 2001-99-99
+        raise ApplrError(f"{path}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
+    if not isinstance(found or {}, dict):
+        raise ApplrError(f"{path}: holds no mapping; give lines such as name: value")
+    return found or {}
+
+
+def read_parameters(path: str) -> Dict[str, Any]:
+    """The parameters of move_base in a YAML file, without the level move_base of one that is loaded beside the node."""
+    found = read_yaml(path)
+    inner = found.get("move_base")
+    return inner if len(found) == 1 and isinstance(inner, dict) else found
 
 
 class ParameterFile(Section):
@@ -38,6 +58,11 @@ class FileGroup(Section):
     files: Tuple[ParameterFile, ...] = ()
     parameters: Dict[str, Any] = {}
 
+    def loaded(self, folder: str) -> Tuple[LoadedFile, ...]:
+        """The files in a folder, and robot.yaml with the parameters."""
+        read = (LoadedFile(f.file, f.namespace, read_parameters(os.path.join(folder, f.file))) for f in self.files)
+        return (*read, LoadedFile(FILE, "", self.parameters))
+
 
 class MoveBaseSection(FileGroup):
     """What is always loaded, and what is loaded after it with and without a map."""
@@ -45,28 +70,8 @@ class MoveBaseSection(FileGroup):
     with_map: Optional[FileGroup] = None
     without_map: FileGroup = FileGroup()
 
-
-def setup(given: MoveBaseSection, folder: str) -> MoveBaseSetup:
-    """The trees that the section describes, with the files in `folder`."""
-    always = _loaded(given, folder)
-    without_map = always + _loaded(given.without_map, folder)
-    if given.with_map is None:
-        return MoveBaseSetup(None, _tree(without_map), (), without_map)
-    with_map = always + _loaded(given.with_map, folder)
-    return MoveBaseSetup(_tree(with_map), _tree(without_map), with_map, without_map)
-
-
-def _loaded(group: FileGroup, folder: str) -> Tuple[LoadedFile, ...]:
-    trees = [yaml_file.read_parameters(os.path.join(folder, one.file)) for one in group.files]
-    files = (LoadedFile(one.file, one.namespace, tree) for one, tree in zip(group.files, trees))
-    return (*files, LoadedFile(FILE, "", group.parameters))
-
-
-def _tree(files: Tuple[LoadedFile, ...]) -> Dict[str, Any]:
-    joined: Dict[str, Any] = {}
-    for file in files:
-        tree = file.values
-        for part in reversed(list(filter(None, file.namespace.split("/")))):
-            tree = {part: tree}
-        joined = merged(joined, tree)
-    return joined
+    def setup(self, folder: str) -> MoveBaseSetup:
+        """The files in `folder` that the section names."""
+        always = self.loaded(folder)
+        with_map = None if self.with_map is None else always + self.with_map.loaded(folder)
+        return MoveBaseSetup(always + self.without_map.loaded(folder), with_map)

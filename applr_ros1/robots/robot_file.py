@@ -5,33 +5,21 @@ training/new_robot.py calls `text`; reader.py reads the file.
 
 from __future__ import annotations
 
-from typing import Any, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, Tuple, Type
 
 import yaml
 
-# what robot.yaml cannot do without, and the files may leave out: section, field, unit, what it is
-_ASKED = (
-    ("base", "max_speed", "m/s", "largest speed that the base's controller allows"),
-    ("base", "max_yaw_rate", "rad/s", "largest turn rate that it allows"),
-    ("base", "max_acceleration", "m/s^2", "largest acceleration that it allows"),
-    ("base", "max_yaw_acceleration", "rad/s^2", "largest angular acceleration that it allows"),
-    ("base", "wheel_width", "m", "width of a driven wheel"),
-    ("base", "casters", "m", "[[x, y], ...], where the base stands on the ground beside its wheels"),
-    ("body", "size", "m", "[length, width, height] of the box around all but the wheels"),
-    ("body", "mass", "kg", "of all but the driven wheels"),
-    ("laser", "frame", "", "frame of its scans in tf"),
-    ("laser", "pose", "m, m, rad", "[x, y, yaw] of the scanner in the base frame"),
-    ("laser", "height", "m", "of the scanner above the base frame"),
-    ("laser", "beams", "", "number of ranges in a scan"),
-    ("laser", "first_angle", "rad", "angle_min of the scans"),
-    ("laser", "last_angle", "rad", "angle_max of the scans"),
-    ("laser", "range_min", "m", "range_min of the scans"),
-    ("laser", "range_max", "m", "range_max of the scans"),
-    ("laser", "rate", "Hz", "scans per second"),
-    ("monitor", "deceleration", "m/s^2", "how hard the base brakes, at most max_acceleration"),
-    ("monitor", "yaw_deceleration", "rad/s^2", "how hard it ends a turn, at most max_yaw_acceleration"),
-)
-_SECTIONS = ("base", "body", "laser", "topics", "frames", "monitor", "simulation")
+from applr_ros1.robots.description import Base, Body, Frames, Laser, Monitoring, Section, Simulation, Topics
+
+_MODELS: Dict[str, Type[Section]] = {
+    "base": Base,
+    "body": Body,
+    "laser": Laser,
+    "topics": Topics,
+    "frames": Frames,
+    "monitor": Monitoring,
+    "simulation": Simulation,
+}
 
 
 def text(
@@ -50,21 +38,26 @@ def text(
         move_base: The section of that name.
         hints: (value, where it is from) by (section, field), for what was not found but other values make likely.
     """
-    frame, drive = values["frames"]["base"], values["base"]["drive"]
+    frame = values["frames"]["base"]
+    also: Dict[str, Tuple[str, ...]] = {"monitor": ("deceleration", "yaw_deceleration")}  # though they have a default
+    also.update(base=("casters",) if values["base"]["drive"] == "two_wheel" else ())
     lines = [
         f"# Made from {source}. Lengths in metres, masses in kg, angles in rad, times in s; places in {frame}, x ahead."
     ]
     missing = []
-    for section in _SECTIONS:
+    for section, model in _MODELS.items():
         found = values.get(section, {})
-        asked = [entry[1:] for entry in _ASKED if entry[0] == section and entry[1] not in found]
-        asked = [entry for entry in asked if entry[0] != "casters" or drive == "two_wheel"]
+        asked: Dict[str, Any] = {
+            name: declared
+            for name, declared in model.model_fields.items()
+            if name not in found and (declared.is_required() or name in also.get(section, ()))
+        }
         lines += [f"{section}:"] * bool(found or asked)
         lines += [f"  {name}: {_flow(value)}" for name, value in found.items()]
-        for name, unit, about in asked:
+        for name, field in asked.items():
             value, origin = hints.get((section, name), (None, ""))
-            proposed = "" if value is None else _flow(value)
-            about = f"[{unit}] {about}" if unit else about
+            proposed, unit = "" if value is None else _flow(value), field.json_schema_extra["unit"]
+            about = f"[{unit}] {field.description}" if unit else field.description
             lines.append(f"  # {name}: {proposed}".ljust(34) + f"  # {about}" + (f"; here {origin}" if origin else ""))
             missing.append(f"{section}.{name} {about}" + (f"; {origin} is {proposed}" if origin else ""))
     lines.append(f"world_scale: {_flow(world_scale)}")

@@ -144,11 +144,7 @@ def robot_sections():
 
 
 def _section(name, kind):
-    """One section: the class's docstring, which has sentences `field: text.`, and a row for each field."""
-    fields = "|".join(kind.model_fields)
-    pattern = r"(?:^|\s)((?:%s)(?:, (?:%s))*): " % (fields, fields)
-    first, *texts = re.split(pattern, " ".join(inspect.getdoc(kind).split()))
-    about = {field: text for names, text in zip(texts[::2], texts[1::2]) for field in names.split(", ")}
+    """One section: the class's docstring, and a row for each field."""
     rows = []
     for field, declared in kind.model_json_schema()["properties"].items():
         taken = declared.get("anyOf", [declared])[0]  # the other one is null
@@ -156,9 +152,9 @@ def _section(name, kind):
         value = " or ".join(item["enum"]) if "enum" in item else item["type"]
         value += ", %g to %g" % (item["minimum"], item["maximum"]) if "minimum" in item else ""
         value = "%d of: %s" % (len(taken["prefixItems"]), value) if "prefixItems" in taken else value
-        meaning = about.get(field, "") + (" [%s]" % declared["unit"] if declared.get("unit") else "")
+        meaning = declared.get("description", "") + (" [%s]" % declared["unit"] if declared.get("unit") else "")
         rows.append(["`%s`" % field, meaning, value, declared.get("default", "required")])
-    return "## %s\n\n%s\n\n%s" % (name, first, table(["field", "meaning", "value", "default"], rows))
+    return "## %s\n\n%s\n\n%s" % (name, inspect.getdoc(kind), table(["field", "meaning", "value", "default"], rows))
 
 
 def jackal_space():
@@ -169,7 +165,7 @@ def jackal_space():
     declared = {name: p for parameters in SERVERS.values() for p in parameters for name in (p.name, *p.aliases)}
     rows = []
     for parameter, start in zip(JACKAL.space, SPACE.theta0):
-        meaning = next(declared[name] for name in parameter.settings[0].names if name in declared)
+        meaning = next(declared[name] for name in parameter.sets[0].names if name in declared)
         bounds = "%g to %g" % (parameter.low, parameter.high)
         rows.append(["`%s`" % parameter.name, "%g" % start, bounds, meaning.unit or "", meaning.doc])
     return table(["parameter", "default", "range", "unit", "meaning"], rows)

@@ -132,7 +132,8 @@ def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
 
 def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
     """DWAPlannerROS drives back at its min_vel_x, TrajectoryPlannerROS ahead at least at its own."""
-    ahead = SpaceParameter("min_vel_x", 0.02, 0.4, False, (Setting("TrajectoryPlannerROS", ("min_vel_x",), False),))
+    settings = (Setting(server="TrajectoryPlannerROS", name="min_vel_x"),)
+    ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
     form = Encoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
     assert set(form.chosen) == {*JACKAL_CHOSEN, "sim_time"}
     assert form.theta(np.full(len(PARAMETERS), -1.0))[-1] == 0.1

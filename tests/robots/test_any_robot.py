@@ -15,7 +15,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robot_check import remarks
+from applr_ros1.robots.check import findings
 from tests.support.recording import RecordingEpisode, StackWriter
 from training import check_robot, evaluate, static_search, train
 from training.bags import reader as bags
@@ -147,8 +147,8 @@ def test_check_says_what_it_makes_of_a_description(crate, capsys):
     [("husky", "before a narrow gap"), ("turtlebot3_waffle_pi", "a robot that backs"), ("turtlebot3_burger", None)],
 )
 def test_check_names_the_traps_of_shipped_parameters(name, trap):
-    lines = [line for line in remarks(robots.load(name)) if "has no effect" not in line]
-    assert [trap in line for line in lines] == ([True] if trap else [])
+    found = [finding.advice for finding in findings(robots.load(name)) if finding.value != "has no effect"]
+    assert [trap in advice for advice in found] == ([True] if trap else [])
 
 
 def test_searched_trained_and_driven(crate, tmp_path, capsys):

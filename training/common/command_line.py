@@ -11,8 +11,8 @@ from pydantic import BeforeValidator, Field, InstanceOf
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.robot_check import with_remarks
 from applr_ros1.robots import NAMES, Robot
+from applr_ros1.robots.check import with_remarks
 from training.common.options import O, add_options, checked
 from worlds.loading import FORMS
 

@@ -18,6 +18,7 @@ from applr_ros1.robots.description import (
     Body,
     Frames,
     Laser,
+    LoadedFile,
     Monitoring,
     MoveBaseSetup,
     OdometryErrors,
@@ -105,7 +106,7 @@ def draw_another(rng: np.random.Generator) -> Robot:
         simulation=_simulation(rng, skid, friction, width, speed),
         world_scale=padded / JACKAL_WIDTH * rng.uniform(0.95, 1.2),
         space=default_space(base, body, tree),
-        move_base=MoveBaseSetup(None, tree),
+        move_base=MoveBaseSetup((LoadedFile("robot.yaml", "", tree),)),
     )
 
 

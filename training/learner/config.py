@@ -21,8 +21,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robot_check import with_remarks
 from applr_ros1.robots import JACKAL, NAMES, load
+from applr_ros1.robots.check import with_remarks
 from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import drawn_robots, protocols

@@ -21,8 +21,8 @@ from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robot_check import usable
 from applr_ros1.robots import JACKAL
+from applr_ros1.robots.check import usable
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 

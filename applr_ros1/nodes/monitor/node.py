@@ -31,8 +31,8 @@ from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.warm_up import warm_up
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Ages, Sensors
-from applr_ros1.robot_check import usable
 from applr_ros1.robots import JACKAL, Robot
+from applr_ros1.robots.check import usable
 
 from .other_publishers import OtherPublishers
 

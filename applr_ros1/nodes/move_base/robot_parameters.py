@@ -10,8 +10,8 @@ from typing import Any, Dict, Optional, Tuple
 from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.trees import merged
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.robot_check import usable
 from applr_ros1.robots import Robot
+from applr_ros1.robots.check import usable
 
 OWN = ("robot", "map", "tf_prefix")
 

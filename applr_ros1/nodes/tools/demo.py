@@ -18,7 +18,7 @@ from applr_ros1.common.arguments import boolean, frame_prefix, number_within, po
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives import animation, picture
 from applr_ros1.policy import methods
-from applr_ros1.robot_check import with_remarks
+from applr_ros1.robots.check import with_remarks
 from applr_ros1.robots.geometry import bounding_box
 
 from . import send_goal

@@ -48,7 +48,7 @@ def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL)
     mappings = names.load_mappings(list(arguments))
     mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
     found = list(SHARED)
-    servers = {setting.server for parameter in robot.space for setting in parameter.settings} - set(PLANNERS)
+    servers = {setting.server for parameter in robot.space for setting in parameter.sets} - set(PLANNERS)
     updates = [posixpath.join("move_base", server, "parameter_updates") for server in sorted(servers)]
     text = " ".join([*updates, STACK])
     for name in _named(text + " " + COSTMAPS if costmaps else text, robot):

@@ -5,7 +5,8 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.encoding import PARAMETERS, Encoding
-from applr_ros1.robots import JACKAL, limits
+from applr_ros1.robots import JACKAL
+from applr_ros1.robots.mistakes import contradictions
 from training.env import drawn_robots
 from training.env.env import ApplrEnv
 
@@ -14,7 +15,7 @@ def test_robots_span_what_they_should_and_contradict_nothing():
     rng = np.random.default_rng(3)
     robots = [drawn_robots.draw_another(rng) for _ in range(60)]
     for robot in robots:
-        assert not list(limits.problems(robot))
+        assert not contradictions(robot)
     widths = [Encoding(robot, 1.0).width for robot in robots]
     assert 0.17 < min(widths) < 0.25
     assert 0.75 < max(widths) < 1.0
