@@ -56,37 +56,37 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     file = options.out / FILE
     if file.exists():
         raise ApplrError(f"{file} is there already: remove it, or give another folder with --out")
-    said = from_parameters.read_parameter_files([str(path) for path in options.parameters])
-    scan = next(iter(said.scans()), {})
+    parameters = from_parameters.read_parameter_files([str(path) for path in options.parameters])
+    scan = next(iter(parameters.scans()), {})
     found = from_urdf.read_urdf(
-        str(options.urdf), arguments, said.base_frame, str(scan.get("sensor_frame", "")).lstrip("/")
+        str(options.urdf), arguments, parameters.base_frame, str(scan.get("sensor_frame", "")).lstrip("/")
     )
     values = found.values
-    values["base"].update(said.limits)
-    if said.frame("local_costmap") not in ("", said.frame("global_costmap")):
-        values["frames"]["odom"] = said.frame("local_costmap")
-    topics = [str(source["topic"]) for source in said.scans() if "topic" in source]
-    told = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
-    names = {"scan": next(iter(told + topics), ""), "odometry": said.planner().get("odom_topic")}
+    values["base"].update(parameters.limits)
+    if parameters.frame("local_costmap") not in ("", parameters.frame("global_costmap")):
+        values["frames"]["odom"] = parameters.frame("local_costmap")
+    topics = [str(source["topic"]) for source in parameters.scans() if "topic" in source]
+    named = [topic for topic in topics if topic.startswith(values["topics"].get("scan", ""))]
+    names = {"scan": next(iter(named + topics), ""), "odometry": parameters.planner().get("odom_topic")}
     values["topics"].update((name, topic) for name, topic in names.items() if topic)
     values["monitor"] = _braking(values["base"])
     values["simulation"] = {"grip_limit": GRIP}
     odom = values["frames"].get("odom", "odom")
     base_frame = values["frames"].get("base", "base_link")
     for costmap in ("global_costmap", "local_costmap"):
-        if base_frame != branch(said.tree, costmap).get("robot_base_frame", "base_link"):  # move_base's own default
-            said.added.setdefault(costmap, {})["robot_base_frame"] = base_frame
-    said.tree = merged(said.tree, said.added)
-    scale, problems = _scale(said, odom, values)
-    copies = _copies(said)
-    files = [{"file": copies[path], "namespace": name} if name else {"file": copies[path]} for path, name in said.files]
+        if base_frame != branch(parameters.tree, costmap).get("robot_base_frame", "base_link"):  # as move_base has it
+            parameters.added.setdefault(costmap, {})["robot_base_frame"] = base_frame
+    parameters.tree = merged(parameters.tree, parameters.added)
+    scale, problems = _scale(parameters, odom, values)
+    copies = _copies(parameters)
+    files = [{"file": copies[path], **({"namespace": name} if name else {})} for path, name in parameters.files]
     move_base: Dict[str, Any] = {"files": files}
-    if said.added:
-        move_base["parameters"] = said.added
-    changes = from_parameters.without_map(said, odom, ceil(COURSE * scale))
+    if parameters.added:
+        move_base["parameters"] = parameters.added
+    changes = from_parameters.without_map(parameters, odom, ceil(COURSE * scale))
     if changes:
         move_base["with_map"] = {}
-    scan_alone, others = from_parameters.one_scan(said.tree, values["topics"].get("scan", "scan"))
+    scan_alone, others = from_parameters.one_scan(parameters.tree, values["topics"].get("scan", "scan"))
     if changes or others:
         move_base["without_map"] = {"parameters": merged(changes, scan_alone)}
     if others:
@@ -94,13 +94,13 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
             f"without a map, as on courses, the costmaps take nothing from {', '.join(sorted(others))}: the simulated "
             "robot has one laser; before yours drives so, take observation_sources from move_base.without_map"
         )
-    text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(said))
+    text, missing = robot_file.text(options.urdf.name, values, scale, move_base, _hints(parameters))
     for path, name in copies.items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, options.out / name)
     file.write_text(text, encoding="utf-8")
     lines = [f"{file} is made from {options.urdf} and {len(copies)} parameter files"]
-    lines += ["remark: " + line for line in found.notes + said.notes + problems]
+    lines += ["remark: " + line for line in found.notes + parameters.notes + problems]
     if missing:
         lines.append(f'the files leave out {len(missing)} values; give each in its line of {file}, without the "# ":')
     lines += ["  " + line for line in missing]
@@ -117,26 +117,26 @@ def _braking(base: Dict[str, Any]) -> Dict[str, float]:
     return found
 
 
-def _scale(said: Parameters, odom: str, values: Dict[str, Dict[str, Any]]) -> Tuple[float, List[str]]:
+def _scale(parameters: Parameters, odom: str, values: Dict[str, Dict[str, Any]]) -> Tuple[float, List[str]]:
     """world_scale, by the padded footprint, and what is wrong with the parameters, for which it is by the outline."""
     base, body = values["base"], values["body"]
     try:
-        planner = MoveBase(merged(said.tree, from_parameters.without_map(said, odom, 1)))
+        planner = MoveBase(merged(parameters.tree, from_parameters.without_map(parameters, odom, 1)))
     except ApplrError as error:
         width = max(base["track"] + base.get("wheel_width", 0.0), *body.get("size", (0.0, 0.0))[1:2])
         return round(width / WIDTH, 3), [f"the planner refuses the parameter files: {error}"]
     return round(float(np.ptp(np.asarray(planner.local_costmap.footprint)[:, 1])) / WIDTH, 3), []
 
 
-def _copies(said: Parameters) -> Dict[str, str]:
+def _copies(parameters: Parameters) -> Dict[str, str]:
     """The name in the robot's folder of each parameter file, with its folder's where two have the same."""
-    paths = list(dict.fromkeys(path for path, _ in said.files))
+    paths = list(dict.fromkeys(path for path, _ in parameters.files))
     names = [Path(path).name for path in paths]
     folders = [Path(path).resolve().parent.name for path in paths]
     return {p: n if names.count(n) == 1 else f"{f}/{n}" for p, n, f in zip(paths, names, folders)}
 
 
-def _hints(said: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
+def _hints(parameters: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
     """What the planner's own limits say of the base: it can at least do that."""
     found: Dict[Tuple[str, str], Tuple[float, str]] = {}
     for section, name, theirs in (
@@ -147,7 +147,8 @@ def _hints(said: Parameters) -> Dict[Tuple[str, str], Tuple[float, str]]:
         ("monitor", "deceleration", ("acc_lim_x",)),
         ("monitor", "yaw_deceleration", ("acc_lim_theta",)),
     ):
-        have = [(float(said.planner()[key]), f"the planner's {key}") for key in theirs if key in said.planner()]
+        planner = parameters.planner()
+        have = [(float(planner[key]), f"the planner's {key}") for key in theirs if key in planner]
         if have:
             found[section, name] = max(have)
     return found

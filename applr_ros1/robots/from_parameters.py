@@ -67,7 +67,7 @@ def read_parameter_files(paths: Sequence[str]) -> Parameters:
     Raises:
         ApplrError: A file cannot be read or roslaunch would first put values into it, or none is for move_base.
     """
-    said = Parameters()
+    found = Parameters()
     for path in paths:
         given = read_parameters(path)
         inserted = re.search(r"\$\([^)]*\)", str(given))
@@ -77,31 +77,31 @@ def read_parameter_files(paths: Sequence[str]) -> Parameters:
             )
         namespaces = _namespaces(os.path.basename(path), given)
         limits = _limits(given)
-        said.limits.update(limits)
+        found.limits.update(limits)
         if not namespaces and not limits:
-            said.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
+            found.notes.append(f"{path} is left out: it has no parameters of move_base or of a diff_drive_controller")
         for namespace in namespaces:
-            said.files.append((path, namespace))
-            said.tree = merged(said.tree, {namespace: given} if namespace else given)
-    if not said.files:
+            found.files.append((path, namespace))
+            found.tree = merged(found.tree, {namespace: given} if namespace else given)
+    if not found.files:
         raise ApplrError("none of the parameter files is for move_base: give those that its launch file loads")
-    if "base_local_planner" not in said.tree and "DWAPlannerROS" in said.tree:
-        if "TrajectoryPlannerROS" not in said.tree:
-            said.added["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
+    if "base_local_planner" not in found.tree and "DWAPlannerROS" in found.tree:
+        if "TrajectoryPlannerROS" not in found.tree:
+            found.added["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
         else:
-            said.notes.append(
+            found.notes.append(
                 "of TrajectoryPlannerROS and DWAPlannerROS in the files move_base takes the first: where your launch "
                 "file sets base_local_planner, give it in move_base.parameters"
             )
-    planner = said.tree.get("base_global_planner", _NAVFN)
+    planner = found.tree.get("base_global_planner", _NAVFN)
     if planner != _NAVFN:
-        said.added["base_global_planner"] = _NAVFN
-        said.notes.append(f"{_NAVFN} plans the paths here, not {planner}")
+        found.added["base_global_planner"] = _NAVFN
+        found.notes.append(f"{_NAVFN} plans the paths here, not {planner}")
     for costmap in _COSTMAPS:
-        tree = branch(said.tree, costmap)
+        tree = branch(found.tree, costmap)
         # move_base looks for the outline above the costmap too, and tf2 takes no leading slash
         added: Dict[str, Any] = {
-            k: said.tree[k] for k in ("footprint", "robot_radius") if k in said.tree and k not in tree
+            k: found.tree[k] for k in ("footprint", "robot_radius") if k in found.tree and k not in tree
         }
         added.update((k, v[1:]) for k, v in tree.items() if k.endswith("_frame") and str(v).startswith("/"))
         layers = tree.get("plugins")
@@ -110,11 +110,11 @@ def read_parameter_files(paths: Sequence[str]) -> Parameters:
             changed = ", ".join(str(layer["type"]) for layer in layers if layer not in ours)
             if changed:
                 added["plugins"] = ours
-                said.notes.append(f"{costmap}: {changed} is not here: obstacle layers stand for voxel layers")
+                found.notes.append(f"{costmap}: {changed} is not here: obstacle layers stand for voxel layers")
         if added:
-            said.added[costmap] = added
-    said.tree = merged(said.tree, said.added)
-    return said
+            found.added[costmap] = added
+    found.tree = merged(found.tree, found.added)
+    return found
 
 
 def _known_layers(layers: List[Any]) -> List[Any]:
@@ -147,10 +147,10 @@ def _limits(given: Dict[str, Any]) -> Dict[str, float]:
             ("linear/x", "max_speed", "max_acceleration"),
             ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
         ):
-            said = branch(controller, axis)
+            stated = branch(controller, axis)
             for kind, ours in (("velocity", speed), ("acceleration", change)):
-                if said.get(f"has_{kind}_limits") is True and f"max_{kind}" in said:
-                    found[ours] = said[f"max_{kind}"]
+                if stated.get(f"has_{kind}_limits") is True and f"max_{kind}" in stated:
+                    found[ours] = stated[f"max_{kind}"]
         if found and "cmd_vel_timeout" in controller:
             found["command_timeout"] = controller["cmd_vel_timeout"]
     return {name: float(value) for name, value in found.items() if isinstance(value, (int, float))}
@@ -189,11 +189,11 @@ def _sources(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
             yield from _sources(below)
 
 
-def without_map(said: Parameters, odom: str, size: int) -> Dict[str, Any]:
+def without_map(given: Parameters, odom: str, size: int) -> Dict[str, Any]:
     """What differs on a course without a map: the laser fills an empty costmap in the frame of the odometry.
 
     Args:
-        said: The files' parameters.
+        given: The files' parameters.
         odom: Name of that frame.
         size: Width and height of the global costmap [m].
 
@@ -202,20 +202,20 @@ def without_map(said: Parameters, odom: str, size: int) -> Dict[str, Any]:
     """
     changes: Dict[str, Any] = {}
     for costmap in _COSTMAPS:
-        tree = branch(said.tree, costmap)
+        tree = branch(given.tree, costmap)
         change: Dict[str, Any] = {}
-        if said.frame(costmap, "map") != odom:
+        if given.frame(costmap, "map") != odom:
             change["global_frame"] = odom
         if tree.get("static_map") and "plugins" not in tree:
             change["static_map"] = False
         layers = tree.get("plugins")
         if isinstance(layers, list) and any("StaticLayer" in str(layer) for layer in layers):
-            change["plugins"] = _with_obstacles([e for e in layers if "StaticLayer" not in str(e)], said.tree)
+            change["plugins"] = _with_obstacles([e for e in layers if "StaticLayer" not in str(e)], given.tree)
         if change and costmap == "global_costmap":
             change.update(rolling_window=False, width=size, height=size, origin_x=-size / 2, origin_y=-size / 2)
         if change:
             changes[costmap] = change
-    if changes and branch(said.tree, "NavfnROS").get("allow_unknown") is False:
+    if changes and branch(given.tree, "NavfnROS").get("allow_unknown") is False:
         changes["NavfnROS"] = {"allow_unknown": True}  # all is unknown at first
     return changes
 

@@ -1,0 +1,194 @@
+"""Reads a URDF or xacro file as it stands: links, joints, boxes around shapes, masses. from_urdf.py judges it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import logging
+import os
+import re
+import sys
+import types
+from pathlib import Path
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Set, Tuple
+
+import numpy as np
+from defusedxml import ElementTree
+
+from applr_ros1.common.errors import ApplrError, reason
+
+Box = np.ndarray  # (2, 3): lowest and highest x, y, z in the base frame [m]
+
+
+class _Packages:
+    """Folders of ROS packages by name: those around a file, then those in ROS_PACKAGE_PATH."""
+
+    def __init__(self, path: Path):
+        above = path.resolve().parents
+        own = next((folder for folder in above if (folder / "package.xml").is_file()), above[0])
+        roots = [own, own.parent, own.parent.parent]
+        roots += [Path(folder) for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]
+        self.missing: Set[str] = set()
+        self._found: Dict[str, str] = {}
+        for file in (file for root in roots for depth in range(3) for file in root.glob("*/" * depth + "package.xml")):
+            with contextlib.suppress(ElementTree.ParseError, OSError):
+                name = (ElementTree.parse(file).findtext("name") or "").strip()
+                self._found.setdefault(name, str(file.parent))
+
+    def folder(self, name: str) -> str:
+        """The folder of a package; where there is none, a pattern that no file matches.
+
+        xacro passes over an include whose pattern matches nothing, so that a robot needs not have the packages of all
+        sensors that its file could add.
+        """
+        if name not in self._found:
+            self.missing.add(name)
+        return self._found.get(name, f"/there is no package [{name}]")
+
+
+def _text(path: str, arguments: Mapping[str, str], packages: _Packages) -> str:
+    """The URDF in a file, which xacro has gone over where it is for xacro."""
+    import xacro
+
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ApplrError(f"{path} is no text: give a URDF or xacro file") from None
+    if "xacro" not in text:
+        return text
+    index = types.ModuleType("ament_index_python.packages")  # where xacro asks for packages
+    index.get_package_share_directory = packages.folder  # type: ignore[attr-defined]
+    sys.modules.update({"ament_index_python": types.ModuleType("ament_index_python"), index.__name__: index})
+    try:
+        with contextlib.redirect_stderr(io.StringIO()):
+            return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
+    except Exception as error:  # what a file of expressions raises can be anything
+        missing = re.search(r"Undefined substitution argument (\S+)", str(error))
+        if missing:
+            raise ApplrError(f"{path} needs the argument {missing[1]}: give {missing[1]}:=VALUE") from None
+        absent = ", ".join(sorted(packages.missing))
+        there = f"; put {absent} beside its package, or source the workspace that has them" if absent else ""
+        raise ApplrError(f"{path}: xacro refuses it: {reason(error)}{there}") from None
+
+
+class UrdfFile:
+    """One URDF: its tree of joints, and boxes around its shapes and masses of its links in the base frame.
+
+    Attributes:
+        xml: Its root. links, joints: Of yourdfpy, by name and in order. base: The link in which positions are given.
+        moving: By link, the joints that move it, the nearest first. lost: Meshes that are not there.
+        choices: What to say where a part may be switched off: the arguments that the file takes.
+    """
+
+    def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str = ""):
+        try:
+            import yourdfpy
+        except ModuleNotFoundError as missing:
+            raise ApplrError(
+                f"Python's {missing.name} is not installed: run ./applr robot, or "
+                "pip install --no-deps -r requirements/urdf.txt"
+            ) from None
+        self.path, self.packages = path, _Packages(Path(path))
+        self.lost: Set[str] = set()  # meshes that are not there
+        text = _text(path, arguments, self.packages)
+        named = sorted(set(re.findall(r"<xacro:arg\s+name=\"(\w+)\"", Path(path).read_text(encoding="utf-8"))))
+        self.choices = f"; the file takes {', '.join(name + ':=' for name in named)}" if named else ""
+        try:
+            self.xml = ElementTree.fromstring(text)
+        except (ElementTree.ParseError, ValueError) as error:
+            raise ApplrError(f"{path} is no XML ({reason(error)}): give a URDF or xacro file") from None
+        if self.xml.tag != "robot":
+            raise ApplrError(
+                f"{path}: its outermost tag is <{self.xml.tag}>: give a URDF or xacro file, whose is <robot>"
+            )
+        logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
+        try:
+            self.urdf = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)
+        except Exception as error:  # the library says of a missing tag that None has no attribute
+            raise ApplrError(f"{path} cannot be read as URDF: {type(error).__name__}: {reason(error)}") from None
+        self.links, self.joints = self.urdf.link_map, self.urdf.robot.joints
+        self.joint_to = {joint.child: joint for joint in self.joints}
+        if base_frame and base_frame not in self.links:
+            raise ApplrError(f"{path} has no link {base_frame}, which the parameter files name as robot_base_frame")
+        usual = [name for name in ("base_link", "base_footprint") if name in self.links]
+        self.base = base_frame or (usual or [self.urdf.base_link])[0]
+        self.moving = {name: [j for j in self.above(name) if j.type != "fixed"] for name in self.links}
+
+    def above(self, link: str) -> Iterator[Any]:
+        """The joints from a link to the root."""
+        while link in self.joint_to:
+            yield self.joint_to[link]
+            link = self.joint_to[link].parent
+
+    def pose(self, link: str) -> np.ndarray:
+        """(4, 4) of a link in the base frame."""
+        return self.urdf.get_transform(link, self.base)
+
+    def axis(self, joint: Any) -> np.ndarray:
+        """(3,) the direction of a joint's axis in the base frame."""
+        direction = self.pose(joint.child)[:3, :3] @ np.asarray(joint.axis, dtype=float)
+        return direction / (np.linalg.norm(direction) or 1.0)
+
+    def boxes(self, names: Iterable[str], kind: str = "collisions") -> List[Box]:
+        """A box around each shape of some links that can be read. kind: collisions or visuals."""
+        shapes = [(name, shape) for name in names for shape in getattr(self.links[name], kind)]
+        found = [self._box(name, shape) for name, shape in shapes if shape.geometry is not None]
+        return [box for box in found if box is not None]
+
+    def _box(self, link: str, shape: Any) -> Optional[Box]:
+        geometry = shape.geometry
+        pose = self.pose(link) @ (np.eye(4) if shape.origin is None else shape.origin)
+        turn, middle = pose[:3, :3], pose[:3, 3]
+        if geometry.box is not None:
+            half = np.abs(turn) @ (np.asarray(geometry.box.size) / 2)
+        elif geometry.sphere is not None:
+            half = np.full(3, geometry.sphere.radius)
+        elif geometry.cylinder is not None:
+            along = np.abs(turn[:, 2])
+            half = geometry.cylinder.length / 2 * along
+            half = half + geometry.cylinder.radius * np.sqrt(np.maximum(1 - along**2, 0))
+        else:
+            corners = self._mesh(geometry.mesh)
+            return None if corners is None else around([corners @ turn.T + middle])
+        return np.array([middle - half, middle + half])
+
+    def _mesh(self, mesh: Any) -> Optional[np.ndarray]:
+        """(n, 3) the corners of a mesh, scaled [m]; None, and noted, where it cannot be read."""
+        import trimesh
+
+        package, _, inside = mesh.filename.partition("package://")[2].partition("/")
+        try:
+            if package:
+                file = os.path.join(self.packages.folder(package), inside)
+            else:
+                file = os.path.join(os.path.dirname(self.path), re.sub("^file://", "", mesh.filename))
+            loaded: Any = trimesh.load(file, force="mesh", skip_materials=True)
+            corners = np.asarray(loaded.vertices)
+        except Exception:  # of the readers of a dozen formats
+            corners = np.empty((0, 3))
+        if not len(corners):
+            self.lost.add(mesh.filename)
+            return None
+        return corners * (1.0 if mesh.scale is None else np.asarray(mesh.scale))
+
+    def inertia(self, names: Iterable[str]) -> Tuple[float, np.ndarray, np.ndarray]:
+        """Mass, (3,) centre of mass, and (3,) moments about x, y, z through it, of some links together."""
+        parts = []
+        for name in names:
+            inertial = self.links[name].inertial
+            if inertial is not None and inertial.mass:
+                pose = self.pose(name) @ (np.eye(4) if inertial.origin is None else inertial.origin)
+                own = np.zeros((3, 3)) if inertial.inertia is None else inertial.inertia
+                parts.append((inertial.mass, pose[:3, 3], np.diag(pose[:3, :3] @ own @ pose[:3, :3].T)))
+        mass = sum(part[0] for part in parts)
+        if not mass:
+            return 0.0, np.zeros(3), np.zeros(3)
+        centre = sum(m * place for m, place, _ in parts) / mass
+        arms = [(m, (place - centre) ** 2, own) for m, place, own in parts]
+        return float(mass), centre, sum(own + m * (arm.sum() - arm) for m, arm, own in arms)
+
+
+def around(boxes: List[np.ndarray]) -> Box:
+    """The box around points, (n, 3) each."""
+    points = np.concatenate(boxes)
+    return np.array([points.min(axis=0), points.max(axis=0)])
