@@ -11,8 +11,7 @@ import sys
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.check import check, complete
-from applr_ros1.planner.parameters.check import warnings as findings_in_vain
+from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.planner.parameters.parameter import ParameterError
@@ -33,14 +32,6 @@ TURN, CLEAR = "rotate_recovery/RotateRecovery", "clear_costmap_recovery/ClearCos
 NOT_ZERO = [
     (server, p) for server in ("", PLANNER, "local_costmap") for p in SERVERS[server] if p.not_zero and p.min <= 0
 ]
-
-
-def problems(tree):
-    return [str(finding) for finding in check(tree)]
-
-
-def in_vain(tree):
-    return [str(finding) for finding in findings_in_vain(tree)]
 
 
 def changed(path, value):
@@ -78,7 +69,7 @@ def test_the_dwa_planners_server_equals_the_cpp_one():
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
     theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
     tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # 0 as in its own file
-    assert problems(tree) == []
+    assert check(tree) == []
     config = Configuration(complete(tree))
     assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
 
@@ -99,28 +90,39 @@ def test_the_control_period_is_looked_for_upwards():
     assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
 
 
-def test_older_names_of_the_dwa_planner_are_known_and_without_effect():
+def test_older_names_of_the_dwa_planner_are_without_effect():
     tree = dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], max_rot_vel=2.0, max_trans_vel=0.3))
-    assert problems(tree) == []
+    assert check(tree) == []
     assert Configuration(complete(tree))["DWAPlannerROS"] == Configuration(complete(DWA))["DWAPlannerROS"]
-    assert in_vain(tree)[:2] == [
-        "DWAPlannerROS/max_trans_vel is an older name without effect: give max_vel_trans",
-        "DWAPlannerROS/max_rot_vel is an older name without effect: give max_vel_theta",
+    assert [finding.key for finding in warnings(tree)][:2] == [
+        "DWAPlannerROS/max_trans_vel",
+        "DWAPlannerROS/max_rot_vel",
     ]
-    assert in_vain(dict(DWA, local_costmap=JACKAL["local_costmap"])) == in_vain(JACKAL) == []
+    assert warnings(dict(DWA, local_costmap=JACKAL["local_costmap"])) == warnings(JACKAL) == []
+
+
+SEEN = "local_costmap/obstacles_layer/"
 
 
 @pytest.mark.parametrize(
-    ("own", "values", "words"),
+    ("path", "value", "key", "found"),
     [
-        ({}, {"latch_xy_goal_tolerance": True}, "give it below move_base itself"),
-        ({}, {"occdist_scale": 0.0}, "occdist_scale is 0"),
+        ("DWAPlannerROS/latch_xy_goal_tolerance", True, None, "is without effect here"),
+        ("DWAPlannerROS/occdist_scale", 0.0, None, "is 0"),
+        ("aggressive_reset/affected_maps", "local", None, "is without effect"),
+        ("aggressive_reset/invert_area_to_clear", True, None, "is without effect"),
+        (SEEN + "observation_sources", "bump", SEEN + "scan", "has no effect"),
     ],
 )
-def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
-    sees = {"local_costmap": JACKAL["local_costmap"]}
-    (line,) = in_vain(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values), **own, **sees))
-    assert words in line
+def test_what_is_in_vain_or_at_a_risk_is_remarked(path, value, key, found):
+    tree = changed(path, value)
+    if path.startswith("DWA"):
+        tree.update(base_local_planner=DWA["base_local_planner"])
+        tree["DWAPlannerROS"].update(DWA["DWAPlannerROS"])
+    assert check(tree) == []
+    (finding,) = warnings(tree)
+    assert finding[:2] == (key or path, found)
+    assert finding.severity == "remark"
 
 
 @pytest.mark.parametrize(
@@ -133,8 +135,8 @@ def test_what_is_in_vain_or_at_a_risk_is_remarked(own, values, words):
     ],
 )
 def test_what_the_dwa_planner_cannot_run_with_is_one_line(values, words):
-    (line,) = problems(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
-    assert words in line
+    (finding,) = check(dict(DWA, DWAPlannerROS=dict(DWA["DWAPlannerROS"], **values)))
+    assert words in str(finding)
     config = Configuration(complete(DWA))
     if "max_vel_trans" not in values:  # that one is clamped by the server
         with pytest.raises(ParameterError, match=words):
@@ -146,15 +148,12 @@ def test_jackal_tree_equals_the_running_one():
 
 
 def test_jackal_is_clean_and_complete_is_stable():
-    assert problems(JACKAL) == []
-    assert problems({}) == []
+    assert check(JACKAL) == []
+    assert check({}) == []
     full = complete(JACKAL)
     assert complete(full) == full
-    assert problems(full) == []
+    assert check(full) == []
     assert full["aggressive_reset"]["reset_distance"] == 1.84
-
-
-SEEN = "local_costmap/obstacles_layer/"
 
 
 @pytest.mark.parametrize(
@@ -178,6 +177,7 @@ SEEN = "local_costmap/obstacles_layer/"
         ("local_costmap/plugins", 2 * [{"name": "a", "type": "costmap_2d::StaticLayer"}], "two layers named a"),
         ("local_costmap/plugins", [{"name": "width", "type": "costmap_2d::ObstacleLayer"}], "'width'"),
         (SEEN + "scan/data_type", "Range", "LaserScan or PointCloud2"),
+        (SEEN + "scan/data_type", "PointCloud2", "takes PointCloud2 from the topic front/scan, another .* LaserScan"),
         (SEEN + "observation_sources", ["scan"], "give text"),
         (SEEN + "observation_sources", "enabled", "'enabled'.* no parameter's"),
         ("local_costmap", 3, "is unknown"),
@@ -188,15 +188,10 @@ SEEN = "local_costmap/obstacles_layer/"
     ],
 )
 def test_check_says_what_where_and_what_to_do(path, value, words):
-    name = path.rpartition("/")[2]
-    found = problems(changed(path, value))
-    assert any(re.search(words, problem) and name in problem for problem in found), found
-    assert all("\n" not in problem for problem in found)
-
-
-def test_a_topic_has_one_type():
-    (line,) = problems(changed(SEEN + "scan/data_type", "PointCloud2"))
-    assert line.endswith("PointCloud2 from the topic front/scan, another source takes LaserScan: give one type")
+    name = path.rpartition("/")[2] if value != "PointCloud2" else "scan"
+    found = list(map(str, check(changed(path, value))))
+    assert any(re.search(words, line) and name in line for line in found), found
+    assert all("\n" not in line for line in found)
 
 
 def test_a_tree_of_which_no_robot_could_be_made_is_not_completed():
@@ -209,16 +204,13 @@ def test_scan_source_may_have_any_name():
     layer = tree["local_costmap"]["obstacles_layer"]
     layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
     layer["laser"]["raytrace_range"] = 4.5
-    assert problems(tree) == []
+    assert check(tree) == []
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
-    assert problems(tree) == []
+    assert check(tree) == []
     bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # C++'s defaults, and the ranges of the layer
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
-    layer["observation_sources"] = "bump"
-    (line,) = in_vain(tree)
-    assert line.startswith("local_costmap/obstacles_layer/laser has no effect: observation_sources of")
 
 
 TURTLEBOT = {  # in the shape of its navigation package
@@ -236,7 +228,7 @@ TURTLEBOT = {  # in the shape of its navigation package
 
 def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     tree = {"global_costmap": TURTLEBOT, "local_costmap": dict(TURTLEBOT, static_map=False, track_unknown_space=True)}
-    assert problems(tree) == []
+    assert check(tree) == []
     full = complete(tree)
     world, local = full["global_costmap"], full["local_costmap"]
     assert [p["name"] for p in world["plugins"]] == ["static_layer", "obstacle_layer", "inflation_layer"]
@@ -247,7 +239,7 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     assert local["track_unknown_space"] is local["obstacle_layer"]["track_unknown_space"] is True
     assert "inflation_radius" not in world
     assert complete(full) == full
-    assert problems(full) == []
+    assert check(full) == []
     names = {name for name in servers(full) if "costmap" in name}
     assert names == {name[11:] for name in MAP_SURFACE["dynamic_reconfigure"] if "costmap" in name}
 
@@ -263,7 +255,7 @@ def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
 
 def test_footprint_may_be_a_list():
     tree = {"local_costmap": {"footprint": [[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]}}
-    assert problems(tree) == []
+    assert check(tree) == []
     assert complete(tree)["local_costmap"]["footprint"] == "[[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.0]]"
 
 
@@ -274,8 +266,8 @@ def test_what_would_be_clamped_to_a_useless_zero_is_refused_as_zero_is():
         for value in (0, -1):
             with pytest.raises(ParameterError, match="%s is .* cannot work" % p.name):
                 config.request(server, {p.name: value})
-        (line,) = problems(changed(server + "/" + p.name if server else p.name, -1))
-        assert "cannot work" in line, p.name
+        (finding,) = check(changed(server + "/" + p.name if server else p.name, -1))
+        assert "cannot work" in finding.value, p.name
 
 
 def test_a_costmap_without_cells_is_refused_before_anything_changes():
@@ -291,7 +283,7 @@ def test_a_costmap_without_cells_is_refused_before_anything_changes():
 def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
     plugins = [{"name": "world", "type": "costmap_2d::StaticLayer"}]
     tree = {"global_costmap": {"plugins": plugins}, "local_costmap": {"plugins": plugins}}
-    assert problems(tree) == []
+    assert check(tree) == []
     assert MoveBase(tree).global_costmap.size == (200, 200)
 
 
@@ -318,20 +310,11 @@ def test_recovery_parameters_of_cpp_files_are_taken():
         wide=dict(CLEARING, reset_distance=7.0),
         turn={"frequency": 5.0, "sim_granularity": 0.02},
     )
-    assert problems(tree) == []
-    assert in_vain(tree) == []
+    assert check(tree) == []
+    assert warnings(tree) == []
     full = complete(tree)
     assert full["conservative_reset"]["layer_names"] == full["wide"]["layer_names"] == ["obstacles_layer"]
     assert complete(full) == full
-
-
-@pytest.mark.parametrize(("name", "value"), [("affected_maps", "local"), ("invert_area_to_clear", True)])
-def test_what_cpp_would_clear_otherwise_is_remarked(name, value):
-    tree = changed("aggressive_reset/" + name, value)
-    assert problems(tree) == []
-    assert in_vain(tree) == [
-        "aggressive_reset/%s is without effect: a clearing clears both costmaps outside of its square" % name
-    ]
 
 
 class TestConfiguration:
