@@ -57,7 +57,7 @@ def findings(robot: Robot, with_map: bool = False) -> List[Finding]:
     """
     setup = _Setup(robot, with_map)
     found: List[Finding] = []
-    for stage in (_another_planner, _parameters, _rules, _space):
+    for stage in (_parameters, _rules, _space):
         found += stage(setup)
         if any(finding.severity == "error" for finding in found):  # what follows needs what this stage looked at
             return [finding for finding in dict.fromkeys(found) if finding.severity == "error"]
@@ -166,8 +166,8 @@ def _paths(tree: Dict[str, Any]) -> Iterator[str]:
 # --- stages ----------------------------------------------------------------------------------------------------------
 
 
-def _another_planner(setup: _Setup) -> Iterator[Finding]:
-    """Whether the files hold the parameters of another planner alone."""
+def _parameters(setup: _Setup) -> Iterator[Finding]:
+    """What the planner's own declarations say; nothing else where the files hold those of another planner alone."""
     plugins = {namespace(plugin): plugin for plugin in LOCAL_PLANNERS}
     held = [name for name in plugins if name in setup.tree]
     if setup.planner in plugins and held and setup.planner not in held:
@@ -175,10 +175,7 @@ def _another_planner(setup: _Setup) -> Iterator[Finding]:
         value = f"is {given}, but the files hold the parameters of {held[0]} alone"
         advice = f"give {plugins[held[0]]}, or a file with the section {setup.planner}"
         yield setup.placed(Finding("base_local_planner", value, advice))
-
-
-def _parameters(setup: _Setup) -> Iterator[Finding]:
-    """What the planner's own declarations say, and what it would not look at."""
+        return
     found = check(setup.tree)
     yield from map(setup.placed, found)
     if not found:
@@ -190,12 +187,11 @@ def _rules(setup: _Setup) -> Iterator[Finding]:
     for finding in warnings(setup.tree):
         yield setup.placed(finding._replace(severity="error" if MEANT in finding.advice else "remark"))
     yield from _limits(setup)
-    values = setup.full[setup.planner]
+    topic = setup.tree.get(setup.planner, {}).get("odom_topic", setup.robot.topics.odometry)
+    values = {**setup.full[setup.planner], "odom_topic": topic}
     yield from setup.judged(PLANNER, setup.planner, values)
     if setup.planner == DWA:
         yield from setup.judged(DWA_PLANNER, DWA, {**values, **_dwa_measures(values)})
-    topic = setup.tree.get(setup.planner, {}).get("odom_topic", setup.robot.topics.odometry)
-    yield from setup.judged(ODOMETRY, setup.planner, {"odom_topic": topic})
     for costmap in COSTMAPS:
         yield from _costmap(setup, costmap)
     yield from (finding._replace(file=setup.own) for finding in contradictions(setup.robot))
@@ -336,6 +332,7 @@ START = (
 WIDE = "the robot is {m.s.width:.3g} m wide, give metres"
 DROPPED = "laser.height in robot.yaml is {m.laser.height:g}, so that all points are dropped"
 PLANNER = (
+    same_name("odom_topic", "topics.odometry", severity="remark"),
     at_most("min_vel_x", "max_vel_x"),
     at_most("min_vel_theta", "max_vel_theta"),
     Rule("sim_time", lambda v, m: v.sim_time == 0.0, "no velocity is legal then, give about 1.5 s"),
@@ -371,7 +368,6 @@ DWA_PLANNER = (
         "remark",
     ),
 )
-ODOMETRY = (same_name("odom_topic", "topics.odometry", severity="remark"),)
 COSTMAP = (
     same_name("robot_base_frame", "frames.base"),
     same_name("global_frame", "frames.odom", lambda v, m: not m.s.with_map),
