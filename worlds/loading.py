@@ -14,7 +14,7 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional
 
 import numpy as np
 
-from . import barn, dynamic, physical_course, sdf_reader
+from . import barn, dynabarn, physical_course, sdf_reader
 from .world import Mover, World, WorldError
 
 FORMS = (
@@ -42,7 +42,7 @@ def _fresh(number: int) -> World:
 _RECIPES = {
     "generated": _Recipe(barn.world, barn.SPLITS, barn.COUNT),
     "fresh": _Recipe(_fresh, {}, 10**9),
-    "dynamic": _Recipe(dynamic.generate, dynamic.SPLITS, 10**9),
+    "dynamic": _Recipe(dynabarn.generate, dynabarn.SPLITS, 10**9),
 }
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import worlds
-from worlds import WorldError, dynamic, scaled
+from worlds import WorldError, dynabarn, scaled
 
 
 def test_splits_share_no_world_and_numbers_give_the_same_room_again():
-    assert not set(dynamic.SPLITS["test"]) & set(dynamic.SPLITS["validation"])
+    assert not set(dynabarn.SPLITS["test"]) & set(dynabarn.SPLITS["validation"])
     assert [w.name for w in worlds.load_all("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
     assert worlds.load("dynamic:7").movers == worlds.load("dynamic:7").movers
     assert len(worlds.Worlds("dynamic:100-109,generated:7")) == 11
@@ -19,12 +19,12 @@ def test_splits_share_no_world_and_numbers_give_the_same_room_again():
 @pytest.mark.parametrize("number", range(6))
 def test_movers_cross_the_room_at_the_pace_of_their_kind(number):
     world = worlds.load("dynamic:%d" % number)
-    low, high = dynamic.SPEEDS[number % 3]
-    least, most = dynamic.COUNTS[number % 3]
+    low, high = dynabarn.SPEEDS[number % 3]
+    least, most = dynabarn.COUNTS[number % 3]
     assert least <= len(world.movers) <= most
     for mover in world.movers:
         frames = np.array(mover.waypoints)
-        assert np.abs(frames[:, 1:]).max() <= dynamic.HALF
+        assert np.abs(frames[:, 1:]).max() <= dynabarn.HALF
         legs = np.hypot(*np.diff(frames[:, 1:], axis=0).T)
         pace = (legs / np.diff(frames[:, 0]))[legs > 0.05]
         assert low - 1e-9 <= pace.min() <= pace.max() <= high + 1e-9

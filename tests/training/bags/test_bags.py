@@ -82,9 +82,9 @@ class Drive:
             self.writer.parameters(t, server, values)
 
 
-def record(path, **options):
+def record(path, kind=Drive, **options):
     with StackWriter(path) as writer:
-        return Drive(writer, **options)
+        return kind(writer, **options)
 
 
 def rebuild(path, **options):
@@ -271,8 +271,7 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path):
         ("moved", Moved, [], "the odometry jumped"),
         ("person", Person, [2, 2], "parameters were changed"),
     ):
-        with StackWriter(tmp_path / (name + ".bag")) as writer:
-            kind(writer)
+        record(tmp_path / (name + ".bag"), kind)
         found, report = rebuild(tmp_path / (name + ".bag"))
         assert [len(t) for t in found] == expected, (name, report)
         assert any(reason in text for text in report.skipped), (name, report)
@@ -287,8 +286,7 @@ def test_a_node_that_saw_something_else_is_noticed(tmp_path):
             super().see(t)
             self.observations[-1] = self.observations[-1] + np.float32(0.01 * (self.number == 2))
 
-    with StackWriter(tmp_path / "a.bag") as writer:
-        Other(writer)
+    record(tmp_path / "a.bag", Other)
     found, report = rebuild(tmp_path / "a.bag")
     assert report.skipped == {"a rebuilt observation differs from the node's": 1}
     assert [len(t) for t in found] == [1, 2]
@@ -311,8 +309,7 @@ def test_unusable_scans_are_counted_in_words(tmp_path):
         ("coarse", Coarse, "scan of 360 beams covers"),
         ("blind", Blind, "beams of the scan are NaN"),
     ):
-        with StackWriter(tmp_path / (name + ".bag")) as writer:
-            kind(writer, node=False, seconds=4.5)
+        record(tmp_path / (name + ".bag"), kind, node=False, seconds=4.5)
         found, report = rebuild(tmp_path / (name + ".bag"))
         assert not found, report
         assert any(reason in text for text in report.skipped), report
@@ -332,8 +329,7 @@ def test_a_range_of_zero_is_no_obstacle(tmp_path, lowest):
                 self.ranges[:] = 0.0 if k % 100 else self.ranges
             self.writer.scan(t, self.ranges)
 
-    with StackWriter(tmp_path / "a.bag") as writer:
-        Zeros(writer, node=False)
+    record(tmp_path / "a.bag", Zeros, node=False)
     (trajectory,), report = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest))
     assert report.skipped == {}
     np.testing.assert_allclose(trajectory.reward, -0.05 / 1.6, rtol=1e-5)
@@ -346,8 +342,7 @@ def test_the_smallest_range_is_that_of_the_recordings_robot(tmp_path):
             super().step(t, k)
             self.writer.scan(t, np.full(720, -np.inf, np.float32))  # too near to tell
 
-    with StackWriter(tmp_path / "a.bag") as writer:
-        Near(writer, node=False)
+    record(tmp_path / "a.bag", Near, node=False)
     robot = replace(robots.JACKAL, laser=robots.JACKAL.laser.model_copy(update={"range_min": 0.4}))
     recording = read_bag(tmp_path / "a.bag", robot=robot)
     (trajectory,) = trajectories(recording, Reward(c_f=0.0, c_p=0.0), report=BagReport())
@@ -372,8 +367,7 @@ def test_plan_and_goal_are_in_the_robots_odometry_frame(tmp_path):
 
 
 def test_lone_mcap_files_are_found_in_folders_and_read(tmp_path):
-    with StackWriter(tmp_path / "a.bag") as writer:
-        drive = Drive(writer)
+    drive = record(tmp_path / "a.bag", Drive)
     convert([tmp_path / "a.bag"], tmp_path / "ros2", "mcap", 9, None, "none", None, None, (), (), (), ())
     assert find([tmp_path / "ros2"]) == [tmp_path / "ros2"]  # one bag, whatever files it consists of
     lone = tmp_path / "lone" / "deep"
