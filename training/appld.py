@@ -112,7 +112,7 @@ def learn(
     }
     make_folder(Path(options.out).parent)
     short = {key: log[key] for key in ("command", "demonstrations", "classifier")}
-    sets = {name: space.paper.part(f.theta) for name, f in zip(found.names, fits)}
+    sets = {name: space.pick(f.theta) for name, f in zip(found.names, fits)}
     actor.save_contexts(options.out, sets, weights, {"training": short}, space, layout)
     write_json(Path(options.out).with_suffix("").as_posix() + "_log.json", log)
     return log

@@ -13,7 +13,7 @@ from typing import Any, Dict, List, Optional
 
 from applr_ros1.common.errors import ApplrError, reason, run_main
 from applr_ros1.common.extras import extra
-from applr_ros1.policy.observation import sizes_of
+from applr_ros1.policy.form import PaperForm
 from training.common.command_line import parsed
 from training.common.folders import make_folder
 from training.common.options import argument, checked, option
@@ -64,7 +64,8 @@ def run(options: DatasetOptions) -> None:
     """
     reward = checked(Reward, dict(text.partition("=")[::2] for text in options.reward), "--reward")
     topics = options.topics()
-    bags, layout = find(options.bags), TransitionLayout(*sizes_of(options.robot))
+    bags, form = find(options.bags), PaperForm(options.robot)
+    layout = TransitionLayout(form.scan, form.size - form.scan, form.actions)
     store = TrajectoryStore(make_folder(options.out) / NAME, layout)
     if store.last:
         raise ApplrError(f"{options.out}: holds trajectories already; give another folder")

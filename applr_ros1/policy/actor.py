@@ -1,12 +1,15 @@
-"""The policies that a file holds: Actor and ContextPolicy for one robot, GeneralActor for every robot.
+"""The policies that a file holds: Policy, a network in one of the forms, and ContextPolicy, APPLD's.
 
 A file is safetensors: a multilayer perceptron, and in the header what it states of itself as JSON. `load` tells the
-kinds apart; the trainer writes with `save` and `save_general`, training/appld.py with `save_contexts`. Nothing is
-unpickled, sizes are bounded, and every way in which a file can be wrong is one line.
+kinds apart; the trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled, sizes are
+bounded, and every way in which a file can be wrong is one line.
 """
+
+from __future__ import annotations
 
 import json
 import os
+from typing import Any, Dict, Mapping, Optional, Tuple, Type, Union
 
 import numpy as np
 import safetensors.numpy
@@ -14,127 +17,168 @@ import safetensors.numpy
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import checksum, unpack
-from applr_ros1.policy import encoding
-from applr_ros1.policy.decision import PERIOD, period_of
+from applr_ros1.policy.decision import Context, Method, period_of
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, VERSION, DimensionlessForm
+from applr_ros1.policy.form import PAPER, Form, PaperForm
 from applr_ros1.policy.layout import Layout
-from applr_ros1.policy.network import Mirror, forward, layers_of, with_mirror_images
+from applr_ros1.policy.network import Layers, Mirror, forward, layers_of, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.policy.parameter_space import SPACE, Space, space_of
+from applr_ros1.policy.stall import Stall
+from applr_ros1.robots import JACKAL, Robot
 
-FORMAT, CONTEXTS = "applr-actor-2", "applr-appld-1"
+FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"
+CONTEXTS = "contexts"  # what a file holds that is in neither form
+KINDS = PAPER, DIMENSIONLESS, CONTEXTS
 MAX_BYTES = 256 * 2**20  # a 3 x 512 actor has 3.6 MB
 MAX_CONTEXTS = 64
+Weights = Mapping[str, np.ndarray]
 
 
-class Actor:
-    """A deterministic policy: ReLU layers and tanh at the end (the paper's has three hidden layers of 512).
+class _FromFile(Method):
+    """A method that a file holds. Its sets count per cell."""
 
-    weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32. layout: the Layout of
-    its observations; those have 729 numbers for the Jackal.
+    per_cell = True
+    path = ""
+    metadata: Dict[str, Any] = {}
+
+    def describe(self) -> Dict[str, Any]:
+        """The policy's class and its file with checksum."""
+        kind = {"class": type(self).__name__}
+        if not self.path:
+            return kind
+        return dict(kind, file=os.path.basename(self.path), sha256=files.sha256(files.read_bytes(self.path)))
+
+
+class Policy(_FromFile):
+    """A deterministic network that drives one robot: ReLU layers, and tanh at the end.
+
+    While the robot stalls (stall.py), what a policy answers has not helped: where its form says so, each decision then
+    draws its parameters at random, from the course's seed.
+
+    Args:
+        form: What it sees and sets.
+        layers: Of the network, checked (network.layers_of).
+        metadata: {str: JSON value} of its file.
+
+    Attributes:
+        path: The file that it was read from; "" for none.
     """
 
-    def __init__(self, weights, space=SPACE, metadata=None, layout=LAYOUT):
-        self.space, self.layout, self.metadata = space.paper, layout, metadata or {}
-        mirror = Mirror.of(layout.beams, 1 + len(self.space))
-        self.layers = _layers(weights, self.metadata, layout.beams + 1 + len(self.space), len(self.space), mirror)
-        self.period = period_of(self.metadata)
+    def __init__(self, form: Form, layers: Layers, metadata: Optional[Dict[str, Any]] = None):
+        self.form, self.layers, self.metadata = form, layers, metadata or {}
+        self.period, self.space, self.layout = float(form.period), form.space, form.layout
+        self._stall = Stall(form.robot.world_scale)
+        self.reset(0)
 
     @classmethod
-    def _of(cls, weights, metadata, space):
-        stated = _named(metadata, "space")
-        space = (space or Space.stated(stated, metadata.get("robot"))).paper
-        _check_robot(metadata, space)
-        described = json.loads(space.to_json())
-        del described["theta0"]  # a robot's own parameter files may start elsewhere
-        for key, value in described.items():
-            if stated.get(key) != value:
-                raise ApplrError(
-                    f"made for another parameter space: {key} is {_short(stated.get(key))}, here {_short(value)}; "
-                    "train one for this parameter space"
-                )
-        return cls(weights, space, metadata, Layout.from_dict(_named(metadata, "layout"), len(space)))
+    def of(cls, weights: Weights, form: Optional[Form] = None, metadata: Optional[Dict[str, Any]] = None) -> Policy:
+        """A policy of tensors {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
 
-    def action(self, obs):
-        """The action (8,) or (n, 8) float32 in [-1, 1] for observations (729,) or (n, 729). NaN goes through."""
-        return np.tanh(forward(self.layers, obs))
+        form: None is the paper's for the Jackal. Raises ApplrError for tensors that are no network of the form.
+        """
+        form, metadata = form or PaperForm(JACKAL), metadata or {}
+        layers = layers_of(weights, form.size, form.actions, "its network")
+        if metadata.get("with_mirror_images"):  # which the file leaves out
+            weights = with_mirror_images(weights, form.mirror)
+            layers = layers_of(weights, form.size, form.actions, "its network")
+        return cls(form, layers, metadata)
 
-    def theta(self, obs):
-        """The parameters (8,) for an observation (729,): scaled, counts rounded. Raises ApplrError on NaN or inf."""
-        return self.space.to_theta(self.action(obs))
+    @property
+    def environment(self) -> Dict[str, Any]:
+        """What gymnasium.make("applr_ros1/Navigation-v0", ...) is given for what the policy sees and answers."""
+        form = self.form
+        return {"robot": form.robot.folder, "observation": form.name, "period": self.period, "base": form.base}
+
+    def reset(self, seed: int) -> None:
+        """Begin a course: there was no decision before."""
+        self.form.period = self.period  # at_period() or the node's ~period may have changed it
+        self.form.reset()
+        self._stall.reset()
+        self._draws = np.random.default_rng([seed, 0x57A1])
+
+    def action(self, observation: Any) -> np.ndarray:
+        """The action (m,) or (k, m) float32 in [-1, 1] for one observation (n,) or several (k, n). NaN goes through."""
+        return np.tanh(forward(self.layers, observation))
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The parameters (n,) for a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
+        if context is None:
+            raise ApplrError("a policy needs an observation to decide on")
+        action = self.action(self.form.observe(context))
+        if self.form.redraws_stalled and self._stall.look(context.time, *context.pose[:2]):
+            self.stalls += 1
+            action = self._draws.uniform(-1.0, 1.0, len(action))
+        return self.form.theta(action)
+
+    def predict(
+        self,
+        observation: Any,
+        state: Optional[Tuple[np.ndarray, ...]] = None,
+        episode_start: Optional[np.ndarray] = None,
+        deterministic: bool = True,
+    ) -> Tuple[np.ndarray, Optional[Tuple[np.ndarray, ...]]]:
+        """The actions for observations of the Gymnasium environment, as a model of stable-baselines3 gives them.
+
+        Args:
+            observation: (n,) one observation, or (k, n) several.
+            state: Given back as it is: the policy has no memory.
+            episode_start: Without effect, for the same reason.
+            deterministic: Without effect: the policy always is.
+
+        Returns:
+            (m,) or (k, m) float32 in [-1, 1], and `state`.
+
+        Raises:
+            ApplrError: The observation has another size, or holds NaN or inf.
+        """
+        seen, size = np.asarray(observation, dtype=np.float32), self.form.size
+        if seen.ndim not in (1, 2) or seen.shape[-1] != size:
+            raise ApplrError(
+                f"observation has shape {seen.shape}: ({size},) or (k, {size}) needed; "
+                "make the environment with **policy.environment"
+            )
+        if not np.isfinite(seen).all():
+            raise ApplrError("observation holds NaN or inf: give what the environment returned")
+        return self.action(seen), state
 
 
-class GeneralActor:
-    """A deterministic policy in the dimensionless form (encoding.py), for every robot: a network as Actor's.
-
-    base: {name: value} of the parameters that it does not choose, as its metadata state them.
-    """
-
-    def __init__(self, weights, metadata=None):
-        self.metadata = metadata or {}
-        self.layers = _layers(weights, self.metadata, encoding.SIZE, len(encoding.PARAMETERS), encoding.MIRROR)
-        if "period_s" not in self.metadata:
-            raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
-        self.period = period_of(self.metadata)
-        self.base = self.metadata.get("base") or {}
-        if not isinstance(self.base, dict) or not all(isinstance(v, (int, float)) for v in self.base.values()):
-            raise ApplrError(f"its base is {_short(self.base)}: values of parameters by name are needed")
-
-    @classmethod
-    def _of(cls, weights, metadata, _space):
-        if metadata["observation"] != encoding.NAME:
-            raise ApplrError(f"its observation is {_short(metadata['observation'])}, {encoding.NAME} is needed")
-        return cls(weights, metadata)
-
-    def action(self, obs):
-        """The action (12,) or (n, 12) float32 in [-1, 1] for observations of encoding.Encoding."""
-        return np.tanh(forward(self.layers, obs))
-
-
-class ContextPolicy:
+class ContextPolicy(_FromFile):
     """APPLD's policy: contexts with a parameter set each, and a classifier that tells the context from the scan.
 
-    contexts  {name: theta (k,)} of `space`; values outside are clipped to it
-    weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the
+    contexts  {name: theta (k,)} of what the paper's form chooses in `space`; clipped to the ranges
+    weights   {"0.weight": (h, 720), "0.bias": (h,), ..., last (k, h)} float32: ReLU layers on the scan as the paper's
               observation has it (capped at 2 m, scaled to [-1, 1]); the largest output is the context
     layout    how it sees a scan; another one has another number of inputs
     """
 
-    period = PERIOD  # the paper's
-
-    def __init__(self, contexts, weights, space=SPACE, metadata=None, layout=LAYOUT):
+    def __init__(self, contexts: Weights, weights: Weights, space: Space, layout: Layout):
         if not 1 <= len(contexts) <= MAX_CONTEXTS:
             raise ApplrError(f"{len(contexts)} contexts: give 1 to {MAX_CONTEXTS}")
-        self.names, self.space, self.layout = list(contexts), space.paper, layout
-        self.sets = np.array([self.space.complete(theta) for theta in contexts.values()])
-        self.metadata = metadata or {}
+        self.names, self.space, self.layout = list(contexts), space, layout
+        self.sets = np.array([space.fill(space.chosen.clip(theta)) for theta in contexts.values()])
         self.layers = layers_of(weights, layout.beams, len(self.names), "its network")
 
-    @classmethod
-    def _of(cls, weights, metadata, space):
-        space = space.paper
-        _check_robot(metadata, space)
-        if metadata["names"] != list(space.names):
-            raise ApplrError(f"its sets are of {_short(metadata['names'])}, not of {', '.join(space.names)}")
-        contexts = {str(c["name"]): space.clip(c["theta"]) for c in metadata["contexts"]}
-        return cls(contexts, weights, space, metadata, Layout.from_dict(_named(metadata, "layout"), 0))
-
-    def context(self, obs):
+    def context(self, observation: Any) -> int:
         """The index of the context that an observation (729,), or its first 720 entries, shows."""
-        return int(np.argmax(forward(self.layers, np.asarray(obs, dtype=np.float32)[: self.layout.beams])))
+        return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
 
-    def theta(self, obs):
-        """The parameters (n,) float64 for an observation float32."""
-        return self.sets[self.context(obs)].copy()
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The set of the context that the scan shows."""
+        if context is None:
+            raise ApplrError("a policy needs an observation to decide on")
+        return self.sets[self.context(context.observation)].copy()
 
 
-def load(path, space=SPACE, kinds=(Actor, GeneralActor)):
-    """The policy in a file. How it sees a scan is its own: see the policy's `layout`.
+def load(
+    path: Union[str, os.PathLike], robot: Robot = JACKAL, kinds: Tuple[str, ...] = (PAPER, DIMENSIONLESS)
+) -> Union[Policy, ContextPolicy]:
+    """The policy in a file, for a robot. How it sees a scan is its own: see the policy's `layout`.
 
     Args:
         path: The file.
-        space: What an Actor or a ContextPolicy has to be for; None: whatever an Actor states, for looking at a file of
-            any robot.
-        kinds: The classes that it may be of.
+        robot: Which robot it is to drive; one in the paper's form, or with contexts, has to be for it.
+        kinds: What it may hold, of KINDS.
 
     Raises:
         ApplrError: It is absent, damaged, too big, of other shapes, made for another robot or parameter space, of
@@ -142,82 +186,140 @@ def load(path, space=SPACE, kinds=(Actor, GeneralActor)):
     """
     path = os.fspath(path)
     weights, header = unpack(files.read_bytes(path, MAX_BYTES), path)
-    form, stated = header.get("format"), header.get("sha256")
-    if form not in (FORMAT, CONTEXTS):
-        raise ApplrError(f"{path}: no policy of ours (format {form!r}); give a file that train.py or appld.py wrote")
-    if stated != checksum(weights, header) and (stated or form == FORMAT):  # the first files of contexts had none
+    written, stated = header.get("format"), header.get("sha256")
+    if written not in (FORMAT, CONTEXTS_FORMAT):
+        raise ApplrError(f"{path}: no policy of ours (format {written!r}); give a file that train.py or appld.py wrote")
+    if stated != checksum(weights, header) and (stated or written == FORMAT):  # the first files of contexts had none
         raise ApplrError(f"{path}: its checksum is wrong; the file was damaged or changed, copy it again")
     metadata = {key: _value(text) for key, text in header.items()}
-    kind = ContextPolicy if form == CONTEXTS else GeneralActor if "observation" in metadata else Actor
+    kind = CONTEXTS if written == CONTEXTS_FORMAT else DIMENSIONLESS if "observation" in metadata else PAPER
     if kind not in kinds:
-        needed = " or ".join(wanted.__name__ for wanted in kinds)
-        raise ApplrError(f"{path}: it holds a policy of the kind {kind.__name__}; one of {needed} is needed")
+        raise ApplrError(f"{path}: it holds a policy of the kind {kind}; {' or '.join(kinds)} is needed")
+    found: Union[Policy, ContextPolicy]
     try:
-        return kind._of(weights, metadata, space)
+        if kind == CONTEXTS:
+            found = _contexts(weights, metadata, robot)
+        else:
+            found = (_paper if kind == PAPER else _dimensionless)(weights, metadata, robot)
     except (KeyError, TypeError) as error:
         raise ApplrError(f"{path}: its metadata are damaged ({error}); copy or make it again") from None
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
+    found.metadata, found.path = metadata, path
+    return found
 
 
-def save(path, weights, metadata=None, space=SPACE, layout=LAYOUT):
-    """Writes an Actor's file, whole or not at all (a temporary file beside it, then renamed).
+def _paper(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> Policy:
+    stated, space = _named(metadata, "space"), space_of(robot).chosen
+    _check_robot(metadata, robot)
+    described = json.loads(space.to_json())
+    del described["theta0"]  # a robot's own parameter files may start elsewhere
+    for key, value in described.items():
+        if stated.get(key) != value:
+            raise ApplrError(
+                f"made for another parameter space: {key} is {_short(stated.get(key))}, here {_short(value)}; "
+                "train one for this parameter space"
+            )
+    layout = Layout.from_dict(_named(metadata, "layout"), len(space))
+    return Policy.of(weights, PaperForm(robot, period_of(metadata), layout=layout), metadata)
 
-    weights: as in Actor; metadata: {str: JSON value}, e.g. "training" and "result". Robot, space,
-    layout and checksum are added. Of networks side by side of which every second one is the mirror image of the one
-    before it, only the others are stored. Raises ApplrError.
+
+def _dimensionless(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> Policy:
+    if metadata["observation"] != VERSION:
+        raise ApplrError(f"its observation is {_short(metadata['observation'])}, {VERSION} is needed")
+    period, base = _dimensionless_metadata(metadata)
+    return Policy.of(weights, DimensionlessForm(robot, period, base), metadata)
+
+
+def _dimensionless_metadata(metadata: Dict[str, Any]) -> Tuple[float, Dict[str, float]]:
+    """(period [s], base) of a policy's metadata. Raises ApplrError where they are absent or damaged."""
+    if "period_s" not in metadata:
+        raise ApplrError("it states no period_s: what it sees depends on its decision period; train it again")
+    base = metadata.get("base") or {}
+    if not isinstance(base, dict) or not all(isinstance(v, (int, float)) for v in base.values()):
+        raise ApplrError(f"its base is {_short(base)}: values of parameters by name are needed")
+    return period_of(metadata), base
+
+
+def _contexts(weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
+    space = space_of(robot)
+    _check_robot(metadata, robot)
+    if metadata["names"] != list(space.chosen.names):
+        raise ApplrError(f"its sets are of {_short(metadata['names'])}, not of {', '.join(space.chosen.names)}")
+    contexts = {str(c["name"]): c["theta"] for c in metadata["contexts"]}
+    return ContextPolicy(contexts, weights, space, Layout.from_dict(_named(metadata, "layout"), 0))
+
+
+def save(
+    path: Union[str, os.PathLike],
+    weights: Weights,
+    metadata: Optional[Mapping[str, Any]] = None,
+    form: Union[Form, Type[DimensionlessForm], None] = None,
+) -> None:
+    """Writes a policy's file, whole or not at all (a temporary file beside it, then renamed).
+
+    Args:
+        path: The file.
+        weights: As Policy.of takes them. Of networks side by side of which every second one is the mirror image of the
+            one before it, only the others are stored.
+        metadata: {str: JSON value}: "period_s", "base" of the dimensionless form, "training", "result", or whatever
+            else.
+        form: The paper's form, for its robot; or DimensionlessForm, which is the same for every robot. None: the
+            paper's for the Jackal.
+
+    Raises:
+        ApplrError: The weights are no network of the form, the metadata lack something, or the file cannot be written.
     """
-    weights, space = _float32(weights), space.paper
-    Actor(weights, space, layout=layout)
-    described = {"robot": space.robot, "space": json.loads(space.to_json()), "layout": layout.to_dict(len(space))}
-    _write(path, weights, FORMAT, {**(metadata or {}), **described}, Mirror.of(layout.beams, 1 + len(space)))
-
-
-def save_general(path, weights, metadata=None):
-    """Writes the file of a GeneralActor; arguments and errors as save's."""
+    form, metadata = form or PaperForm(JACKAL), dict(metadata or {})
+    if not isinstance(form, PaperForm):
+        form = DimensionlessForm(JACKAL, *_dimensionless_metadata(metadata))
+        metadata["observation"] = VERSION
+    else:
+        space = form.space.chosen
+        layout = form.layout.to_dict(len(space))
+        metadata.update(robot=space.robot, space=json.loads(space.to_json()), layout=layout)
     weights = _float32(weights)
-    GeneralActor(weights, metadata)
-    _write(path, weights, FORMAT, {**(metadata or {}), "observation": encoding.NAME}, encoding.MIRROR)
+    Policy.of(weights, form)
+    _write(path, weights, FORMAT, metadata, form.mirror)
 
 
-def save_contexts(path, contexts, weights, metadata=None, space=SPACE, layout=LAYOUT):
-    """Writes the file of a ContextPolicy; contexts as there, the other arguments and errors as save's."""
-    weights, space = _float32(weights), space.paper
-    ContextPolicy(contexts, weights, space, layout=layout)
+def save_contexts(
+    path: Union[str, os.PathLike],
+    contexts: Weights,
+    weights: Weights,
+    metadata: Optional[Mapping[str, Any]] = None,
+    space: Space = SPACE,
+    layout: Layout = LAYOUT,
+) -> None:
+    """Writes the file of a ContextPolicy; contexts, space and layout as there, the others and errors as save's."""
+    weights = _float32(weights)
+    ContextPolicy(contexts, weights, space, layout)
     entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
-    described = {"contexts": entries, "robot": space.robot, "names": space.names, "layout": layout.to_dict(0)}
-    _write(path, weights, CONTEXTS, {**(metadata or {}), **described})
+    described = {"robot": space.robot, "names": space.chosen.names, "layout": layout.to_dict(0), "contexts": entries}
+    _write(path, weights, CONTEXTS_FORMAT, {**(metadata or {}), **described})
 
 
-def _write(path, weights, form, metadata, mirror=None):
+def _write(path, weights, written, metadata, mirror: Optional[Mirror] = None) -> None:
     header = {key: json.dumps(value) for key, value in metadata.items()}
     if mirror is not None and weights["0.weight"].ndim == 3:
         halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
         if _alike(with_mirror_images(halves, mirror), weights):
             weights, header["with_mirror_images"] = halves, "true"
-    header["format"] = form
+    header["format"] = written
     header["sha256"] = checksum(weights, header)
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
-def _layers(weights, metadata, inputs, outputs, mirror):
-    """The checked layers of an actor's network, with its mirror images where a file leaves them out."""
-    layers = layers_of(weights, inputs, outputs, "its network")
-    if not metadata.get("with_mirror_images"):
-        return layers
-    return layers_of(with_mirror_images(weights, mirror), inputs, outputs, "its network")
-
-
-def _alike(found, weights):
+def _alike(found: Weights, weights: Weights) -> bool:
     same = (found[k].shape == t.shape and np.allclose(found[k], t, rtol=0.0, atol=1e-12) for k, t in weights.items())
     return all(same)
 
 
-def _float32(weights):
+def _float32(weights: Weights) -> Dict[str, np.ndarray]:
     return {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
 
 
-def _value(text):
+def _value(text: str) -> Any:
     """A metadata entry: JSON where it is JSON, else the plain string (format, sha256)."""
     try:
         return json.loads(text)
@@ -225,20 +327,20 @@ def _value(text):
         return text
 
 
-def _named(metadata, what):
+def _named(metadata: Dict[str, Any], what: str) -> Dict[str, Any]:
     """An entry of the metadata that is a JSON object; ApplrError where it is absent."""
     if not isinstance(metadata.get(what), dict):
         raise ApplrError(f"its metadata name no {what}; it was not written by this package, give a file that it wrote")
     return metadata[what]
 
 
-def _check_robot(metadata, space):
-    if metadata.get("robot") != space.robot:
+def _check_robot(metadata: Dict[str, Any], robot: Robot) -> None:
+    if metadata.get("robot") != robot.name:
         raise ApplrError(
-            f"it is for the robot {_short(metadata.get('robot'))}: here {space.robot} runs; make one for it"
+            f"it is for the robot {_short(metadata.get('robot'))}: here {robot.name} runs; make one for it"
         )
 
 
-def _short(value):
+def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 120 else text[:117] + "..."

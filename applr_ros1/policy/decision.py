@@ -1,13 +1,16 @@
-"""What a decision is made from, and how often: shared by the policy files, the methods, the node and training."""
+"""A decision: what it is made from, how often, and what a method is, which makes it: on the robot and in training."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Mapping, Tuple
+from functools import cached_property
+from typing import Any, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 
+from applr_ros1.policy.layout import Layout
+from applr_ros1.policy.observation import LAYOUT, observe
 from applr_ros1.policy.parameter_space import SPACE, Space
 
 PERIOD = 2.0  # s between two decisions in the paper; files that state no other period have this one
@@ -18,8 +21,6 @@ class Context:
     """What a method may look at when it decides.
 
     Attributes:
-        observation: (729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, parameters in force; other
-            numbers for other robots than the Jackal.
         ranges: (720,) float32 [m], +inf where nothing returned. Scans of other lasers are resampled to this: see
             Layout in layout.py.
         phi: Angle to the local goal [rad].
@@ -30,9 +31,9 @@ class Context:
         goal: (x, y, yaw) [m, m, rad] that was sent.
         plan: (n, >= 2) x, y [m] of the newest global plan, from robot to goal; (0, 2) before the first one.
         space: The parameters that are in theta.
+        layout: How ranges see the scan.
     """
 
-    observation: np.ndarray
     ranges: np.ndarray
     phi: float
     theta: np.ndarray
@@ -42,6 +43,15 @@ class Context:
     goal: Tuple[float, float, float] = (0.0, 0.0, 0.0)
     plan: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     space: Space = SPACE
+    layout: Layout = LAYOUT
+
+    @cached_property
+    def observation(self) -> np.ndarray:
+        """(729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, parameters in force.
+
+        Other numbers for other robots than the Jackal. Raises ObservationError as observation.observe does.
+        """
+        return observe(self.ranges, self.phi, self.theta, self.space, self.layout)
 
 
 def period_of(metadata: Mapping[str, Any]) -> float:
@@ -56,3 +66,40 @@ def period_of(metadata: Mapping[str, Any]) -> float:
     if not 0.05 <= period <= 60.0:
         raise ValueError("period_s is %r: 0.05 to 60 s are possible" % period)
     return float(period)
+
+
+class Method:
+    """Chooses the planner's parameters at each decision.
+
+    Attributes:
+        name: The specification that it was made from.
+        static: Whether theta is the same whatever the context is. The node asks a static method once, with None, and
+            what a person changes later stands.
+        period: Time [s] between two decisions.
+        space: The parameters that it chooses. `make` gives it the robot's where it states none.
+        layout: How it sees a scan: what Context.ranges and Context.observation are made with. `make` gives it the
+            robot's where it states none.
+        per_cell: Whether the distance biases of its sets are meant for a planner that counts per cell, as those of all
+            learned sets here: the applr node then rescales them for a planner that counts per metre
+            (policy/distance_weights.py). Otherwise they are sent as they are.
+        stalls: Decisions so far that it made otherwise because the robot had stalled.
+    """
+
+    name = ""
+    static = False
+    period = PERIOD
+    space: Space = SPACE
+    layout: Layout = LAYOUT
+    per_cell: bool = False
+    stalls: int = 0
+
+    def reset(self, seed: int) -> None:
+        """Begin a course. Everything random is drawn from this seed only."""
+
+    def theta(self, context: Optional[Context]) -> np.ndarray:
+        """The parameters (n,) until the next decision. Raises ApplrError where there are none to be had."""
+        raise NotImplementedError
+
+    def describe(self) -> Dict[str, Any]:
+        """What is recorded beside the results: two methods that describe themselves alike drive alike."""
+        return {"class": type(self).__name__}

@@ -10,7 +10,7 @@ import numpy as np
 
 from applr_ros1 import robots
 from applr_ros1.policy.layout import Layout, ObservationError
-from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.parameter_space import SPACE
 
 MOST_BEAMS = 720  # of a layout that is made for a robot, the paper's
 RANGE_CAP = 2.0  # [m] at the Jackal's scale; the paper caps the scan there
@@ -39,12 +39,6 @@ def layout_of(robot):
     return Layout(beams, -half, half, RANGE_CAP * scale, LOOKAHEAD * scale)
 
 
-def sizes_of(robot):
-    """(beams, further numbers of an observation, parameters) of a robots.Robot: (720, 9, 8) for the Jackal."""
-    parameters = len(space_of(robot).paper)
-    return layout_of(robot).beams, 1 + parameters, parameters
-
-
 LAYOUT = layout_of(robots.JACKAL)  # 720 beams over 270 degrees, capped at 2 m
 
 
@@ -58,7 +52,7 @@ def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
             (0 m). NaN is no measurement and takes the value between its valid neighbours.
         phi: angle of the local goal [rad].
         theta_prev: (n,) the parameters that the planner has; beyond the ranges they are clipped.
-        space: the parameter space, of whose n parameters space.paper's k are seen.
+        space: the parameter space, of whose n parameters the k chosen ones are seen.
         layout: how the policy sees a scan.
 
     Raises:
@@ -68,7 +62,7 @@ def observe(ranges, phi, theta_prev, space=SPACE, layout=LAYOUT):
     ranges = without_gaps(ranges, layout)
     if not np.isfinite(phi):
         raise ObservationError(f"angle of the local goal is {phi}: check the pose and the global plan")
-    chosen = space.paper.to_action(theta_prev)
+    chosen = space.chosen.to_action(space.pick(theta_prev))
     result = np.empty(beams + 1 + len(chosen), dtype=np.float32)
     result[:beams] = np.clip(ranges, 0.0, cap) * (2.0 / cap) - 1.0
     result[beams] = np.clip(phi / pi, -1.0, 1.0)

@@ -1,14 +1,13 @@
 """The action space of APPLR: the planner parameters theta that a policy sets, their ranges and theta_0.
 
 `space_of` makes it from a robot's description: names, ranges and servers stand in its robot.yaml, theta_0 in its
-parameter files, types and bounds in the planner's declarations. SPACE is the Jackal's; `SPACE.paper` are the paper's
-eight parameters of it. The applr node (actions to parameters), the meta-environment, the searches and the trainer call
-it.
+parameter files, types and bounds in the planner's declarations. SPACE is the Jackal's; `SPACE.chosen` are the paper's
+eight parameters of it.
 """
 
 import json
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Dict, Tuple
 
 import numpy as np
@@ -48,7 +47,7 @@ class Space:
         theta0: (n,) the robot's own values, with which its move_base starts.
         targets: Which servers' values each parameter sets; the first one is where it is read back.
         robot: Name of the robot that it belongs to.
-        beyond: Those that policies in the paper's form do not choose.
+        fixed: Those that policies in the paper's form do not choose.
     """
 
     names: Tuple[str, ...]
@@ -58,23 +57,32 @@ class Space:
     theta0: np.ndarray
     targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
     robot: str = "jackal"
-    beyond: Tuple[str, ...] = ()
+    fixed: Tuple[str, ...] = ()
 
     def __len__(self):
         return len(self.names)
 
-    @property
-    def paper(self):
-        """What policies in the paper's form choose: of the Jackal the paper's eight parameters, as a Part."""
-        return Part.of(self, [name for name in self.names if name not in self.beyond]) if self.beyond else self
+    @cached_property
+    def chosen(self):
+        """The Space of those parameters that policies in the paper's form choose: of the Jackal the paper's eight."""
+        at, names = self._chosen_at, tuple(name for name in self.names if name not in self.fixed)
+        targets = {name: self.targets.get(name, ()) for name in names}
+        rows = (self.low[at], self.high[at], self.integer[at], self.theta0[at])
+        return Space(names, *rows, targets, self.robot)
 
-    def part(self, theta):
-        """Those of parameters (n,) that a Part chooses; here all."""
+    @cached_property
+    def _chosen_at(self):
+        return [i for i, name in enumerate(self.names) if name not in self.fixed]
+
+    def pick(self, theta):
+        """The chosen (k,) of parameters (n,)."""
+        return np.asarray(theta, dtype=np.float64)[self._chosen_at]
+
+    def fill(self, values):
+        """Parameters (n,) of the chosen ones (k,); the others have their values of theta_0."""
+        theta = self.theta0.copy()
+        theta[self._chosen_at] = values
         return theta
-
-    def complete(self, values):
-        """The parameters (n,), clipped, with what a Part chose (k,); here that is all."""
-        return self.clip(values)
 
     def clip(self, theta):
         """The nearest parameters (n,) float64 inside the ranges, counts rounded to whole numbers.
@@ -215,46 +223,6 @@ def counts_cells(path):
     return stated is False
 
 
-@dataclass(frozen=True)
-class Part(Space):
-    """Some of a space's parameters: an action (k,) is of them, parameters (n,) are of the whole space.
-
-    Attributes:
-        whole: The space; the parameters that are not chosen have its theta_0.
-        at: (k,) their indices in it.
-    """
-
-    whole: Space = field(default=None)  # type: ignore[assignment]
-    at: Tuple[int, ...] = ()
-
-    @classmethod
-    def of(cls, whole, names):
-        """The part of a space that has these names."""
-        at = [whole.names.index(name) for name in names]
-        rows = (whole.low[at], whole.high[at], whole.integer[at], whole.theta0[at])
-        targets = {name: whole.targets.get(name, ()) for name in names}
-        return cls(tuple(names), *rows, targets, whole.robot, whole=whole, at=tuple(at))
-
-    def part(self, theta):
-        """Its own (k,) of the whole space's parameters (n,); what is its own already stays."""
-        theta = np.asarray(theta, dtype=np.float64)
-        return theta if theta.shape == (len(self),) else theta[list(self.at)]
-
-    def complete(self, values):
-        """The whole space's parameters (n,) with these values (k,), clipped."""
-        theta = self.whole.theta0.copy()
-        theta[list(self.at)] = self.clip(values)
-        return theta
-
-    def to_theta(self, action):
-        """The whole space's parameters (n,) for an action (k,)."""
-        return self.complete(super().to_theta(action))
-
-    def to_action(self, theta):
-        """The action (k,) for the whole space's parameters (n,)."""
-        return super().to_action(self.part(theta))
-
-
 @lru_cache(maxsize=32)
 def space_of(robot):
     """The parameter space that a robots.Robot describes.
@@ -276,8 +244,8 @@ def space_of(robot):
     targets = {
         p.name: tuple(Target(s.server, s.names, -1.0 if s.negated else 1.0) for s in p.sets) for p in robot.space
     }
-    beyond = tuple(parameter.name for parameter in robot.space if not parameter.paper)
-    return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name, beyond)
+    fixed = tuple(parameter.name for parameter in robot.space if not parameter.paper)
+    return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name, fixed)
 
 
 SPACE = space_of(robots.JACKAL)

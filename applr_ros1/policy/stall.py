@@ -1,7 +1,7 @@
 """Whether a robot has stalled: it has hardly moved for a while, as in a pocket where its planner turns on the spot.
 
 In training a stall ends an episode as a failure, where that is asked for (training/env/episode.py). On the robot, and
-in evaluation, it makes a policy's method change the parameters (methods/included.py).
+in evaluation, it makes a policy's method change the parameters (actor.py).
 """
 
 from __future__ import annotations

@@ -98,14 +98,14 @@ def sb3_td3_updates(device="cpu"):
 
 def actor_inference():
     """One observation through the actor, as the node does it: numpy, 729 -> 3 x 512 -> 8."""
-    from applr_ros1.policy.actor import Actor
+    from applr_ros1.policy.actor import Policy
 
     rng, sizes = np.random.default_rng(0), [OBSERVATIONS, *HIDDEN, ACTIONS]
     weights = {}
     for i, (width, out) in enumerate(zip(sizes[:-1], sizes[1:])):
         weights["%d.weight" % i] = (rng.normal(size=(out, width)) / np.sqrt(width)).astype(np.float32)
         weights["%d.bias" % i] = np.zeros(out, np.float32)
-    actor, observation = Actor(weights), rng.uniform(-1, 1, OBSERVATIONS).astype(np.float32)
+    actor, observation = Policy.of(weights), rng.uniform(-1, 1, OBSERVATIONS).astype(np.float32)
     return 1e6 / _rate(lambda: actor.action(observation), rounds=5, seconds=0.2), "us"
 
 

@@ -17,13 +17,11 @@ from typing import Any, Dict
 import numpy as np
 
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.encoding import PARAMETERS
-from applr_ros1.policy.layout import Layout
+from applr_ros1.policy.dimensionless import PARAMETERS, DimensionlessForm
 from applr_ros1.robots import NAMES, Robot, load
 from training.env.drawn_robots import draw_another
 from training.env.outcome import Outcome
 from training.env.reward import Reward
-from training.env.ruler import DIMENSIONLESS, Ruler
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "form.npz"
 PERIOD, SCENES, PLAN = 1.0, 4, 24
@@ -40,14 +38,10 @@ def robots() -> Dict[str, Robot]:
     return {**{name: load(name) for name in NAMES}, "made-up": draw_another(np.random.default_rng(2))}
 
 
-def ruler(robot: Robot, reward: Reward = REWARDS[0]) -> Ruler:
-    """What is under test."""
-    return Ruler(robot, DIMENSIONLESS, PERIOD, reward)
-
-
 def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
     """Scenes, actions and outcomes."""
-    layout, scale = ruler(robot).form.layout, ruler(robot).scale
+    form = DimensionlessForm(robot, PERIOD)
+    layout, scale = form.layout, form.scale
     poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
     ways = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
     return {
@@ -66,7 +60,7 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
     """What the form makes of the inputs; the parameters of one decision are in force at the next."""
-    form = ruler(robot).form
+    form = DimensionlessForm(robot, PERIOD)
     thetas = np.array([form.theta(action) for action in given["actions"]])
     before = np.vstack([form.space.theta0, thetas[:-1]])
     form.reset()
@@ -76,32 +70,26 @@ def outputs(robot: Robot, given: Arrays) -> Arrays:
         "thetas": thetas.astype(np.float32),
         "meant": np.array([form.action(theta) for theta in thetas], np.float32),
         "rewards": np.array(
-            [
-                [_reward(ruler(robot, reward), given, i, before[i], thetas[i]) for i in range(SCENES)]
-                for reward in REWARDS
-            ],
+            [[_reward(form, reward, given, i, before[i], thetas[i]) for i in range(SCENES)] for reward in REWARDS],
             np.float32,
         ),
     }
 
 
-def _context(form: Any, given: Arrays, i: int, theta: np.ndarray) -> Context:
-    assert isinstance(form.layout, Layout)
+def _context(form: DimensionlessForm, given: Arrays, i: int, theta: np.ndarray) -> Context:
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
-    return Context(
-        np.zeros(1), given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, given["plans"][i], form.space
-    )
+    return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, given["plans"][i], form.space)
 
 
-def _reward(made: Ruler, given: Arrays, i: int, before: np.ndarray, after: np.ndarray) -> list:
+def _reward(form: Any, reward: Reward, given: Arrays, i: int, before: np.ndarray, after: np.ndarray) -> list:
     """The terms, of a decision 10 s before the limit."""
     told = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
     told.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
     outcome = Outcome(np.zeros(1), 0.0, after, seconds=float(given["seconds"][i]), decisions=90, **told)
     episode: Any = SimpleNamespace(outcome=outcome, limit=100, period=PERIOD)
-    return list(made.judge(before, episode)[1].values())
+    return list(reward.judge(form, before, episode)[1].values())
 
 
 def main() -> None:

@@ -7,17 +7,17 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
-from applr_ros1.policy.actor import GeneralActor, save, save_general
+from applr_ros1.policy.actor import Policy, save
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.decision import Context
-from applr_ros1.policy.encoding import MIRROR, PARAMETERS, SIZE, Encoding
-from applr_ros1.policy.methods.included import GeneralPolicy
+from applr_ros1.policy.dimensionless import DIMENSIONLESS, PARAMETERS, SIZE, DimensionlessForm
 from applr_ros1.policy.network import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.description import Setting, SpaceParameter
 from tests.policy import golden_form
 from training.env.drawn_robots import draw_another
 
+MIRROR = DimensionlessForm(JACKAL, 1.0).mirror
 DRAWN = [draw_another(np.random.default_rng(seed)) for seed in range(6)]
 JACKAL_CHOSEN = [p.name for p in JACKAL.space if p.paper]
 ROBOTS = [load(name) for name in NAMES] + DRAWN
@@ -25,14 +25,14 @@ ROBOTS = [load(name) for name in NAMES] + DRAWN
 
 def context(robot, rng, side=1.0):
     """A scene; side -1: its mirror image."""
-    form = Encoding(robot, 1.0)
+    form = DimensionlessForm(robot, 1.0)
     ranges = rng.uniform(0.1, 6.0, form.layout.beams).astype(np.float32)[:: int(side)]
     yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
     plan = np.column_stack([np.linspace(x, x + 5.0, 60), np.linspace(y, 2.0, 60)]) * (1.0, side)
     goal = (plan[-1, 0], plan[-1, 1], 0.0)
     moving = (0.4 * robot.base.max_speed, side * turn)
     pose = (x, side * y, side * yaw)
-    return Context(np.zeros(1), ranges, side * phi, form.space.theta0, 0.0, pose, moving, goal, plan, form.space)
+    return Context(ranges, side * phi, form.space.theta0, 0.0, pose, moving, goal, plan, form.space)
 
 
 def network(rng):
@@ -46,7 +46,7 @@ def network(rng):
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
 def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
-    form, rng = Encoding(robot, 1.0), np.random.default_rng(0)
+    form, rng = DimensionlessForm(robot, 1.0), np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(PARAMETERS))):
         theta = form.theta(action)
         assert np.array_equal(theta, form.space.clip(theta))
@@ -63,7 +63,7 @@ def test_actions_stand_for_parameters_within_the_robots_ranges(robot):
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=[*NAMES, *map(str, range(len(DRAWN)))])
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
-    form, image = Encoding(robot, 1.0), Encoding(robot, 1.0)
+    form, image = DimensionlessForm(robot, 1.0), DimensionlessForm(robot, 1.0)
     for seed in range(3):  # the later ones also hold what changed
         seen = form.observe(context(robot, np.random.default_rng(seed)))
         mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
@@ -85,7 +85,7 @@ def test_what_a_robot_is_shown_sets_and_earns_is_that_of_the_golden_file(name):
 
 
 def test_a_scene_of_twice_the_size_looks_alike():
-    form = Encoding(JACKAL, 1.0)
+    form = DimensionlessForm(JACKAL, 1.0)
     near = context(JACKAL, np.random.default_rng(0))
     small = form.observe(near)[:240]
     form.layout = form.layout.__class__(
@@ -96,14 +96,14 @@ def test_a_scene_of_twice_the_size_looks_alike():
 
 
 def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
-    policy = GeneralActor(network(np.random.default_rng(0)), {"period_s": 1.0})
+    method = Policy.of(network(np.random.default_rng(0)), DimensionlessForm(JACKAL, 1.0))
     still = context(JACKAL, np.random.default_rng(1))
 
     def course(seed, speed):
-        method = GeneralPolicy(policy, JACKAL)
         method.reset(seed)
+        before = method.stalls
         scenes = [replace(still, time=float(t), pose=(t * speed, 0.0, 0.0)) for t in range(12)]
-        return [method.theta(scene).tolist() for scene in scenes], method.stalls
+        return [method.theta(scene).tolist() for scene in scenes], method.stalls - before
 
     standing, stalls = course(3, 0.03)
     driving, none = course(3, 0.05)
@@ -119,7 +119,7 @@ def test_a_stalled_robot_gets_other_parameters_from_the_courses_seed():
 def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
     base = {"min_in_place_vel_theta": 0.9, "footprint_padding": 9.0, "max_vel_x": 0.3, "of_another_robot": 1.0}
     weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
-    save_general(path, weights, {"period_s": 1.0, "base": base})
+    save(path, weights, {"period_s": 1.0, "base": base}, DimensionlessForm)
     method = methods.make(str(path), JACKAL)
     method.reset(0)
     decided = method.space.as_dict(method.theta(context(JACKAL, np.random.default_rng(0))))
@@ -127,14 +127,14 @@ def test_what_an_action_does_not_choose_has_the_policys_base(tmp_path):
     assert decided["max_vel_x"] != 0.3
     for wrong in ({"sim_time": "long"}, [1.0]):
         with pytest.raises(ApplrError, match="values of parameters by name"):
-            save_general(path, weights, {"period_s": 1.0, "base": wrong})
+            save(path, weights, {"period_s": 1.0, "base": wrong}, DimensionlessForm)
 
 
 def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
     """DWAPlannerROS drives back at its min_vel_x, TrajectoryPlannerROS ahead at least at its own."""
     settings = (Setting(server="TrajectoryPlannerROS", name="min_vel_x"),)
     ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
-    form = Encoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
+    form = DimensionlessForm(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
     assert set(form.chosen) == {*JACKAL_CHOSEN, "sim_time"}
     assert form.theta(np.full(len(PARAMETERS), -1.0))[-1] == 0.1
 
@@ -142,7 +142,7 @@ def test_a_parameter_whose_range_no_action_reaches_is_not_chosen():
 def test_one_file_drives_every_robot(tmp_path):
     rng = np.random.default_rng(0)
     weights, path = network(rng), str(tmp_path / "general.safetensors")
-    save_general(path, with_mirror_images(weights, MIRROR), {"period_s": 1.0})
+    save(path, with_mirror_images(weights, MIRROR), {"period_s": 1.0}, DimensionlessForm)
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
     assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # the mirror images are not stored
@@ -155,6 +155,6 @@ def test_one_file_drives_every_robot(tmp_path):
         assert np.array_equal(theta, method.space.clip(theta))
     save(tmp_path / "own.safetensors", {"0.weight": np.zeros((8, 729)), "0.bias": np.zeros(8)})
     with pytest.raises(ApplrError, match="states no period_s"):
-        save_general(path, weights, {})
-    with pytest.raises(ApplrError, match="of the kind Actor; one of GeneralActor is needed"):
-        load_policy(tmp_path / "own.safetensors", kinds=[GeneralActor])
+        save(path, weights, {}, DimensionlessForm)
+    with pytest.raises(ApplrError, match="of the kind paper; dimensionless is needed"):
+        load_policy(tmp_path / "own.safetensors", kinds=(DIMENSIONLESS,))

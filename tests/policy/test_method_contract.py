@@ -7,7 +7,6 @@ import pytest
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
-from applr_ros1.policy.observation import observe
 from applr_ros1.policy.parameter_space import SPACE
 
 
@@ -20,9 +19,8 @@ def scenes(method, count=8):
         phi, theta = draw.uniform(-np.pi, np.pi), method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space)))
         pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
         plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
-        seen = observe(ranges, phi, theta, method.space, method.layout)
-        moving = (0.1 * k, 0.0)
-        found.append(methods.Context(seen, ranges, phi, theta, 2.0 * k, pose, moving, goal, plan, method.space))
+        shown = (0.1 * k, 0.0), goal, plan, method.space, method.layout
+        found.append(methods.Context(ranges, phi, theta, 2.0 * k, pose, *shown))
     return found
 
 

@@ -3,6 +3,7 @@
 import json
 import pickle
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,11 +18,11 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import PICKLES, unpack
 from applr_ros1.policy import actor as actor_module
 from applr_ros1.policy import methods
-from applr_ros1.policy.actor import Actor, load, save
+from applr_ros1.policy.actor import Policy, load, save
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.network import Mirror, with_mirror_images
 from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
-from applr_ros1.policy.parameter_space import SPACE, THETA_0, Space
+from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.weights import make_weights
 from training.evaluation import trials
 from worlds import barn
@@ -181,14 +182,15 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
         x = torch.relu(x) if i < 3 else torch.tanh(x)
     np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
     np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
-    np.testing.assert_array_equal(actor.theta(obs[0])[:8], SPACE.to_theta([*actor.action(obs[0]), 0, 0, 0])[:8])
-    np.testing.assert_array_equal(actor.theta(obs[0])[8:], THETA_0[8:])
+    theta = actor.form.theta(actor.action(obs[0]))
+    np.testing.assert_array_equal(theta[:8], SPACE.to_theta([*actor.action(obs[0]), 0, 0, 0])[:8])
+    np.testing.assert_array_equal(theta[8:], THETA_0[8:])
 
 
 def test_a_nan_output_is_refused(tmp_path):
-    actor = Actor(make_weights())
+    actor = Policy.of(make_weights())
     with pytest.raises(ApplrError, match="not finite"):
-        actor.theta(np.full(729, np.nan, dtype=np.float32))
+        actor.form.theta(actor.action(np.full(729, np.nan, dtype=np.float32)))
 
 
 class Bomb:
@@ -202,7 +204,7 @@ def _raw(weights, **metadata):
 
 def _damaged_files():
     good = make_weights()
-    space, layout = SPACE.paper.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE.paper)))
+    space, layout = SPACE.chosen.to_json(), json.dumps(LAYOUT.to_dict(len(SPACE.chosen)))
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
     changed = bytearray(whole)
@@ -229,7 +231,7 @@ def _damaged_files():
         "nan": (_raw(nan, **header), "NaN"),
         "foreign": (_raw({"x": np.zeros(3, dtype=np.float32)}), "no policy of ours"),
         "names": (_raw({"x": np.zeros(3, np.float32)}, **header), "tensors are"),
-        "contexts": (_raw(good, **dict(header, format=actor_module.CONTEXTS)), "of the kind ContextPolicy"),
+        "contexts": (_raw(good, **dict(header, format=actor_module.CONTEXTS_FORMAT)), "of the kind contexts"),
         "no text": (_raw(good, **dict(header, observation="3")), "its observation is 3"),
     }
 
@@ -289,10 +291,9 @@ def test_saving_is_whole_or_not_at_all(tmp_path):
 
 def test_another_space_is_another_space(tmp_path):
     save(tmp_path / "a.safetensors", make_weights())
-    high = SPACE.high.copy()
-    high[0] = 1.0
+    slower = replace(robots.JACKAL, space=(replace(robots.JACKAL.space[0], high=1.0), *robots.JACKAL.space[1:]))
     with pytest.raises(ApplrError, match="another parameter space"):
-        load(tmp_path / "a.safetensors", Space(SPACE.names, SPACE.low, high, SPACE.integer, SPACE.theta0))
+        load(tmp_path / "a.safetensors", slower)
 
 
 def test_one_request_for_each_server():
@@ -310,12 +311,13 @@ def test_one_request_for_each_server():
 
 def test_methods(tmp_path):
     obs = observe(np.ones(720), 0.0, THETA_0)
-    here = Context(obs, np.ones(720, np.float32), 0.0, THETA_0, 0.0)
+    here = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)
     assert methods.make("dwa").static
     assert methods.make("dwa").theta(None).tolist() == THETA_0.tolist()
     save(tmp_path / "a", make_weights(), {"period_s": 1.0})
     applr = methods.make("applr:%s" % (tmp_path / "a"))
-    np.testing.assert_array_equal(applr.theta(here), Actor(make_weights()).theta(obs))
+    np.testing.assert_array_equal(applr.theta(here), Policy.of(make_weights()).theta(here))
+    np.testing.assert_array_equal(here.observation, obs)
     assert applr.period == 1.0
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
     fixed = methods.make("fixed:%s" % (tmp_path / "set.json"))
@@ -366,22 +368,22 @@ def test_mirror_images_are_stored_once(tmp_path):
     weights = with_mirror_images(pairs, Mirror.of(720, 9))
     obs = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
     seen = np.concatenate([obs[719::-1], -obs[720:721], obs[721:]])
-    assert Actor(weights).action(obs) == pytest.approx(Actor(weights).action(seen), abs=1e-6)  # left and right
+    assert Policy.of(weights).action(obs) == pytest.approx(Policy.of(weights).action(seen), abs=1e-6)  # left and right
     save(tmp_path / "a", weights)
     weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
     save(tmp_path / "b", weights)
     assert (tmp_path / "a").stat().st_size < 0.6 * (tmp_path / "b").stat().st_size
     assert np.array_equal(
-        load(tmp_path / "a").action(obs), Actor(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs)
+        load(tmp_path / "a").action(obs), Policy.of(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs)
     )
-    assert np.array_equal(load(tmp_path / "b").action(obs), Actor(weights).action(obs))
+    assert np.array_equal(load(tmp_path / "b").action(obs), Policy.of(weights).action(obs))
 
 
 def test_shipped_policy_says_what_made_it_and_drives():
     """The Jackal's file is what method:=applr takes for it; three test worlds, faster than with theta_0."""
     method = methods.make("applr")
     assert (method.period, method.path) == (1.0, methods.shipped(robot=robots.load("jackal")))
-    told = method.policy.metadata
+    told = method.metadata
     assert told["training"]["transitions"] > 10_000
     trained_in = [spec for part in told["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
     assert len(trained_in) > 200
@@ -411,7 +413,7 @@ def test_a_loaded_policy_predicts_what_its_method_decides(name):
     method = methods.make("applr", robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())
-    np.testing.assert_allclose(environment.unwrapped.ruler.form.theta(action), decided, rtol=1e-6)
+    np.testing.assert_allclose(environment.unwrapped.form.theta(action), decided, rtol=1e-6)
     assert environment.unwrapped.episode.period == method.period
     with pytest.raises(ApplrError, match=r"observation has shape \(3,\): \(\d+,\) or \(k, \d+\) needed"):
         policy.predict(np.zeros(3))

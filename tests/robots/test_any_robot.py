@@ -169,7 +169,7 @@ def test_searched_trained_and_driven(crate, tmp_path, capsys):
     assert float(driven["dwa"]["path_length_m"]) == pytest.approx(0.85 * 5.925, rel=0.35)
     assert driven["static"]["time_s"] != driven["dwa"]["time_s"]
     robot = robots.load(str(crate))
-    actor = load_policy(policy, space_of(robot))
+    actor = load_policy(policy, robot)
     assert (actor.layout, actor.metadata["robot"]) == (layout_of(robot), "crate")
     with pytest.raises(ApplrError, match='for the robot "crate": here jackal runs'):
         load_policy(policy)

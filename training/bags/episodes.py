@@ -18,6 +18,7 @@ import numpy as np
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
 from training.bags.reader import SECOND, Recording
 from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest
@@ -380,10 +381,10 @@ def split_at_gaps(samples, skip: Callable[[str], None]) -> Iterator[List[Sample]
 
 
 def _trajectory(recording, goal, number, run, reward, layout, report) -> Trajectory:
-    actions, rewards, space = [], [], recording.space.paper
+    actions, rewards, form = [], [], PaperForm(recording.robot)
     for before, after in zip(run, run[1:]):
-        action = space.to_action(theta_after(recording, goal, before, after))
-        change = float(np.abs(action - space.to_action(before.outcome.theta)).mean())
+        action = form.action(theta_after(recording, goal, before, after))
+        change = float(np.abs(action - form.action(before.outcome.theta)).mean())
         limit = max(round(TIME_LIMIT / goal.period), after.outcome.decisions)
         rewards.append(reward(after.outcome, change, limit, goal.period, scale=1.0)[0])
         actions.append(action)

@@ -11,6 +11,7 @@ from typing import Any, Dict
 
 import numpy as np
 
+from applr_ros1.policy.dimensionless import JACKAL_WIDTH
 from applr_ros1.robots import JACKAL, NAMES, Robot, load
 from applr_ros1.robots.default_space import DWA, default_space
 from applr_ros1.robots.description import (
@@ -28,7 +29,6 @@ from applr_ros1.robots.description import (
 
 NAME = "drawn"  # as a robot's name in training: each episode draws one
 JACKALS, OTHERS = 0.3, 0.3  # shares of episodes that the Jackal and the other included robots drive
-JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 
 
 def draw(rng: np.random.Generator) -> Robot:

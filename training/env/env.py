@@ -7,7 +7,7 @@ node runs). Course, limit and ends are those of episode.py.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Optional, Tuple, Union
+from typing import Any, Dict, Optional, Union
 
 import gymnasium
 import numpy as np
@@ -17,13 +17,13 @@ import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
-from applr_ros1.policy import encoding
+from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.policy.form import PAPER
 from applr_ros1.robots import JACKAL, Robot, load
 from training.common.options import checked
 from training.env import drawn_robots, privileged, protocols
 from training.env.episode import Episode, counting_cells, laser_pose
 from training.env.reward import Reward, failed
-from training.env.ruler import DIMENSIONLESS, OBSERVATIONS, PAPER, Ruler
 from worlds.draw import top_view
 
 
@@ -43,7 +43,7 @@ class ApplrEnv(gymnasium.Env):
         planner: "ours", "cpp-like" (with the defects of the C++ move_base), or "drawn" at each reset.
         robot: the robot that drives, or its name or folder; worlds are at its scale. "drawn" draws one at each reset
             (drawn_robots.py), for the dimensionless form.
-        observation: "paper", or "dimensionless" (applr_ros1/policy/encoding.py): the same numbers for every robot.
+        observation: "paper", or "dimensionless" (applr_ros1/policy/dimensionless.py): the same numbers for every robot.
         base: parameters that an action of the dimensionless form does not choose, {name: value}; else the defaults.
         planner_frequency: global plans per second, instead of the parameter tree's; fewer make the simulation faster.
         end_on_collision: a collision ends the episode, terminated, as a failure.
@@ -85,8 +85,8 @@ class ApplrEnv(gymnasium.Env):
     ):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ApplrError("render_mode is %r: give rgb_array, or None for no pictures" % (render_mode,))
-        if observation not in OBSERVATIONS:
-            raise ApplrError("observation is %r: give %s" % (observation, " or ".join(OBSERVATIONS)))
+        if observation not in FORMS:
+            raise ApplrError("observation is %r: give %s" % (observation, " or ".join(FORMS)))
         self.draws = robot == drawn_robots.NAME
         if self.draws and (observation == PAPER or params is not None):
             raise ApplrError("robot drawn: it needs the dimensionless observation, and no params")
@@ -98,8 +98,7 @@ class ApplrEnv(gymnasium.Env):
         self.reward = reward if isinstance(reward, Reward) else checked(Reward, reward or {}, "reward")
         self._simulator, self._randomisation = simulator, randomisation or {}
         self._params, self._planner, self._planner_frequency = params, planner, planner_frequency
-        self._base = base
-        self._dimensionless = observation == DIMENSIONLESS
+        self._form, self._base = FORMS[observation], base
         self._loop: Dict[str, Any] = {
             "limit": limit,
             "period": period,
@@ -109,16 +108,11 @@ class ApplrEnv(gymnasium.Env):
             "monitor": monitor,
         }
         self._equip(load(robot) if isinstance(robot, str) else robot)
-        self.odd: Tuple[int, ...]
-        actions = len(encoding.PARAMETERS) if self._dimensionless else len(self.space)
-        if self._dimensionless:
-            size, self.scan_beams, self.scans, self.odd = encoding.SIZE, 2 * encoding.SECTORS, 2, encoding.ODD
-        else:  # the first numbers of an observation; the replay stores them coarser
-            self.scan_beams = self.episode.layout.beams
-            size, self.scans, self.odd = self.scan_beams + 1 + actions, 1, (0,)
-        self.odd += tuple(size - self.scan_beams + i for i in privileged.ODD if self.hidden)
-        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (size + self.hidden,), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (actions,), np.float32)
+        form = self.form
+        self.scan_beams, self.scans = form.scan, form.scans  # the replay stores them coarser
+        self.odd = form.odd + tuple(form.size - form.scan + i for i in privileged.ODD if self.hidden)
+        self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (form.size + self.hidden,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (form.actions,), np.float32)
 
     def _equip(self, robot: Robot) -> None:
         """Makes the simulator, the planner and the loop for a robot."""
@@ -127,9 +121,8 @@ class ApplrEnv(gymnasium.Env):
         if self._planner_frequency is not None:
             params = dict(params, planner_frequency=float(self._planner_frequency))
         self.episode = Episode(simulator, MoveBase(params, planner=self._planner), robot, **self._loop)
-        observation = DIMENSIONLESS if self._dimensionless else PAPER
-        self.ruler = Ruler(robot, observation, self.episode.period, self.reward, self._base)
-        self.space, self.episode.layout = self.ruler.form.space, self.ruler.form.layout
+        self.form = self._form(robot, self.episode.period, self._base)
+        self.space, self.episode.layout = self.form.space, self.form.layout
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None):
         """A new course. options: "world" (index or name; else drawn), "start" (x, y, yaw), "simulator_seed"."""
@@ -147,7 +140,7 @@ class ApplrEnv(gymnasium.Env):
             protocol = str(self.np_random.choice(list(protocols.PROTOCOLS)))
         world = worlds_package.scaled(protocols.under(protocol, world), self.episode.robot.world_scale)
         outcome = self.episode.reset(world, int(options.get("simulator_seed", draw)), options.get("start"))
-        self.ruler.form.reset()
+        self.form.reset()
         return self._observation(), self._info(outcome)
 
     def step(self, action):
@@ -155,8 +148,8 @@ class ApplrEnv(gymnasium.Env):
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         before = self.episode.outcome.theta
-        outcome = self.episode.decide(self.ruler.form.theta(action))
-        reward, terms = self.ruler.judge(before, self.episode)
+        outcome = self.episode.decide(self.form.theta(action))
+        reward, terms = self.reward.judge(self.form, before, self.episode)
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)
@@ -164,8 +157,8 @@ class ApplrEnv(gymnasium.Env):
         return self._observation(), float(reward), terminated, truncated, info
 
     def _observation(self) -> np.ndarray:
-        seen = self.ruler.form.observe(self.episode.context())
-        return np.append(seen, privileged.privileged(self.episode, self.ruler.scale)) if self.hidden else seen
+        seen = self.form.observe(self.episode.context())
+        return np.append(seen, privileged.privileged(self.episode, self.form.scale)) if self.hidden else seen
 
     def render(self):
         """The world from above, the robot, its way so far and its scan: (height, width, 3) uint8; without mode None."""

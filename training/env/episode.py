@@ -186,7 +186,6 @@ class Episode:
         assert o is not None, "reset() comes first"
         plan = self.move_base.global_plan
         return Context(
-            self.observation(),
             o.ranges,
             o.phi,
             o.theta,
@@ -196,6 +195,7 @@ class Episode:
             self.goal,
             plan,
             self.space,
+            self.layout,
         )
 
     # -- parameters --------------------------------------------------------------------------------

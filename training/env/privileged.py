@@ -13,7 +13,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
 from applr_ros1.planner.variant import CPP_LIKE
-from training.env.drawn_robots import JACKAL_WIDTH
+from applr_ros1.policy.dimensionless import JACKAL_WIDTH
 from training.env.episode import Episode
 from worlds.world import clearance
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar, Dict, Tuple
 
+import numpy as np
 from pydantic import ConfigDict
 
 from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.form import Form
 from training.common.options import Options, option
+from training.env.episode import Episode
 from training.env.outcome import Outcome
 
 
@@ -85,6 +88,15 @@ class Reward(RewardOptions):
             "switching": -self.c_switch * share * change,
         }
         return sum(terms.values()), terms
+
+    def judge(self, form: Form, before: np.ndarray, episode: Episode) -> Tuple[float, Dict[str, float]]:
+        """The reward of an episode's newest decision, in the scale and action units of a form.
+
+        before: the parameters (n,) until the decision. Returns what __call__ does.
+        """
+        assert episode.outcome is not None
+        change = float(np.abs(form.action(episode.outcome.theta) - form.action(before)).mean())
+        return self(episode.outcome, change, episode.limit, episode.period, form.scale)
 
 
 def failed(outcome: Outcome) -> bool:

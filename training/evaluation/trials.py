@@ -20,8 +20,8 @@ from applr_ros1.common.files import sha256
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
-from applr_ros1.policy.methods.included import GeneralPolicy
-from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.dimensionless import FORMS
+from applr_ros1.policy.form import PAPER
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load, on_ground
 from training.actors.tasks import POLICY, Answer, Trial, TrialResult
@@ -30,7 +30,6 @@ from training.env.episode import TIME_LIMIT, Episode, counting_cells
 from training.env.outcome import Trace
 from training.env.protocols import PROTOCOLS, under
 from training.env.reward import Reward
-from training.env.ruler import PAPER, Ruler
 from worlds import World, WorldError
 
 KEY = ("world", "method", "trial", "seed")
@@ -121,7 +120,7 @@ class TrialRunner:
         observation: what a policy that is being learnt sees, and in which form total_reward is counted: "paper" or
             "dimensionless".
         ground: what it drives on (robots.GROUNDS), instead of the robot's own.
-        base: of a policy that is being learnt in the dimensionless form (applr_ros1/policy/encoding.py).
+        base: of a policy that is being learnt in the dimensionless form (applr_ros1/policy/dimensionless.py).
     """
 
     def __init__(
@@ -139,11 +138,9 @@ class TrialRunner:
         base: Optional[Dict[str, float]] = None,
     ):
         self.robot = on_ground(load(robot), ground) if ground else load(robot)
-        self.observation = observation
         self.space = space_of(self.robot)
         self.protocol, self.monitor = protocol, monitor
-        self.base = base or {}
-        self.ruler = Ruler(self.robot, observation, period, Reward(**(reward or {})), base)
+        self.reward, self.form = Reward(**(reward or {})), FORMS[observation](self.robot, period, base)
         self.simulator, self.period = sim_bridge.make(simulator, robot=self.robot), period
         self.time_limit = time_limit
         self._params = counting_cells(self.robot.parameters())
@@ -168,7 +165,7 @@ class TrialRunner:
             context, before = episode.context(), outcome.theta
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
-            total += self.ruler.judge(before, episode)[0]
+            total += self.reward.judge(self.form, before, episode)[0]
         result = TrialResult(
             success=bool(outcome.success),
             collided=bool(outcome.collided),
@@ -217,8 +214,7 @@ class TrialRunner:
                 raise ValueError("a trial of the policy came without a policy")
             if self.period is None:
                 raise ValueError("the policy that is being learnt has no decision period of its own: state it")
-            learnt = _Learnt(policy, self.robot, self.period, self.base)
-            return methods.ObservationPolicy(learnt) if self.observation == PAPER else GeneralPolicy(learnt, self.robot)
+            return methods.Policy(self.form, policy.layers)
         if task.method_spec not in self._methods:
             self._methods[task.method_spec] = methods.make(task.method_spec, self.robot)
         return self._methods[task.method_spec]
@@ -236,20 +232,6 @@ class RobotsTrials:
         if task.robot not in self._runners:
             self._runners[task.robot] = TrialRunner(**dict(self._options, robot=task.robot))
         return self._runners[task.robot].run(task, policy)
-
-
-class _Learnt:
-    """The policy that is being learnt, as what ObservationPolicy asks."""
-
-    def __init__(self, policy: PolicyWeights, robot: Robot, period: float, base: Dict[str, float]):
-        self.policy, self.period, self.base = policy, period, base
-        self.space, self.layout = space_of(robot).paper, layout_of(robot)
-
-    def theta(self, observation: np.ndarray) -> np.ndarray:
-        return self.space.to_theta(self.policy(observation))
-
-    def action(self, observation: np.ndarray) -> np.ndarray:
-        return self.policy(observation)
 
 
 def pack_trace(trace: Trace) -> bytes:

@@ -19,15 +19,14 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
-from applr_ros1.policy.encoding import Encoding
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.dimensionless import FORMS as POLICY_FORMS
+from applr_ros1.policy.form import PAPER
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.check import with_remarks
 from training.common.command_line import Monitor, Parser, Planner, SimulatorName
 from training.common.options import Options, add_options, checked, dashed, option
 from training.env import drawn_robots, protocols
 from training.env.reward import RewardOptions
-from training.env.ruler import PAPER
 from training.learner.learner import MOST_ROWS, LearnerOptions, Start
 from worlds.loading import FORMS
 
@@ -94,7 +93,7 @@ class TaskOptions(Options):
         "another one in each episode, the Jackal in a third of them. The worlds are at its scale.", fixed=True)
     observation: Literal["paper", "dimensionless"] = option("paper",
         "What the policy sees and sets: paper, the capped scan, the direction of the local goal and the robot's own "
-        "parameter space; or dimensionless, the same for every robot (applr_ros1/policy/encoding.py).", fixed=True)
+        "parameter space; or dimensionless, the same for every robot (applr_ros1/policy/dimensionless.py).", fixed=True)
     worlds: str = option("generated:learn",
         f"Worlds to train in: {FORMS}; several are separated by commas. generated:learn are the training worlds "
         "without those of generated:validation.")
@@ -238,11 +237,10 @@ class TrainConfig(
                 f"--init-from is {self.init_from!r}: give static, applr, a JSON file with a parameter set, the file of "
                 "a policy, or the folder of a training run that has saved a checkpoint"
             )
-        if self.observation == PAPER:
-            return Start(action=space_of(robot).paper.to_action(method.values).tolist())
-        form, values = Encoding(robot, self.decision_period), space_of(robot).as_dict(method.values)
-        base = {name: value for name, value in values.items() if name not in form.chosen}
-        return Start(action=form.action(method.values).tolist(), base={} if self.robot == drawn_robots.NAME else base)
+        form = POLICY_FORMS[self.observation](robot, self.decision_period)
+        base = {name: value for name, value in form.space.as_dict(method.values).items() if name not in form.chosen}
+        one_robots = self.observation != PAPER and self.robot != drawn_robots.NAME
+        return Start(action=form.action(method.values).tolist(), base=base if one_robots else {})
 
     def resolved(self) -> "TrainConfig":
         """With what depends on --total-timesteps written out, so that a resumed run's longer one does not change it."""

@@ -23,15 +23,14 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError, read_bytes, read_json, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy import actor
-from applr_ros1.policy.observation import layout_of
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.dimensionless import DimensionlessForm
+from applr_ros1.policy.form import PAPER, PaperForm
 from applr_ros1.robots import load
 from training.actors.pool import make_pool
 from training.actors.scheduler import TaskScheduler
 from training.actors.tasks import Answer, Trial
 from training.common.folders import Lock, make_folder
 from training.common.provenance import provenance, without_folders
-from training.env.ruler import PAPER
 from training.evaluation.periodic import PeriodicEvaluation
 from training.evaluation.score import CONTACT_SECONDS
 from training.learner.config import BASE, PROVENANCE, TrainConfig
@@ -304,10 +303,9 @@ class TrainingRun:
     def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
         """The file of a policy in the form that the run learns."""
         if self.config.observation != PAPER:
-            actor.save_general(path, weights, {**metadata, "base": self.config.start.base})
+            actor.save(path, weights, {**metadata, "base": self.config.start.base}, DimensionlessForm)
         else:
-            robot = load(self.config.robot)
-            actor.save(path, weights, metadata, space_of(robot), layout_of(robot))
+            actor.save(path, weights, metadata, PaperForm(load(self.config.robot)))
 
     # -- progress ------------------------------------------------------------------------------------------
     def _say(self, text: str) -> None:

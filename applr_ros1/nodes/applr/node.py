@@ -20,7 +20,7 @@ from applr_ros1.nodes.applr.reconfigure_worker import ReconfigureWorker
 from applr_ros1.nodes.sensors import jumped_back
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.distance_weights import Compensation
-from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal, observe
+from applr_ros1.policy.observation import ObservationError, goal_angle, local_goal
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL
 
@@ -202,8 +202,10 @@ class ApplrNode:
             layout = self.method.layout
             seen = self.inputs.snapshot(now, layout)
             target = local_goal(seen.plan, seen.pose, layout.lookahead)
-            phi = goal_angle(target)
-            obs = observe(seen.ranges, phi, theta_prev, self.space, layout)
+            time = (now - self._began).to_sec()
+            asked = seen.ranges, goal_angle(target), theta_prev, time, *seen.motion, self.space, layout
+            context = Context(*asked)
+            obs = context.observation
         except ObservationError as e:
             if (now - self._due).to_sec() >= self.period:  # tried for a whole period
                 self._due = now
@@ -216,8 +218,7 @@ class ApplrNode:
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
-        asked = obs, seen.ranges, phi, theta_prev, (now - self._began).to_sec(), *seen.motion, self.space
-        theta, refused = self._ask(Context(*asked))
+        theta, refused = self._ask(context)
         self.topics.decision(self.counts["decisions"], now, goal, seen, target, obs, theta_prev, theta, refused)
         if refused:
             self._fail("refused", f"decision refused, parameters stay: {refused}")

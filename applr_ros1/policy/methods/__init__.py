@@ -14,9 +14,9 @@ A class may also stand in a file: `my_methods.py:Cautious`. `module:Class:text` 
 Parameters that come back are clipped to the space's bounds; NaN is refused.
 """
 
-from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.methods.included import FixedParameters, ObservationPolicy, RandomParameters
-from applr_ros1.policy.methods.protocol import Method
+from applr_ros1.policy.actor import Policy
+from applr_ros1.policy.decision import PERIOD, Context, Method
+from applr_ros1.policy.methods.included import FixedParameters, RandomParameters
 from applr_ros1.policy.methods.registry import (
     FORMS,
     METHODS,
@@ -35,7 +35,7 @@ __all__ = [
     "Context",
     "FixedParameters",
     "Method",
-    "ObservationPolicy",
+    "Policy",
     "UserMethod",
     "RandomParameters",
     "absolute",

@@ -8,14 +8,8 @@ from typing import Callable, Dict, List, NamedTuple, Optional, Tuple
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import actor
-from applr_ros1.policy.methods.included import (
-    FixedParameters,
-    GeneralPolicy,
-    ObservationPolicy,
-    RandomParameters,
-    at_period,
-)
-from applr_ros1.policy.methods.protocol import Method
+from applr_ros1.policy.decision import Method, period_of
+from applr_ros1.policy.methods.included import FixedParameters, RandomParameters
 from applr_ros1.policy.methods.user_method import make_user_method
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import counts_cells, space_of
@@ -36,9 +30,7 @@ def shipped(name: str = POLICY, robot: Optional[Robot] = None) -> str:
 
 
 def _policy(path: str, robot: Robot) -> Method:
-    policy = actor.load(path, space_of(robot), (actor.Actor, actor.GeneralActor, actor.ContextPolicy))
-    general = isinstance(policy, actor.GeneralActor)
-    return GeneralPolicy(policy, robot, path) if general else ObservationPolicy(policy, path)
+    return actor.load(path, robot, actor.KINDS)
 
 
 def _fixed(path: str, robot: Robot) -> Method:
@@ -153,7 +145,12 @@ def _made(spec: str, robot: Robot, user_code: bool) -> Method:
         method = FILES[parts.kind](parts.file, robot)
     else:
         method = METHODS[parts.kind][0](robot)
-    return for_robot(method if parts.period is None else at_period(method, parts.period), robot)
+    if parts.period is not None:
+        try:
+            method.period = period_of({"period_s": float(parts.period)})
+        except ValueError:
+            raise ApplrError("period:%s: give a decision period from 0.05 to 60 s" % parts.period) from None
+    return for_robot(method, robot)
 
 
 def absolute(spec: str) -> str:

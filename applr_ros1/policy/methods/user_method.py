@@ -11,8 +11,7 @@ from applr_ros1.common import user_module
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line
 from applr_ros1.common.files import read_bytes, sha256
-from applr_ros1.policy.decision import PERIOD, Context
-from applr_ros1.policy.methods.protocol import Method
+from applr_ros1.policy.decision import PERIOD, Context, Method
 
 PERIODS = 0.01, 60.0  # [s] between two decisions
 

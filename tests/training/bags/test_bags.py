@@ -12,6 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from applr_ros1 import robots
 from applr_ros1.common.files import StorageError
+from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
@@ -100,7 +101,7 @@ def assert_equal(trajectory, drive, count=None):
     expected = np.array(drive.observations[: count + 1])
     np.testing.assert_array_equal(trajectory.scan, layout.quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
-    actions = [SPACE.paper.to_action(theta) for theta in drive.thetas[:count]]
+    actions = [PaperForm(robots.JACKAL).action(theta) for theta in drive.thetas[:count]]
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
 
 
@@ -152,7 +153,9 @@ def test_a_finish_line_before_the_goal(tmp_path):
     assert trajectory.terminated
     assert trajectory.info["success"]
     assert len(trajectory) == 4
-    np.testing.assert_allclose(trajectory.action, [SPACE.paper.to_action(t) for t in drive.thetas[:4]], atol=1e-6)
+    np.testing.assert_allclose(
+        trajectory.action, [PaperForm(robots.JACKAL).action(t) for t in drive.thetas[:4]], atol=1e-6
+    )
 
 
 def test_rosbags_convert_round_trip(tmp_path):
@@ -393,7 +396,7 @@ def test_recorded_simulation_equals_the_environment(tmp_path):
             while not outcome.over:
                 observations.append(episode.observation(outcome))
                 outcome = episode.decide(SPACE.to_theta(rng.uniform(-1, 1, len(SPACE))))
-                actions.append(SPACE.paper.to_action(outcome.theta))
+                actions.append(PaperForm(robots.JACKAL).action(outcome.theta))
             observations.append(episode.observation(outcome))
     found, report = rebuild(tmp_path / "a.bag")
     assert len(actions) == report.transitions

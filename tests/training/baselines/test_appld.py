@@ -127,14 +127,14 @@ def test_classifier_tells_scans_apart_in_the_mirror_too_and_its_file_is_checked(
     assert result["accuracy"] > 0.98
     assert result["held_out"] > 0.98
     path = tmp_path / "contexts.safetensors"
-    actor.save_contexts(path, {"a": SPACE.paper.theta0, "b": SPACE.paper.high}, weights)
-    net = actor.load(path, kinds=[actor.ContextPolicy])
+    actor.save_contexts(path, {"a": SPACE.chosen.theta0, "b": SPACE.chosen.high}, weights)
+    net = actor.load(path, kinds=(actor.CONTEXTS,))
     assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
     damaged = bytearray(path.read_bytes())
     damaged[-5] ^= 1
     path.write_bytes(damaged)
     with pytest.raises(ApplrError, match="its checksum is wrong"):
-        actor.load(path, kinds=[actor.ContextPolicy])
+        actor.load(path, kinds=(actor.CONTEXTS,))
 
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
@@ -148,8 +148,7 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, capsys):
     method = methods.make(str(out))
     d = demonstration.read_demonstration(bag)
     obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
-    theta = method.policy.theta(obs)
-    assert np.array_equal(theta, method.policy.theta(obs))
+    theta = method.sets[method.context(obs)]
     assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])
     assert method.describe()["file"] == "mine.safetensors"
 
@@ -167,9 +166,9 @@ def test_more_contexts_than_a_file_holds_are_refused_before_the_search(bag, tmp_
 def test_shipped_file_drives():
     """The included file is one of these, and its card says that a script demonstrated."""
     path = methods.shipped("appld.safetensors", JACKAL)
-    found = actor.load(path, kinds=[actor.ContextPolicy])
+    found = actor.load(path, kinds=(actor.CONTEXTS,))
     assert 2 <= len(found.names) <= 8
     assert "scripted" in found.metadata["training"]["demonstrations"][0]["demonstrator"]
     with pytest.raises(ApplrError, match='for the robot "jackal": here husky runs'):
         methods.make(path, load("husky"))
-    assert np.array_equal(methods.make("appld").policy.theta(np.zeros(729, np.float32)), found.theta(np.zeros(729)))
+    assert np.array_equal(methods.make("appld").sets, found.sets)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.policy.encoding import PARAMETERS, Encoding
+from applr_ros1.policy.dimensionless import PARAMETERS, DimensionlessForm
 from applr_ros1.robots import JACKAL
 from applr_ros1.robots.mistakes import contradictions
 from training.env import drawn_robots
@@ -16,7 +16,7 @@ def test_robots_span_what_they_should_and_contradict_nothing():
     robots = [drawn_robots.draw_another(rng) for _ in range(60)]
     for robot in robots:
         assert not contradictions(robot)
-    widths = [Encoding(robot, 1.0).width for robot in robots]
+    widths = [DimensionlessForm(robot, 1.0).width for robot in robots]
     assert 0.17 < min(widths) < 0.25
     assert 0.75 < max(widths) < 1.0
     assert {robot.base.drive for robot in robots} == {"skid_steer", "two_wheel"}

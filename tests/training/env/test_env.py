@@ -11,6 +11,7 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.parameter_space import SPACE
 from training.env.episode import Episode, nearest
 from training.env.outcome import Outcome
@@ -272,7 +273,7 @@ def test_made_by_the_packages_name_it_renders_and_passes_the_check():
     before = made.render()
     assert before.dtype == np.uint8
     assert before.shape == (536, 297, 3)
-    made.step(made.unwrapped.space.to_action(made.unwrapped.space.theta0).astype(np.float32))
+    made.step(made.unwrapped.form.action(made.unwrapped.space.theta0).astype(np.float32))
     after = made.render()
     assert 100 < (before != after).any(axis=2).sum() < 0.1 * before[:, :, 0].size  # robot, way and scan moved
     with pytest.raises(ApplrError, match="render_mode is 'human'"):
@@ -312,9 +313,9 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     env.reset(seed=0)
     action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
     observation, _, _, _, info = env.step(action)
-    theta = SPACE.paper.to_theta(action)
+    theta = PaperForm(robots.JACKAL).theta(action)
     assert np.allclose(info["theta"], theta)
-    np.testing.assert_allclose(observation[721:], SPACE.paper.to_action(theta), atol=1e-6)
+    np.testing.assert_allclose(observation[721:], PaperForm(robots.JACKAL).action(theta), atol=1e-6)
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
     assert configuration["max_vel_x"] == pytest.approx(theta[0])
     assert configuration["vx_samples"] == theta[2]
@@ -352,7 +353,7 @@ def test_decision_period_changes_the_steps_not_what_a_second_costs():
     for period, limit in ((2.0, 50), (0.5, 200)):
         env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
         env.reset(seed=1)
-        action = env.space.to_action(env.space.theta0)
+        action = env.form.action(env.space.theta0)
         cost, info, over, before = 0.0, {"time_s": 0.0}, False, 0.0
         while not over:
             before = info["time_s"]

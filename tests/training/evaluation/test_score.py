@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from applr_ros1.policy.actor import save_general
-from applr_ros1.policy.encoding import PARAMETERS, SIZE
+from applr_ros1.policy.actor import save
+from applr_ros1.policy.dimensionless import PARAMETERS, SIZE, DimensionlessForm
 from applr_ros1.robots import JACKAL, load
 from training.actors.tasks import POLICY, Answer, TrialResult
 from training.actors.worker import PolicyWeights
@@ -54,7 +54,7 @@ def test_periodic_evaluation_drives_what_evaluate_drives(tmp_path):
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """What the periodic evaluation drives is what evaluate.py drives with the file, to the last digit; on any robot."""
     weights = TD3(SIZE, len(PARAMETERS), TD3Options(net_arch=[32]), seed=5).actor_weights()
-    save_general(tmp_path / "a.safetensors", weights, {"period_s": 0.5})
+    save(tmp_path / "a.safetensors", weights, {"period_s": 0.5}, DimensionlessForm)
     learnt = PolicyWeights((tmp_path / "a.safetensors").read_bytes())
     spec = str(tmp_path / "a.safetensors")
     options = {"observation": "dimensionless", "reward": {"c_switch": 1.0}, "time_limit": 5.0}

@@ -230,7 +230,6 @@ def test_ros_arguments_are_ignored():
 # -- methods ---------------------------------------------------------------------------------------------------------
 def context(**more):
     given = dict(
-        observation=np.zeros(729, np.float32),
         ranges=np.full(720, 2.0, np.float32),
         phi=0.0,
         theta=SPACE.theta0,

@@ -195,14 +195,14 @@ def test_a_gpu_gives_the_same_weights():
 
 
 def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image():
-    from applr_ros1.policy.actor import Actor
+    from applr_ros1.policy.actor import Policy
 
     td3 = TD3(729, 8, TD3Options(net_arch=[32, 16], symmetric=True), seed=3, mirror=Mirror.of(720, 9))
     observation = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
     mirrored = np.concatenate((observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1)
     before = [np.arctanh(action_of(td3, seen).astype(float)) for seen in (observation, mirrored)]
     assert np.abs(before[0] - before[1]).max() > 0.01
-    actor = Actor(td3.actor_weights())
+    actor = Policy.of(td3.actor_weights())
     np.testing.assert_allclose(actor.action(observation), np.tanh((before[0] + before[1]) / 2), atol=1e-5)
     np.testing.assert_allclose(actor.action(mirrored), actor.action(observation), atol=1e-6)
     np.testing.assert_allclose(actor.action(observation[0]), actor.action(observation)[0], atol=1e-6)

@@ -15,6 +15,7 @@ import numpy as np
 
 from applr_ros1.planner.costmap.scan import LaserScan
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.form import PaperForm
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from training.baselines.appld.demonstration import Demonstration
 from training.baselines.appld.segmentation import Segment
@@ -111,9 +112,10 @@ def loss(stretches_: Sequence[Stretch], theta):
 
 
 def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
-    """CMA-ES from theta_0 over the space's `paper`. evaluations: replays of the context, about."""
-    theta0, space = (whole := space_of(stretches_[0].demonstration.robot)).theta0, whole.paper
-    home = space.to_action(theta0)
+    """CMA-ES from theta_0 over what the paper's form chooses. evaluations: replays of the context, about."""
+    form = PaperForm(stretches_[0].demonstration.robot)
+    theta0 = form.space.theta0
+    home = form.action(theta0)
     base, base_error = loss(stretches_, theta0)
     best = Fit(theta0.copy(), base_error, base_error, base, base, 1, sum(s.last - s.first for s in stretches_))
     strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
@@ -121,7 +123,7 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
         candidates = strategy.ask()
         values = []
         for candidate in candidates:
-            theta = space.to_theta(candidate)
+            theta = form.theta(candidate)
             value, error = loss(stretches_, theta)
             values.append(value + PULL * float(np.mean((np.asarray(candidate) - home) ** 2)))
             if value < best.loss:

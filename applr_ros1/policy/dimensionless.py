@@ -2,7 +2,7 @@
 
 Lengths are in padded widths of the robot, speeds in shares of what its base allows, and the planner's distance biases
 in cost per padded width. So an observation and an action mean the same to every robot, and a policy that was learnt on
-many of them drives one that it has never met. The paper's own form, for one robot, is observation.py.
+many of them drives one that it has never met. The paper's own form, for one robot, is in form.py.
 
 Only the parameters of PARAMETERS are chosen, as far as the robot's parameter space has them and within its ranges; the
 others keep the values with which the policy was trained, or their default values.
@@ -11,7 +11,7 @@ others keep the values with which the policy was trained, or their default value
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional, Tuple, Type
 
 import numpy as np
 
@@ -20,13 +20,14 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters import check
 from applr_ros1.policy.decision import Context
+from applr_ros1.policy.form import PAPER, Form, PaperForm
 from applr_ros1.policy.layout import TURN, Layout
-from applr_ros1.policy.network import Mirror
 from applr_ros1.policy.observation import goal_angle, local_goal, without_gaps
-from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 
-NAME = "dimensionless-1"  # of this form, in the files of policies
+DIMENSIONLESS = "dimensionless"
+VERSION = "dimensionless-1"  # of this form, in the files of policies
+JACKAL_WIDTH = 0.53  # its padded width [m], to which the worlds belong
 SECTORS = 240  # of a full turn, of 1.5 degrees; those that a laser does not see count as free
 CAP, NEAR_POINT, FAR_POINT, GOAL_CAP = 8.0, 2.0, 5.0, 30.0  # [padded widths]
 DWA = "DWAPlannerROS"
@@ -57,13 +58,10 @@ PARAMETERS: Dict[str, Scale] = {
 }
 ALIASES = {"vth_samples": "vtheta_samples", "pdist_scale": "path_distance_bias", "gdist_scale": "goal_distance_bias"}
 MOVING, DESCRIBED = 13, 14  # numbers of an observation that change, beside scans and parameters, and that do not
-ODD = (0, 2, 4, 7, 9, 11)  # of the numbers behind the scans: those that a mirror turns round
-REST = MOVING + len(PARAMETERS) + DESCRIBED
-SIZE = 2 * SECTORS + REST
-MIRROR = Mirror.of(2 * SECTORS, REST, 2, ODD)
+SIZE = 2 * SECTORS + MOVING + len(PARAMETERS) + DESCRIBED  # of an observation
 
 
-class Encoding:
+class DimensionlessForm(Form):
     """Observations and actions of one robot in the dimensionless form.
 
     An observation has SIZE numbers in [-1, 1]: the scan now and at the decision before; direction of two points of the
@@ -71,23 +69,23 @@ class Encoding:
     way driven since then; the parameters in force; and what describes the robot.
 
     Args:
-        robot: Its description.
+        robot, base: As of a Form.
         period: Decision period [s], to which the way driven since the last decision is related.
-        base: {name: value} that parameters of the robot's space have where an action does not choose them, clipped to
-            their ranges; those that it does not name, or all of them, have their default values.
 
     Attributes:
-        layout: How Context.ranges has to see the scan.
-        space: The robot's parameter space.
-        chosen: Names of the space's parameters that an action chooses.
         width: The robot's padded width [m].
     """
 
-    def __init__(self, robot: Robot, period: float, base: Optional[Mapping[str, float]] = None):
-        self.robot, self.space, self.period = robot, space_of(robot), period
+    name, redraws_stalled = DIMENSIONLESS, True
+    size, actions, scan, scans, odd = SIZE, len(PARAMETERS), 2 * SECTORS, 2, (0, 2, 4, 7, 9, 11)
+
+    def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
+        if period is None:
+            raise ValueError("the dimensionless observation depends on the decision period: state it")
+        super().__init__(robot, period, base)
         tree = check.complete(robot.parameters())
         self.width = _padded_width(tree["local_costmap"])
-        self.layout = _layout(robot, self.width)
+        self.layout, self.scale = _layout(robot, self.width), self.width / JACKAL_WIDTH
         planner = str(tree["base_local_planner"]).rpartition("/")[2]
         resolution = float(tree["local_costmap"]["resolution"])
         by_planner = 1.0 / resolution if planner == DWA else 1.0  # DWAPlannerROS multiplies its biases with it
@@ -109,9 +107,8 @@ class Encoding:
         known = [(names.index(name), i) for i, name in enumerate(PARAMETERS) if name in names]
         least, most = self.space.low, self.space.high
         self._place = [(i, at) for i, at in known if self._low[at] < most[i] and least[i] < self._high[at]]
-        self.chosen = [self.space.names[i] for i, _ in self._place]
-        values = {name: value for name, value in (base or {}).items() if name in self.space.names}
-        self._base = self.space.clip([values.get(*pair) for pair in zip(self.space.names, self.space.theta0)])
+        self.chosen = tuple(self.space.names[i] for i, _ in self._place)
+        self._base = self.space.clip([self.base.get(*pair) for pair in zip(self.space.names, self.space.theta0)])
         self._fixed = np.array([_start(tree, planner, name) for name in PARAMETERS], dtype=np.float64)
         self._described = _description(robot, tree, planner, self.width, resolution)
         self.reset()
@@ -235,3 +232,6 @@ def _description(robot: Robot, tree: Dict[str, Any], planner: str, width: float,
             1.0 if planner == DWA else -1.0,
         ]
     )
+
+
+FORMS: Dict[str, Type[Form]] = {PAPER: PaperForm, DIMENSIONLESS: DimensionlessForm}  # by their names

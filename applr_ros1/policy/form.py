@@ -1,0 +1,115 @@
+"""The form in which a policy sees a robot and sets its parameters: `Form`, and the paper's, for one robot.
+
+The form for every robot is in dimensionless.py. The learning environment, the files of policies (policy.py) and the
+bag reader ask a form, and never which one it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Mapping, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.layout import Layout
+from applr_ros1.policy.network import Mirror
+from applr_ros1.policy.observation import layout_of
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import Robot
+
+PAPER = "paper"
+
+
+class Form:
+    """Observations and actions of one robot.
+
+    Args:
+        robot: Its description.
+        period: Decision period [s]; None is the paper's.
+        base: {name: value} that parameters have which an action does not choose, clipped to their ranges; those that it
+            does not name have their default values.
+
+    Attributes:
+        name: What options and files call the form.
+        redraws_stalled: Whether a policy's parameters are drawn at random while the robot stalls (stall.py).
+        space: The robot's parameter space.
+        layout: How Context.ranges has to see the scan.
+        chosen: Names of the space's parameters that an action chooses.
+        size, actions: How many numbers an observation and an action have, all in [-1, 1].
+        scan: How many numbers of an observation, the first ones, are of scans; scans: of how many.
+        odd: Indices behind the scans of the numbers that change their sign with left and right exchanged.
+        scale: How many of the Jackal's widths the robot is wide, by which the reward's lengths are divided.
+    """
+
+    name: ClassVar[str]
+    redraws_stalled: ClassVar[bool] = False
+    layout: Layout
+    chosen: Tuple[str, ...]
+    size: int
+    actions: int
+    scan: int
+    scans = 1
+    odd: Tuple[int, ...] = (0,)
+    scale = 1.0
+
+    def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
+        self.robot, self.space, self.base = robot, space_of(robot), dict(base or {})
+        self.period = PERIOD if period is None else period
+
+    @property
+    def mirror(self) -> Mirror:
+        """What exchanging left and right does to an observation."""
+        return Mirror.of(self.scan, self.size - self.scan, self.scans, self.odd)
+
+    def reset(self) -> None:
+        """Begin a course: there is no decision before."""
+
+    def observe(self, context: Context) -> np.ndarray:
+        """The observation (size,) float32 of a decision. Raises ObservationError as observation.observe does."""
+        raise NotImplementedError
+
+    def theta(self, action: Any) -> np.ndarray:
+        """The parameters (n,) of the robot's space for an action (actions,), within the robot's ranges.
+
+        Raises ApplrError for NaN, infinity and another length.
+        """
+        raise NotImplementedError
+
+    def action(self, theta: Any) -> np.ndarray:
+        """The action (actions,) in [-1, 1] that stands for parameters (n,) of the robot's space."""
+        raise NotImplementedError
+
+
+class PaperForm(Form):
+    """The paper's form: capped scan, angle of the local goal, parameters; an action is these parameters, scaled.
+
+    Args:
+        robot, period, base: As of a Form; the last two have no effect.
+        layout: How it sees a scan; None: as the robot's laser looks.
+    """
+
+    name = PAPER
+
+    def __init__(
+        self,
+        robot: Robot,
+        period: Optional[float] = None,
+        base: Optional[Mapping[str, float]] = None,
+        layout: Optional[Layout] = None,
+    ):
+        super().__init__(robot, period)
+        self.layout, self.chosen = layout or layout_of(robot), self.space.chosen.names
+        self.scan, self.actions = self.layout.beams, len(self.chosen)
+        self.size = self.scan + 1 + self.actions
+
+    def observe(self, context: Context) -> np.ndarray:
+        """The observation that a Context holds."""
+        return context.observation
+
+    def theta(self, action: Any) -> np.ndarray:
+        """The chosen parameters scaled to their ranges, counts rounded; the others have their default values."""
+        return self.space.fill(self.space.chosen.to_theta(action))
+
+    def action(self, theta: Any) -> np.ndarray:
+        """Values beyond the ranges, which a person may set, are clipped."""
+        return self.space.chosen.to_action(self.space.pick(theta))
