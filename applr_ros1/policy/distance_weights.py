@@ -1,15 +1,15 @@
 """What a planner's distance weights count, found from its cost_cloud, and what makes a parameter set mean the same.
 
 In C++, TrajectoryPlannerROS reads `meter_scoring` from memory that nobody sets: the same robot may multiply
-path_distance_bias and goal_distance_bias by the costmap's resolution ("per_metre") or not ("per_cell"), and drives
-differently. Every policy and set learned here is for a planner that counts per cell. The applr node
+path_distance_bias and goal_distance_bias by the costmap's resolution (they count per metre) or not (per cell), and
+drives differently. Every policy and set learned here is for a planner that counts per cell. The applr node
 (nodes/applr/meter_scoring.py) finds out what a planner counts, and rescales what it sends. No ROS here.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Optional
+from typing import List, Optional, Sequence
 
 import numpy as np
 
@@ -18,84 +18,41 @@ from applr_ros1.policy.parameter_space import Space
 PLANNER = "TrajectoryPlannerROS"  # DWAPlannerROS always counts per metre
 # what meter_scoring multiplies, and the third weight of a trajectory's cost, which it leaves alone
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
-CLOSE = 0.01  # relative error with which a fitted factor counts as 1 or as the resolution; float32 gives 1e-6
-FEWEST = 20  # cells that a fit needs
+CLOSE = 0.01  # relative error of a cell's cost that a factor explains; float32 gives 1e-6
+FEWEST = 20  # cells that an answer needs
 
 
-class Indices(NamedTuple):
-    """Where the weights of TrajectoryPlannerROS stand in theta."""
-
-    path: int
-    goal: int
-    occ: int
-
-
-def indices_of(space: Space) -> Optional[Indices]:
-    """The indices of the three weights in a space; None where it does not set them all, and nothing can be made up."""
+def indices_of(space: Space) -> Optional[List[int]]:
+    """The indices in theta of the three WEIGHTS; None where a space does not set them all."""
     found = {name: i for i, target in space.targets_of(PLANNER) for name in target.names}
-    return Indices(*(found[name] for name in WEIGHTS)) if set(WEIGHTS) <= set(found) else None
+    return [found[name] for name in WEIGHTS] if set(WEIGHTS) <= set(found) else None
 
 
-class Effective(NamedTuple):
-    """The weights with which a planner really sums up a trajectory's cost, from one cost_cloud.
-
-    path, goal: per cell of distance; occ: per unit of costmap cost, NaN where no cell of the cloud has any.
-    spacing: between neighbouring cells [m].
-    """
-
-    path: float
-    goal: float
-    occ: float
-    spacing: float
-
-
-def fit(rows: np.ndarray) -> Optional[Effective]:
-    """Fit total = path_weight path + goal_weight goal + occ_weight occ by least squares of the relative error.
+def factor_of(rows: np.ndarray, weights: Sequence[float], resolution: float) -> Optional[float]:
+    """By what the planner multiplies its two biases: 1.0 (per cell), or the resolution [m] (per metre).
 
     Args:
-        rows: (n, 7) x, y [m], z, path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
+        rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
             C++ fills its clouds up, are left out.
+        weights: Values in force of WEIGHTS.
+        resolution: Of the local costmap.
 
     Returns:
-        None where the cells do not determine the weights: too few, or path and goal distances that are proportional.
+        None where not exactly one of the two gives every cell's total cost: for instance where the biases have just
+        been changed, or where there are too few cells.
     """
     rows = np.asarray(rows, dtype=np.float64)
     rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]
-    columns = np.array([True, True, rows[:, 5].any()])
     if len(rows) < FEWEST:
         return None
-    terms = rows[:, 3:6][:, columns] / rows[:, 6:7]
-    solution, _, rank, _ = np.linalg.lstsq(terms, np.ones(len(rows)), rcond=1e-9)
-    steps = np.diff(np.unique(rows[:, 0]))
-    if rank < len(solution) or not len(steps):
-        return None
-    path, goal = float(solution[0]), float(solution[1])
-    return Effective(path, goal, float(solution[2]) if columns[2] else math.nan, float(steps.min()))
-
-
-def factor_of(effective: Effective, path_bias: float, goal_bias: float) -> Optional[float]:
-    """By what the planner multiplies the two biases: 1.0 (per cell), or the resolution [m] (per metre).
-
-    Args:
-        effective: of a cloud that was made with the biases below.
-        path_bias: path_distance_bias in force.
-        goal_bias: goal_distance_bias in force.
-
-    Returns:
-        None where it is neither, or not the same for both: for instance where the biases have just been changed.
-    """
-    factors = [
-        weight / bias for weight, bias in ((effective.path, path_bias), (effective.goal, goal_bias)) if bias > 0.0
+    path, goal, occ = weights
+    distances, obstacles, total = path * rows[:, 3] + goal * rows[:, 4], occ * rows[:, 5], rows[:, 6]
+    fitting = [
+        factor
+        for factor in (1.0, resolution)
+        if (np.abs(factor * distances + obstacles - total) <= CLOSE * total).all()
     ]
-    for candidate in (1.0, effective.spacing):
-        if factors and all(abs(factor - candidate) <= CLOSE * candidate for factor in factors):
-            return 1.0 if candidate == 1.0 else round(factors[0], 6)
-    return None
-
-
-def kind_of(factor: float) -> str:
-    """The word for a factor: per_cell for 1, per_metre for a resolution."""
-    return "per_cell" if factor == 1.0 else "per_metre"
+    return fitting[0] if len(fitting) == 1 else None
 
 
 class Compensation:

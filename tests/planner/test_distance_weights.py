@@ -10,7 +10,7 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
-from applr_ros1.policy.distance_weights import Compensation, factor_of, fit
+from applr_ros1.policy.distance_weights import Compensation, factor_of
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.toy_robot import ToyRobot, quick, ring, run
 
@@ -38,17 +38,14 @@ def test_weights_are_found_in_20_of_20_starts():
     for seed in range(20):
         word = ("per_cell", "per_metre")[seed % 2]
         made, rows, theta = cloud(word, seed)
-        path, goal, occ = theta[5], theta[6], theta[4]
-        effective = fit(np.vstack([rows, np.zeros((500, 7), np.float32)]))  # C++ fills its clouds up with zeros
-        factor = factor_of(effective, path, goal)
-        assert factor == {"per_cell": 1.0, "per_metre": 0.05}[word]
-        assert effective[:2] == pytest.approx((path * factor, goal * factor), rel=1e-4)
-        assert np.isnan(effective.occ) or effective.occ == pytest.approx(occ, rel=1e-3)
-        assert effective.spacing == pytest.approx(0.05, rel=1e-4)
-        assert factor_of(effective, 1.1 * path, goal) is None  # a cloud from before a change
-    assert fit(rows[:5]) is None
-    rows[:, 4] = 2.0 * rows[:, 3]
-    assert fit(rows) is None, "one distance says nothing of two weights"
+        weights = theta[[5, 6, 4]]
+        cells = np.vstack([rows, np.zeros((500, 7), np.float32)])  # C++ fills its clouds up with zeros
+        assert factor_of(cells, weights, 0.05) == {"per_cell": 1.0, "per_metre": 0.05}[word]
+        for k in range(2):  # a cloud from before a change
+            assert factor_of(cells, weights * np.where(np.arange(3) == k, 1.1, 1.0), 0.05) is None
+    assert factor_of(rows[:5], weights, 0.05) is None
+    rows[:, 6] = weights[2] * rows[:, 5]
+    assert factor_of(rows, weights, 0.05) is None, "obstacles alone say nothing of the distances"
 
 
 def test_a_compensated_drive_equals_one_that_needed_none():

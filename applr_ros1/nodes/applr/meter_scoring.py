@@ -13,7 +13,7 @@ import rospy
 from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-from applr_ros1.policy.distance_weights import PLANNER, Compensation, factor_of, fit, indices_of, kind_of
+from applr_ros1.policy.distance_weights import PLANNER, Compensation, factor_of, indices_of
 
 AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # of meter_scoring, C++'s own word
 PATIENCE = 1.0  # s of ROS time that a course's first decision waits for a cloud
@@ -73,7 +73,7 @@ class MeterScoring:
             return f"sets are sent as they are: only the distance weights of {PLANNER} are rescaled"
         if self._factor is not None:
             how = "found from cost_cloud" if self.choice == AUTO else f"as said by meter_scoring:={self.choice}"
-            return f"the planner's distance weights count {kind_of(self._factor).replace('_', ' ')} ({how})"
+            return f"the planner's distance weights count per {'cell' if self._factor == 1.0 else 'metre'} ({how})"
         why = "" if self._since is None else f"no cost_cloud on {self._topic()}"
         if self._odd >= CLOUDS:
             why = f"the cost_cloud on {self._topic()} fits neither kind"
@@ -86,7 +86,7 @@ class MeterScoring:
         nothing = Compensation(self._space)
         if self._factor is None or self._at is None or not per_cell:
             return nothing
-        largest = self._client.upper_bound(self._at.path, self._at.goal)
+        largest = self._client.upper_bound(*self._at[:2])
         found = Compensation(self._space, self._factor, largest)
         if all(self._client.holds(found.outgoing(bound)) for bound in (self._space.low, self._space.high)):
             return found
@@ -102,13 +102,10 @@ class MeterScoring:
         return float(value) if isinstance(value, (int, float)) and value > 0.0 else 0.05
 
     def _on_cloud(self, message: PointCloud2) -> None:
-        rows = rows_of(message)
-        effective = None if rows is None else fit(rows)
-        values = self._client.values()
+        rows, values = rows_of(message), self._client.values()
         if values is None or self._at is None:
             return
-        biases = values[self._at.path], values[self._at.goal]
-        factor = None if effective is None else factor_of(effective, *biases)
+        factor = None if rows is None else factor_of(rows, values[self._at], self._resolution())
         if factor is None:
             self._odd += 1
         elif self._factor is None:
