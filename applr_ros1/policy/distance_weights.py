@@ -9,7 +9,7 @@ drives differently. Every policy and set learned here is for a planner that coun
 from __future__ import annotations
 
 import math
-from typing import List, Optional, Sequence
+from typing import List, Optional
 
 import numpy as np
 
@@ -28,13 +28,13 @@ def indices_of(space: Space) -> Optional[List[int]]:
     return [found[name] for name in WEIGHTS] if set(WEIGHTS) <= set(found) else None
 
 
-def factor_of(rows: np.ndarray, weights: Sequence[float], resolution: float) -> Optional[float]:
+def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optional[float]:
     """By what the planner multiplies its two biases: 1.0 (per cell), or the resolution [m] (per metre).
 
     Args:
         rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
             C++ fills its clouds up, are left out.
-        weights: Values in force of WEIGHTS.
+        weights: (3,) values in force of WEIGHTS.
         resolution: Of the local costmap.
 
     Returns:
