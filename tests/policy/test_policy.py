@@ -291,7 +291,9 @@ def test_saving_is_whole_or_not_at_all(tmp_path):
 
 def test_another_space_is_another_space(tmp_path):
     save(tmp_path / "a.safetensors", make_weights())
-    slower = replace(robots.JACKAL, space=(replace(robots.JACKAL.space[0], high=1.0), *robots.JACKAL.space[1:]))
+    slower = replace(
+        robots.JACKAL, space=(robots.JACKAL.space[0].model_copy(update={"range": (0.2, 1.0)}), *robots.JACKAL.space[1:])
+    )
     with pytest.raises(ApplrError, match="another parameter space"):
         load(tmp_path / "a.safetensors", slower)
 
