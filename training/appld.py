@@ -2,8 +2,8 @@
 
 Started as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
 segments, similar segments form contexts, CMA-ES finds the parameters of each context, and a small network learns to
-recognise the context from the scan. evaluate.py (--methods FILE) and method:=FILE use it. docs/howto/appld.md describes
-the method.
+recognise the context from the scan. evaluate.py (--methods FILE) and method:=FILE use it. docs/howto/training.md
+describes the method.
 """
 
 from __future__ import annotations
