@@ -19,6 +19,11 @@ from .loading import FORMS, load
 from .world import Pose, World, WorldError
 
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
+PIXELS_PER_METRE = 60.0
+REACH = 1.5  # m beyond start and goal line that are shown
+BESIDE = 5.0  # m to its sides within which obstacles are shown
+LARGEST = 1200  # pixels; longer courses are shown at a smaller scale
+ROBOT, SCAN = "#000000", "#ee7733"
 
 
 def draw(axes: Any, world: World, path: bool = True, movers: bool = True) -> None:
@@ -79,26 +84,6 @@ def picture(world: World, file: str) -> None:
         figure.savefig(file, dpi=120, bbox_inches="tight")
     except ValueError as error:
         raise WorldError(f"{file} cannot be written: {error}") from None
-
-
-def main() -> int:
-    """Exit status 1 and one line where the world cannot be read or the picture not written."""
-    parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
-    parser.add_argument("world", help=f"World to draw: {FORMS}.")
-    parser.add_argument("picture", help="File for the picture, such as out.png.")
-    arguments = parser.parse_args()
-    return run_main(lambda: picture(load(arguments.world), arguments.picture), "draw")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
-
-
-PIXELS_PER_METRE = 60.0
-REACH = 1.5  # m beyond start and goal line that are shown
-BESIDE = 5.0  # m to its sides within which obstacles are shown
-LARGEST = 1200  # pixels; longer courses are shown at a smaller scale
-ROBOT, SCAN = "#000000", "#ee7733"
 
 
 def top_view(
@@ -169,3 +154,16 @@ def _frame(world: World) -> Tuple[np.ndarray, np.ndarray]:
     low[across] = min([low[across] - 1.0, *(sides - 0.3)])
     high[across] = max([high[across] + 1.0, *(sides + 0.3)])
     return low, high
+
+
+def main() -> int:
+    """Exit status 1 and one line where the world cannot be read or the picture not written."""
+    parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draws a world into a picture.")
+    parser.add_argument("world", help=f"World to draw: {FORMS}.")
+    parser.add_argument("picture", help="File for the picture, such as out.png.")
+    arguments = parser.parse_args()
+    return run_main(lambda: picture(load(arguments.world), arguments.picture), "draw")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -146,17 +146,11 @@ def test_a_robot_without_a_command_tries_other_motions_where_a_monitor_watches(w
     assert ((0.0, 0.4) in driven) == watched
 
 
-def test_recoveries_can_be_switched_off():
-    made, robot = sealed(quick(recovery_behavior_enabled=False))
+def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
+    made, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
     cycles = []
     assert run(made, robot, 5.0, cycles=cycles)[0] == "aborted"
     assert not any(c.recovery for _, c in cycles)
-
-
-def test_max_planning_retries_counts():
-    made, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
-    cycles = []
-    run(made, robot, 5.0, cycles=cycles)
     assert sum(c.planned for _, c in cycles) == 4
 
 

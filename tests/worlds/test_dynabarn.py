@@ -1,4 +1,4 @@
-"""DynaBARN's moving obstacles: the table of key frames beside the worlds, places over time."""
+"""Moving obstacles: DynaBARN's table of key frames, places over time, rooms of our own and the movers' pace there."""
 
 import math
 from pathlib import Path
@@ -76,3 +76,18 @@ def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     assert not course.done(-7.9, 0.0)
     assert course.done(-8.1, 0.0)
     assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # on a map that ends 20 m from the start
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_movers_cross_the_room_at_the_pace_of_their_kind(number):
+    world = worlds.load("dynamic:%d" % number)
+    assert worlds.load("dynamic:%d" % number).movers == world.movers
+    low, high = dynabarn.SPEEDS[number % 3]
+    least, most = dynabarn.COUNTS[number % 3]
+    assert least <= len(world.movers) <= most
+    for mover in world.movers:
+        frames = np.array(mover.waypoints)
+        assert np.abs(frames[:, 1:]).max() <= dynabarn.HALF
+        legs = np.hypot(*np.diff(frames[:, 1:], axis=0).T)
+        pace = (legs / np.diff(frames[:, 0]))[legs > 0.05]
+        assert low - 1e-9 <= pace.min() <= pace.max() <= high + 1e-9

@@ -1,6 +1,7 @@
 """Gazebo worlds are read as Gazebo would place them, and what we write reads back the same."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,6 +31,13 @@ def test_barn_file_without_path_file_gets_a_course_of_its_own(tmp_path):
     assert distance.min() - 0.075 >= 0.375 - 1e-9
 
 
+def model(name, pose, shape):
+    return (
+        "<model name='%s'><pose frame=>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry>"
+        "</collision></link></model>" % (name, pose, shape)  # sic: DynaBARN's attribute
+    )
+
+
 def test_poses_of_model_link_and_collision_are_composed(tmp_path):
     body = """<model name='m'><pose>1 2 0 0 0 1.5707963267948966</pose><link name='l'><pose>1 0 0.5 0 0 0</pose>
         <collision name='c'><pose>0 1 0 0 0 0.5</pose><geometry><box><size>2 1 1</size></box></geometry></collision>
@@ -54,12 +62,6 @@ def test_a_saved_state_says_where_its_models_stand(tmp_path, caplog):
 
 
 def test_lying_and_leaning_shapes_and_those_out_of_the_way(tmp_path):
-    def model(name, pose, shape):
-        return (
-            "<model name='%s'><pose frame=>%s</pose><link name='l'><collision name='c'><geometry>%s</geometry>"
-            "</collision></link></model>" % (name, pose, shape)  # sic: DynaBARN's attribute
-        )
-
     roller = "<cylinder><radius>0.2</radius><length>2</length></cylinder>"
     body = (
         model("lying", "0 0 0.2 1.5707963267948966 0 0", roller)
@@ -86,9 +88,8 @@ def test_degrees_and_the_empty_pose(tmp_path):
 
 def test_search_finds_the_gap_in_any_world(tmp_path):
     wall = "".join(
-        "<model name='w%d'><pose>%f 2 0.5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
-        "<size>%f 0.3 1</size></box></geometry></collision></link></model>" % (n, x, size)
-        for n, (x, size) in enumerate([(-2.5, 5.0), (4.5, 7.0)])
+        model("w%f" % x, "%f 2 0.5 0 0 0" % x, "<box><size>%f 0.3 1</size></box>" % size)
+        for x, size in ((-2.5, 5.0), (4.5, 7.0))
     )  # gap from x = 0 to 1
     course = worlds.load(put(tmp_path, sdf(wall), "w.world")).course
     at_wall = course.path[np.argmin(np.abs(course.path[:, 1] - 2.0))]
@@ -98,35 +99,22 @@ def test_search_finds_the_gap_in_any_world(tmp_path):
     assert course.finish_y is None
 
 
+MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
+
+
 @pytest.mark.parametrize("spec", ["generated:7", "physical_course"])
-def test_written_and_read_back_is_the_same_world(tmp_path, spec):
-    world = worlds.load(spec)
+@pytest.mark.parametrize("movers", [(), (MOVER, replace(MOVER, length=9.0, repeat=False))])
+def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
+    world = replace(worlds.load(spec), movers=movers)
     path = str(tmp_path / "copy.world")
     sdf_writer.write(world, path)
-    assert _same(world, worlds.load(path))
-
-
-def test_movers_are_written_and_read(tmp_path):
-    base = worlds.load("generated:0")
-    mover = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
-    world = worlds.World("m", base.cylinders, base.boxes, base.course, (mover,))
-    path = str(tmp_path / "copy.world")
-    sdf_writer.write(world, path)
-    assert worlds.load(path).movers == (mover,)
-
-
-def _same(a, b):
-    assert np.array_equal(a.cylinders, b.cylinders)
-    assert np.allclose(a.boxes, b.boxes, rtol=0, atol=1e-12)
-    assert a.movers == b.movers
-    assert np.array_equal(a.course.path, b.course.path)
-    assert (a.course.start, a.course.goal, a.course.finish_y, a.course.goal_tolerance) == (
-        b.course.start,
-        b.course.goal,
-        b.course.finish_y,
-        b.course.goal_tolerance,
-    )
-    return True
+    read = worlds.load(path)
+    assert np.array_equal(world.cylinders, read.cylinders)
+    assert np.allclose(world.boxes, read.boxes, rtol=0, atol=1e-12)
+    assert world.movers == read.movers
+    assert np.array_equal(world.course.path, read.course.path)
+    assert {**vars(world.course), "path": None} == {**vars(read.course), "path": None}
+    assert worlds.scaled(read, 0.5) is read  # a world from a file keeps its size
 
 
 def test_folder_in_the_order_of_numbers(tmp_path):
@@ -171,14 +159,3 @@ def test_what_is_not_read_is_named_in_one_line_and_the_rest_drives(tmp_path, cap
     (record,) = caplog.records
     assert unread in record.getMessage()
     assert "\n" not in record.getMessage()
-
-
-def test_barns_training_worlds_come_in_two_halves(tmp_path):
-    for number in (0, 1, 2, 3, 8, 17, 21, 300):  # 0, 8 and 17 are test worlds
-        (tmp_path / ("world_%d.world" % number)).write_text("")
-    (tmp_path / "other_5.world").write_text("")
-    halves = {half: worlds.specs("%s:%s" % (tmp_path, half)) for half in ("choose", "report")}
-    names = {half: [path.rpartition("_")[2] for path in found] for half, found in halves.items()}
-    assert names == {"choose": ["2.world"], "report": ["1.world", "3.world", "21.world"]}
-    with pytest.raises(worlds.WorldError, match="choose: the folder holds no world_2.world"):
-        worlds.specs("%s:choose" % tmp_path.parent)

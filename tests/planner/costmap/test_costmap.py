@@ -45,8 +45,16 @@ def test_drives_equal_the_plain_costmap(seed):
     obstacles = ObstacleParameters(
         combination_method=int(rng.choice((0, 1, 1, 1, 2))),
         footprint_clearing_enabled=bool(rng.random() < 0.8),
+        max_obstacle_height=float(rng.choice((1.0, 2.0, 2.0))),
     )
-    source = Source(obstacle_range=float(rng.choice((2.5, 1.5))), raytrace_range=float(rng.choice((3.0, 1.2))))
+    source = Source(
+        obstacle_range=float(rng.choice((2.5, 1.5))),
+        raytrace_range=float(rng.choice((3.0, 1.2))),
+        min_obstacle_height=float(rng.choice((0.0, 0.0, 0.5))),
+        max_obstacle_height=float(rng.choice((1.5, 2.0, 2.0))),
+        marking=bool(rng.random() < 0.9),
+        clearing=bool(rng.random() < 0.9),
+    )
     inflation = InflationParameters(
         float(rng.choice((0.3, 0.28, 0.6))), float(rng.choice((10.0, 3.0, 0.0))), True, bool(rng.random() < 0.3)
     )
@@ -72,7 +80,10 @@ def test_drives_equal_the_plain_costmap(seed):
         seen = None
         if rng.random() < 0.85:
             sensor = (pose[0] + 0.12 * math.cos(pose[2]), pose[1] + 0.12 * math.sin(pose[2]), pose[2])
-            seen = project(map_scenes.laser(circles, sensor, rng), bool(rng.integers(2)))
+            if rng.random() < 0.05:  # a sensor off the map
+                sensor = (pose[0] - 9.0, *sensor[1:])
+            height = float(rng.choice((0.0, 0.5, 1.0, 1.5, 2.0, 2.5), p=(0.1, 0.3, 0.3, 0.1, 0.1, 0.1)))
+            seen = project(map_scenes.laser(circles, sensor, rng, height=height), bool(rng.integers(2)))
         event = rng.random()
         if event < 0.08:
             inflation = replace(inflation, inflation_radius=float(rng.choice((0.0, 0.1, 0.35, 0.6, 1.4))))
@@ -124,17 +135,6 @@ def test_a_pose_that_is_none():
     for pose in ((math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
         with pytest.raises(ApplrError, match="finite"):
             local().update(pose)
-
-
-def test_first_roll_of_the_jackals_local_map():
-    costmap = local()
-    costmap.update(HERE)
-    assert costmap.origin.tolist() == [0.0 + -99 * 0.05, 0.0 + -99 * 0.05]
-    for x in (0.08, -0.01):  # less than a cell from where the window would begin exactly
-        costmap.update((x, 0.0, 0.0))
-        assert costmap.origin[0] == -99 * 0.05
-    costmap.update((0.09, 0.0, 0.0))
-    assert costmap.origin[0] == -99 * 0.05 + 0.05
 
 
 def test_a_far_jump_empties_the_map():

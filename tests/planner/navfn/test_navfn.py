@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import window
-from applr_ros1.planner.navfn.flood import COST, LISTED, OBSTACLE, UNLISTED, push_weights
 from applr_ros1.planner.navfn.navfn import Navfn
 from tests.support import map_scenes
 from tests.support.plain_navfn import plain_plan
@@ -113,29 +112,6 @@ def test_one_planner_on_a_changing_map(seed, list_size):
             goal = inside(rng, nx, ny) + (0.0,)
         if rng.random() < 0.2:
             allow_unknown = not allow_unknown
-
-
-def test_a_listed_cell_keeps_its_cost():
-    """What the flood's field says of a listed cell: no push to it, its cost and its weight as before, all exact."""
-    weights = push_weights()
-    for cost in range(1, OBSTACLE):
-        listed = weights[cost] * LISTED
-        assert listed > 1e10
-        assert np.rint(listed * COST) == cost
-        assert listed * UNLISTED == weights[cost]
-        assert weights[cost] == np.float32(0.707106781 * cost)
-    assert np.isinf(weights[OBSTACLE:]).all()
-    assert np.isinf(weights[OBSTACLE] * LISTED)
-
-
-def test_a_straight_line():
-    costmap = costmap_of(np.zeros((60, 60), np.uint8), (-1.0, -1.0))
-    plan = compare(Navfn(), costmap, (-0.48, 0.03), (1.52, 0.03, 0.7))
-    assert plan[-1].tolist() == [1.52, 0.03, 0.7]  # the goal as it was given
-    np.testing.assert_allclose(plan[0, :2], (-0.5, 0.0))  # the robot's cell's corner
-    assert not plan[:-1, 2].any()
-    assert (np.diff(plan[:-1, 0]) >= 0).all()
-    assert np.abs(plan[:-1, 1] - 0.0).max() < 1e-6
 
 
 def test_no_way():

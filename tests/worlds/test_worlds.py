@@ -1,0 +1,118 @@
+"""Worlds of any recipe: names, splits and scale, their picture and their map, and the commands that write them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import worlds
+from applr_ros1 import robots
+from applr_ros1.common.files import MAX_CELLS
+from applr_ros1.planner.costmap import footprint
+from worlds import barn, draw, dynabarn, sdf_writer
+from worlds.dynabarn import arena_course
+from worlds.occupancy import occupancy
+
+JACKAL_RATIO = 0.75 / 0.53
+MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5)))
+OPEN = worlds.World("open", np.zeros((0, 3)), np.zeros((0, 5)), arena_course(), (MOVER,))
+TINY = replace(OPEN, movers=())
+
+
+# -- names and splits
+@pytest.mark.parametrize("spec", ["generated:300", "generated:x", "nothing", "", "generated:²"])
+def test_unknown_world_is_one_line(spec):
+    with pytest.raises(worlds.WorldError, match="generated:N") as error:
+        worlds.load(spec)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("spec", ["fresh:", "fresh:7-5", "fresh:0-10000", "fresh:-1", "fresh:1e3", "dynamic:training"])
+def test_unknown_sets_of_worlds_are_one_line(spec):
+    with pytest.raises(worlds.WorldError, match="%s:N-M" % spec.partition(":")[0]):
+        worlds.specs(spec)
+
+
+def test_splits_share_no_world():
+    names = {split: set(worlds.specs("generated:" + split)) for split in barn.SPLITS}
+    assert names["validation"] | names["learn"] == names["train"]
+    assert not names["validation"] & names["learn"]
+    assert not names["train"] & names["test"]
+    assert len(names["validation"]) == 31
+    assert not set(dynabarn.SPLITS["test"]) & set(dynabarn.SPLITS["validation"])
+    assert [w.name for w in worlds.load_all("dynamic:validation")] == ["dynamic:%d" % n for n in range(50, 100)]
+
+
+def test_barns_training_worlds_come_in_two_halves(tmp_path):
+    for number in (0, 1, 2, 3, 8, 17, 21, 300):  # 0, 8 and 17 are test worlds
+        (tmp_path / ("world_%d.world" % number)).write_text("")
+    (tmp_path / "other_5.world").write_text("")
+    halves = {half: worlds.specs("%s:%s" % (tmp_path, half)) for half in ("choose", "report")}
+    names = {half: [path.rpartition("_")[2] for path in found] for half, found in halves.items()}
+    assert names == {"choose": ["2.world"], "report": ["1.world", "3.world", "21.world"]}
+    with pytest.raises(worlds.WorldError, match="choose: the folder holds no world_2.world"):
+        worlds.specs("%s:choose" % tmp_path.parent)
+
+
+# -- scale
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_gaps_keep_their_ratio_to_the_padded_width(name):
+    robot = robots.load(name)
+    local = robot.parameters()["local_costmap"]
+    outline = footprint.pad(footprint.parse(str(local["footprint"])), local.get("footprint_padding", 0.01))
+    width = np.ptp(np.asarray(outline)[:, 1])
+    assert 0.75 * robot.world_scale / width == pytest.approx(JACKAL_RATIO, rel=0.01)
+
+
+@pytest.mark.parametrize("spec", ["fresh:3", "physical_course", "dynamic:0"])
+def test_everything_of_a_world_scales(spec):
+    world = worlds.load(spec)
+    half = worlds.scaled(world, 0.5)
+    assert worlds.scaled(world, 1.0) is world
+    assert np.allclose(half.cylinders, 0.5 * world.cylinders)
+    assert np.allclose(half.boxes[:, [0, 1, 3, 4]], 0.5 * world.boxes[:, [0, 1, 3, 4]])
+    assert np.array_equal(half.boxes[:, 2], world.boxes[:, 2])
+    assert [mover.radius for mover in half.movers] == [0.5 * mover.radius for mover in world.movers]
+    assert np.allclose(half.course.path, 0.5 * world.course.path)
+    assert half.course.length_m == pytest.approx(0.5 * world.course.length_m)
+    assert half.course.start[2] == world.course.start[2]
+    assert half.course.goal[0] == 0.5 * world.course.goal[0]
+    assert (worlds.scaled(world, 1.3) is world) == (spec == "dynamic:0")  # a room of moving obstacles never grows
+
+
+# -- pictures and maps
+@pytest.mark.parametrize("world", [OPEN, TINY], ids=["movers", "nothing"])
+def test_a_world_without_standing_obstacles_has_a_picture(world):
+    picture = draw.top_view(world, world.course.start)
+    assert picture.shape[2] == 3
+    assert picture.shape[1] > picture.shape[0]  # as long as the course, a metre to each side
+    assert picture.min() < 255
+
+
+def test_a_map_of_too_many_cells_is_refused_before_it_is_made():
+    far = replace(TINY, boxes=np.array([[0.0, 0.0, 0.0, 1.0, 1.0], [2000.0, 2000.0, 0.0, 1.0, 1.0]]))
+    with pytest.raises(worlds.WorldError, match="open is 20.. x 20.. m, .* cells of 0.05 m: give .* at most") as no:
+        occupancy(far)
+    assert "\n" not in str(no.value)
+    cells, _ = occupancy(far, 1.0)
+    assert cells.size <= MAX_CELLS
+
+
+# -- commands
+def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
+    for main, name, begin in ((draw.main, "out.png", b"\x89PNG"), (sdf_writer.main, "out.world", b"<?xml")):
+        monkeypatch.setattr("sys.argv", ["command", "generated:7", str(tmp_path / name)])
+        assert main() == 0
+        assert (tmp_path / name).read_bytes().startswith(begin)
+    copy = str(tmp_path / "out.world")
+    assert len(worlds.load(copy).cylinders) == len(worlds.load("generated:7").cylinders)
+    for main, out in (
+        (draw.main, "/nowhere/out.png"),
+        (draw.main, "x.nonsense"),
+        (sdf_writer.main, "/nowhere/w.world"),
+    ):
+        monkeypatch.setattr("sys.argv", ["command", "generated:7", out])
+        assert main() == 1
+        error = capsys.readouterr().err
+        assert error.startswith(("draw: ", "sdf_writer: "))
+        assert error.count("\n") == 1
