@@ -47,37 +47,21 @@ class StackWriter(BagWriter):
 
     def status(self, time: float, goal_id: str, running: bool = True) -> None:
         """Write the status topic of the action move_base."""
-        self._put(
-            self.topics.move_base + "/status",
-            "actionlib_msgs/msg/GoalStatusArray",
-            time,
-            self._header(time, ""),
-            [self._status(goal_id, ACTIVE)] if running else [],
-        )
+        pursued = [self._status(goal_id, ACTIVE)] if running else []
+        topic = self.topics.move_base + "/status"
+        self._put(topic, "actionlib_msgs/msg/GoalStatusArray", time, self._header(time, ""), pursued)
 
     def result(self, time: float, goal_id: str, status: int) -> None:
         """Write the result of a goal with an actionlib status."""
-        self._put(
-            self.topics.move_base + "/result",
-            "move_base_msgs/msg/MoveBaseActionResult",
-            time,
+        fields = (
             self._header(time, ""),
             self._status(goal_id, status),
             self._make("move_base_msgs/msg/MoveBaseResult", 0),
         )
+        self._put(self.topics.move_base + "/result", "move_base_msgs/msg/MoveBaseActionResult", time, *fields)
 
     def decision(self, time, number, goal, observation, seen, before, after):
-        """As the applr node tells of a decision (msg/Decision.msg).
-
-        Args:
-            time: When it was made.
-            number: Which one it is.
-            goal: Its goal's id.
-            observation: (729,).
-            seen: The times [s] of the scan, odometry and plan that it was made from.
-            before: {name: value} that the planner had.
-            after: {name: value} that was chosen; {} where it was refused.
-        """
+        """Write msg/Decision.msg: observation (729,), `seen` {"scan", "odometry", "plan"} times [s], two {name: value}."""
         kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
         if kinds[1] not in self.store.types:
             for kind in kinds:
@@ -95,12 +79,8 @@ class StackWriter(BagWriter):
         self._put(self.topics.applr + "/decision", kinds[1], time, *fields)
 
     def _status(self, goal_id, status):
-        return self._make(
-            "actionlib_msgs/msg/GoalStatus",
-            self._make("actionlib_msgs/msg/GoalID", self._time(0.0), goal_id),
-            status,
-            "",
-        )
+        identity = self._make("actionlib_msgs/msg/GoalID", self._time(0.0), goal_id)
+        return self._make("actionlib_msgs/msg/GoalStatus", identity, status, "")
 
 
 class RecordingEpisode(Episode):
