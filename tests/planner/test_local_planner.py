@@ -50,9 +50,7 @@ def test_a_point_on_the_limit_is_inside():
 def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     plan = straight(3.0, step=0.5)
     cut, dropped = cut_plan(plan, 2.0, 0.0, 5.0, True)
-    assert dropped == 3
-    assert cut[0, 0] == 1.5
-    assert cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0] == 0.0
+    assert (dropped, cut[0, 0], cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0]) == (3, 1.5, 0.0)
     made = local_planner(plan)
     made.compute_velocity((2.0, 0.0, 0.0), (0.0, 0.0), costmap())
     made.compute_velocity((0.2, 0.0, 0.0), (0.0, 0.0), costmap())
@@ -84,8 +82,7 @@ def test_stops_before_it_turns():
     assert made.compute_velocity((0.9, 0, 0), (-0.05, 0.0), costmap()) == (True, (-0.0, 0.0))
     ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), costmap())
     assert ok
-    assert v == 0.0
-    assert w == 0.314
+    assert (v, w) == (0.0, 0.314)
     # once it turns it does not stop again for being in motion
     assert made.compute_velocity((0.9, 0, 0.1), (0.0, 0.5), costmap())[1][1] == pytest.approx(0.6)
 

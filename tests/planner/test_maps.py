@@ -276,8 +276,7 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     assert cycle.result == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0] - goal[0], robot.pose[1] - goal[1]) < 0.4
     assert abs(math.remainder(robot.pose[2] - goal[2], 2 * math.pi)) < 0.3
-    assert made.global_costmap.size == (200, 120)
-    assert made.local_costmap.size == (120, 120)
+    assert (made.global_costmap.size, made.local_costmap.size) == ((200, 120), (120, 120))
 
 
 def test_a_map_outlasts_a_reset_and_what_waits_for_it():
@@ -286,8 +285,7 @@ def test_a_map_outlasts_a_reset_and_what_waits_for_it():
     assert made.map_topics == {"map": False}
     made.set_map(wall_with_a_door())
     made.reset(5.0)
-    assert made.missing_map == ""
-    assert made.global_costmap.size == (200, 120)
+    assert (made.missing_map, made.global_costmap.size) == ("", (200, 120))
     robot = ToyRobot(HERE)
     made.set_goal((5.0, 0.0, 0.0), 0.0)
     made.step(0.0, robot.pose, robot.twist, robot.scan())
@@ -354,8 +352,7 @@ def test_a_source_that_should_speak_and_does_not_stops_the_robot():
         robot.time = 0.05 * k
         cycle = made.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
         assert cycle.stale is (k > 6)
-    assert cycle.silent == ("points", 0.32)
-    assert cycle.command == (0.0, 0.0)
+    assert (cycle.silent, cycle.command) == (("points", 0.32), (0.0, 0.0))
 
 
 def test_the_map_of_a_world_is_what_the_laser_sees():

@@ -33,8 +33,7 @@ def test_reaches_a_goal_among_obstacles():
     assert cycles[0][1].state == "controlling"
     assert cycles[0][1].new_plan
     assert cycles[0][1].command is not None
-    assert cycles[-1][1].command == (0.0, 0.0)
-    assert cycles[-1][1].state == "idle"
+    assert (cycles[-1][1].command, cycles[-1][1].state) == ((0.0, 0.0), "idle")
     commands = np.array([c.command for _, c in cycles if c.command])
     assert commands[:, 0].max() <= 0.5 + 1e-9
     assert np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
@@ -44,8 +43,7 @@ def test_idle_publishes_nothing_but_keeps_the_maps_fresh():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     cycle = made.step(0.0, robot.pose, robot.twist, robot.scan())
     assert cycle.command is None
-    assert cycle.state == "idle"
-    assert cycle.updated == (True, True)
+    assert (cycle.state, cycle.updated) == ("idle", (True, True))
     assert (made.local_costmap.cells == 254).any()
     assert (made.global_costmap.cells == 254).any()
 
@@ -169,8 +167,7 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
     made.set_goal(goal, robot.time)
     again = made.step(robot.time, robot.pose, robot.twist, robot.scan())
     assert (again.result, again.command) == (cycle.result, None), "nothing was under way: no command, as in C++"
-    assert cycle.result == ("aborted", INVALID_GOAL)
-    assert cycle.command == (0.0, 0.0)
+    assert (cycle.result, cycle.command) == (("aborted", INVALID_GOAL), (0.0, 0.0))
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ drives on
 
 
@@ -239,9 +236,7 @@ def test_cancel_stops_at_the_next_step():
     run(made, robot, 1.0)
     made.cancel(robot.time)
     cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
-    assert cycle.result == ("preempted", "")
-    assert cycle.command == (0.0, 0.0)
-    assert cycle.state == "idle"
+    assert (cycle.result, cycle.command, cycle.state) == (("preempted", ""), (0.0, 0.0), "idle")
     assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
@@ -297,8 +292,7 @@ def test_no_pose_stands_still():
     made, robot = start((4.0, 0.0, 0.0))
     run(made, robot, 1.0)
     cycle = made.step(robot.time, None, robot.twist, robot.scan())
-    assert cycle.command == (0.0, 0.0)
-    assert cycle.updated == (False, False)
+    assert (cycle.command, cycle.updated) == ((0.0, 0.0), (False, False))
     robot.time += 0.05
     assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
 

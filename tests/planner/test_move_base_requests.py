@@ -85,8 +85,7 @@ def test_maps_may_be_resized_while_driving():
     ):
         run(made, robot, 0.5)
         made.reconfigure(server, values)
-    assert made.local_costmap.cells.shape == (70, 50)
-    assert made.global_costmap.cells.shape == (320, 400)
+    assert (made.local_costmap.cells.shape, made.global_costmap.cells.shape) == ((70, 50), (320, 400))
     assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
 
 

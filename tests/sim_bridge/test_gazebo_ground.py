@@ -39,8 +39,7 @@ def test_it_turns_faster_than_commanded_about_a_point_ahead(simulator):
     """Gazebo: 1.21 to 1.48, more in faster curves, about a point .129 to .137 m ahead."""
     for v, w, gain in ((0.25, 1.57, 1.31), (0.5, 1.2, 1.31), (1.0, 1.57, 1.48)):
         found, ahead = np.mean([turning(simulator, v, w, seed) for seed in range(4)], axis=0)
-        assert found == pytest.approx(gain, abs=0.1)
-        assert ahead == pytest.approx(0.133, abs=0.03)
+        assert (found, ahead) == (pytest.approx(gain, abs=0.1), pytest.approx(0.133, abs=0.03))
 
 
 def test_it_brakes_by_its_wheels_angles_and_odometry_sees_less(simulator):

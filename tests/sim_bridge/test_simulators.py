@@ -228,8 +228,7 @@ def test_imu(on_plain_ground):
 def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     simulator.reset(small_world([(2.0, 0.0, 0.5)]), 0)
     scans = np.array([simulator.scan() for _ in range(200)])
-    assert scans.dtype == np.float32
-    assert scans.shape == (200, 720)
+    assert (scans.dtype, scans.shape) == (np.float32, (200, 720))
     assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - JACKAL.laser.pose[0], abs=1e-3)
     assert scans[:, 360].std() == pytest.approx(JACKAL.laser.noise, rel=0.2)
     assert (scans[:, 0] == np.inf).all()

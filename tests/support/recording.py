@@ -61,7 +61,7 @@ class StackWriter(BagWriter):
         self._put(self.topics.move_base + "/result", "move_base_msgs/msg/MoveBaseActionResult", time, *fields)
 
     def decision(self, time, number, goal, observation, seen, before, after):
-        """Write msg/Decision.msg: observation (729,), `seen` {"scan", "odometry", "plan"} times [s], two {name: value}."""
+        """Write msg/Decision.msg: observation (729,), `seen` {"scan", "odometry", "plan"} [s], two {name: value}."""
         kinds = "applr_ros1/msg/Parameters", "applr_ros1/msg/Decision"
         if kinds[1] not in self.store.types:
             for kind in kinds:

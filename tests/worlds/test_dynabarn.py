@@ -23,14 +23,12 @@ def test_places_over_time_are_gazebos(tmp_path):
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
     table(tmp_path, *rows)
     (mover,) = worlds.load(put(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")).movers
-    assert mover.position(0.0) == (0.0, 0.0)
-    assert mover.position(2.0) == (4.0, 0.0)
+    assert (mover.position(0.0), mover.position(2.0)) == ((0.0, 0.0), (4.0, 0.0))
     # half way: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the start and (2, 2) after it
     assert mover.position(1.0) == pytest.approx((2.0 + (2.0 - 2.0) / 8, 0.0 + (0.0 - 2.0) / 8))
     assert mover.position(3.0) == pytest.approx((4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8))
     assert mover.position(6.0) == pytest.approx((2.0 + (-2.0 - -2.0) / 8, 6.0 + (4.0 - 2.0) / 8))
-    assert mover.position(9.0) == (0.0, 8.0)
-    assert mover.position(13.0) == pytest.approx(mover.position(3.0))
+    assert (mover.position(9.0), mover.position(13.0)) == ((0.0, 8.0), pytest.approx(mover.position(3.0)))
     with pytest.raises(WorldError, match="'lamp' of model 'lamp' .* has no rows in movers.csv"):
         worlds.load(put(tmp_path, sdf(moving("hardlibobs_7") + moving("lamp")), "world_1.world"))
 
@@ -40,8 +38,7 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
     # tangents at the first point: half the chord from the last but one to the second
     assert closed.position(0.5) == pytest.approx((1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8))
     jump = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)))
-    assert jump.position(1.0) == (1.0, 0.0)
-    assert jump.position(1.0 + 1e-9) == pytest.approx((5.0, 5.0))
+    assert (jump.position(1.0), jump.position(1.0 + 1e-9)) == ((1.0, 0.0), pytest.approx((5.0, 5.0)))
     once = worlds.Mover(0.5, ((1.0, 0.0, 1.0), (2.0, 4.0, 1.0)), 3.0, False)
     assert [once.position(t) for t in (0.0, 2.0, 50.0)] == [(0.0, 1.0), (4.0, 1.0), (4.0, 1.0)]
 
@@ -70,8 +67,7 @@ def test_course_is_the_challenges_whatever_lies_beside(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
     cells = np.column_stack([np.full(66, 15), np.arange(66)])  # of BARN's world of the same number
     course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1")), "world_7.world", cells=cells)).course
-    assert course.start == (11.0, 0.0, math.pi)
-    assert course.goal == (-9.0, 0.0, math.pi)
+    assert (course.start, course.goal) == ((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi))
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)
     assert not course.done(-7.9, 0.0)
     assert course.done(-8.1, 0.0)

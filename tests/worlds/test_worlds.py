@@ -75,8 +75,7 @@ def test_everything_of_a_world_scales(spec):
     assert [mover.radius for mover in half.movers] == [0.5 * mover.radius for mover in world.movers]
     assert np.allclose(half.course.path, 0.5 * world.course.path)
     assert half.course.length_m == pytest.approx(0.5 * world.course.length_m)
-    assert half.course.start[2] == world.course.start[2]
-    assert half.course.goal[0] == 0.5 * world.course.goal[0]
+    assert (half.course.start[2], half.course.goal[0]) == (world.course.start[2], 0.5 * world.course.goal[0])
     assert (worlds.scaled(world, 1.3) is world) == (spec == "dynamic:0")  # a room of moving obstacles never grows
 
 

@@ -37,8 +37,7 @@ def test_every_built_in_world_has_room_along_its_path():
         steps = np.diff(path, axis=0)
         assert np.abs(steps).max() == 1
         assert (np.abs(steps).sum(axis=1) > 0).all()
-        assert path[0, 1] == 0
-        assert path[-1, 1] == 29
+        assert (path[0, 1], path[-1, 1]) == (0, 29)
         turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))))
         assert (turns <= np.pi / 4 + 1e-9).all()
 
@@ -47,10 +46,8 @@ def test_course_is_the_papers():
     course = worlds.load("generated:7").course
     x, y = course.path[0]
     assert course.start == (pytest.approx(x), 4.075, pytest.approx(np.pi / 2))
-    assert course.path[0, 1] == pytest.approx(5.175)
-    assert course.length_m == pytest.approx(5.925)
-    assert course.goal[0] == pytest.approx(course.path[-1, 0])
-    assert course.goal[1] == pytest.approx(9.525 + 5.0)
+    assert (course.path[0, 1], course.length_m) == (pytest.approx(5.175), pytest.approx(5.925))
+    assert (course.goal[0], course.goal[1]) == (pytest.approx(course.path[-1, 0]), pytest.approx(9.525 + 5.0))
     assert not course.done(x, 9.99)
     assert course.done(x, 10.01)
     assert course.route_m >= 5.925
@@ -81,11 +78,8 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
     free = np.ones((30, 30), dtype=bool)
     free[[0, 1, 2, 27, 28, 29]] = False
     path = search.barn_path(free, (3, 0), (3, 29))
-    assert tuple(path[0]) == (3, 0)
-    assert tuple(path[-1]) == (3, 29)
-    assert search.obstacle_penalty(free)[3, 5] == 5.0
-    assert search.obstacle_penalty(free)[4, 5] == 2.5
-    assert search.obstacle_penalty(free)[5, 5] == 0.0
+    assert (tuple(path[0]), tuple(path[-1]), search.obstacle_penalty(free)[3, 5]) == ((3, 0), (3, 29), 5.0)
+    assert (search.obstacle_penalty(free)[4, 5], search.obstacle_penalty(free)[5, 5]) == (2.5, 0.0)
     free[:, 12] = False
     assert search.barn_path(free, (3, 0), (3, 29)) is None
     assert search.shortest_path(free, [(3, 0)], [(3, 29)]) is None
@@ -151,8 +145,7 @@ def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
     some = worlds.Worlds("generated:3, fresh:0-9999")
     assert len(some) == 10_001
     assert made == []
-    assert some[0].name == "generated:3"
-    assert some[5].name == "fresh:4"
+    assert (some[0].name, some[5].name) == ("generated:3", "fresh:4")
     assert some.named("fresh:4") is some[5]
     assert len(made) == 1
     assert some.named("fresh:10000") is None

@@ -17,16 +17,14 @@ def test_barn_file_with_its_path_file(tmp_path):
     read = worlds.load(put(tmp_path, as_barn(world), cells=np.concatenate([path[:1], path])))  # first point doubled
     assert read.name == "world_7"
     assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
-    assert read.course.start == world.course.start
-    assert read.course.goal == world.course.goal
+    assert (read.course.start, read.course.goal) == (world.course.start, world.course.goal)
     assert np.array_equal(read.course.path, world.course.path)
 
 
 def test_barn_file_without_path_file_gets_a_course_of_its_own(tmp_path):
     world = worlds.load("generated:130")
     course = worlds.load(put(tmp_path, as_barn(world))).course
-    assert course.length_m == pytest.approx(5.925)
-    assert course.finish_y == 10.0
+    assert (course.length_m, course.finish_y) == (pytest.approx(5.925), 10.0)
     distance = np.hypot(*(course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
     assert distance.min() - 0.075 >= 0.375 - 1e-9
 

@@ -136,7 +136,6 @@ def test_cost_and_fill_agree_with_the_plain_versions(vertices, x, y, yaw, seed):
 @settings(max_examples=200, deadline=None)
 def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
     line = line_cells(x0, y0, x1, y1)
-    assert tuple(line[0]) == (x0, y0)
-    assert tuple(line[-1]) == (x1, y1)
+    assert (tuple(line[0]), tuple(line[-1])) == ((x0, y0), (x1, y1))
     assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1
     assert (np.abs(np.diff(line, axis=0)).max(axis=1) == 1).all()

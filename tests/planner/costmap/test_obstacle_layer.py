@@ -24,8 +24,7 @@ def test_what_is_kept():
 
 def test_infinite_ranges_count_when_they_are_declared_valid():
     kept = project(scan([INF, -INF, math.nan, 5.0]), inf_is_valid=True)
-    assert len(kept.points) == 2
-    assert np.hypot(*kept.points[0, :2]) == pytest.approx(30.0 - 0.0001)
+    assert (len(kept.points), np.hypot(*kept.points[0, :2])) == (2, pytest.approx(30.0 - 0.0001))
     assert len(project(scan([], (1.0, 2.0, 3.0))).points) == 0
 
 

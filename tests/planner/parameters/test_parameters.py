@@ -248,8 +248,7 @@ def test_what_stands_at_the_costmap_replaces_what_the_layers_have():
     tree = copy.deepcopy(JACKAL)
     tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
     full = complete(tree)["local_costmap"]
-    assert full["inflater_layer"]["inflation_radius"] == 0.7
-    assert full["obstacles_layer"]["raytrace_range"] == 5.0
+    assert (full["inflater_layer"]["inflation_radius"], full["obstacles_layer"]["raytrace_range"]) == (0.7, 5.0)
     assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # the source's own is nearer
 
 
@@ -275,8 +274,7 @@ def test_a_costmap_without_cells_is_refused_before_anything_changes():
     before, size = dict(move_base.configuration(name)), move_base.global_costmap.size
     with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
         move_base.reconfigure(name, {"width": 1, "resolution": 1.5})
-    assert dict(move_base.configuration(name)) == before
-    assert move_base.global_costmap.size == size
+    assert (dict(move_base.configuration(name)), move_base.global_costmap.size) == (before, size)
     assert move_base.reconfigure(name, {"width": 1, "height": 1, "resolution": 1.0})["resolution"] == 1.0
 
 
@@ -375,6 +373,5 @@ def test_cfg_files_are_generated_without_numpy(tmp_path):
     assert done.returncode == 0, done.stderr
     made = {}
     exec((tmp_path / "cfg" / "TrajectoryPlannerConfig.py").read_text(), made)
-    assert made["defaults"]["vx_samples"] == 20
-    assert made["max"]["pdist_scale"] == 5.0
+    assert (made["defaults"]["vx_samples"], made["max"]["pdist_scale"]) == (20, 5.0)
     assert made["min"]["min_vel_theta"] == -20.0

@@ -99,8 +99,7 @@ def test_unknown_ends_the_plan_and_lethal_does_not():
     cells = np.zeros((NY, NX), np.uint8)
     cells[5, 3], cells[5, 8] = 254, 255
     grids, goal = prepared(cells, [(0.05, 0.55), (2.0, 0.55)])
-    assert goal == (7, 5)
-    assert completed(grids)[0][5, 3] == 0
+    assert (goal, completed(grids)[0][5, 3]) == ((7, 5), 0)
 
 
 def test_without_a_plan_nothing_is_reached():

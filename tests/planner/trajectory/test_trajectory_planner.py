@@ -206,8 +206,7 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     made = planner()
     made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     for _ in range(2):
-        assert made.effective["path_distance_bias"] == 0.75 * 0.1
-        assert made.effective["goal_distance_bias"] == 0.1
+        assert (made.effective["path_distance_bias"], made.effective["goal_distance_bias"]) == (0.75 * 0.1, 0.1)
         assert made.effective["occdist_scale"] == 0.1
         made.reconfigure(PARAMS)
     unscaled = planner(meter_scoring=False)

@@ -99,8 +99,7 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     assert (last.time_s / 0.05) % 1 == pytest.approx(0, abs=1e-6)
     assert last.decisions == len(outcomes) == 3
     assert [o.seconds for o in outcomes[:2]] == pytest.approx([2.0, 2.0])
-    assert last.seconds == pytest.approx(last.time_s - 4.0)
-    assert last.path_length_m == pytest.approx(4.0, abs=0.1)
+    assert (last.seconds, last.path_length_m) == (pytest.approx(last.time_s - 4.0), pytest.approx(4.0, abs=0.1))
     assert sum(o.progress for o in outcomes) == pytest.approx(4.0, abs=0.1)
     assert sum(o.progress_y for o in outcomes) == pytest.approx(4.0, abs=0.1)
     assert len(episode.trace.pose) == round(last.time_s / 0.05)
@@ -113,8 +112,7 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     episode = trial()
     drive(episode)
     base = episode.move_base
-    assert len(base.goals) == 1
-    assert base.goals[0][0] == pytest.approx((0.0, 8.0, math.pi / 2))
+    assert (len(base.goals), base.goals[0][0]) == (1, pytest.approx((0.0, 8.0, math.pi / 2)))
     server, values = base.requests[0]
     assert {s for s, _ in base.requests} == {
         "TrajectoryPlannerROS",
@@ -124,16 +122,13 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
         "global_costmap",
     }
     planner = dict(base.requests)["TrajectoryPlannerROS"]
-    assert planner["max_vel_theta"] == 1.57
-    assert planner["min_vel_theta"] == -1.57
-    assert planner["vx_samples"] == 6
+    assert (planner["max_vel_theta"], planner["min_vel_theta"], planner["vx_samples"]) == (1.57, -1.57, 6)
     assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7  # what the planner really has
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     now, pose, twist = base.steps[1]
     assert pose == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
-    assert laser == pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01)
-    assert episode.observation().shape == (729,)
+    assert (laser, episode.observation().shape) == (pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01), (729,))
     assert episode.observation()[720] == pytest.approx(episode.outcome.phi / math.pi)
 
 
@@ -153,8 +148,7 @@ def test_a_planner_that_gives_up_fails_at_once_with_the_whole_limit(status):
     assert last.over
     assert not last.success
     assert failed(last)
-    assert last.time_s == 100.0
-    assert last.decisions == 2
+    assert (last.time_s, last.decisions) == (100.0, 2)
     assert "why" in last.reason
 
 
@@ -271,8 +265,7 @@ def test_made_by_the_packages_name_it_renders_and_passes_the_check():
     check_env(made.unwrapped)
     made.reset(seed=1)
     before = made.render()
-    assert before.dtype == np.uint8
-    assert before.shape == (536, 297, 3)
+    assert (before.dtype, before.shape) == (np.uint8, (536, 297, 3))
     made.step(made.unwrapped.form.action(made.unwrapped.space.theta0).astype(np.float32))
     after = made.render()
     assert 100 < (before != after).any(axis=2).sum() < 0.1 * before[:, :, 0].size  # robot, way and scan moved
@@ -317,8 +310,7 @@ def test_theta_in_the_observation_is_the_planners_own(env):
     assert np.allclose(info["theta"], theta)
     np.testing.assert_allclose(observation[721:], PaperForm(robots.JACKAL).action(theta), atol=1e-6)
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
-    assert configuration["max_vel_x"] == pytest.approx(theta[0])
-    assert configuration["vx_samples"] == theta[2]
+    assert (configuration["max_vel_x"], configuration["vx_samples"]) == (pytest.approx(theta[0]), theta[2])
     assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
     assert set(info["reward"]) == {"time", "progress", "clearance", "collision", "switching"}
 
@@ -361,8 +353,7 @@ def test_decision_period_changes_the_steps_not_what_a_second_costs():
             cost, over = cost + info["reward"]["time"], terminated or truncated
             assert over or info["time_s"] - before == pytest.approx(period)
         env.close()
-        assert env.episode.limit == limit
-        assert cost == pytest.approx(-info["time_s"] / 2.0)
+        assert (env.episode.limit, cost) == (limit, pytest.approx(-info["time_s"] / 2.0))
         assert info["decisions"] - 1 < info["time_s"] / period <= info["decisions"] + 1e-6
     with pytest.raises(ValueError, match="multiple of 0.05"):
         ApplrEnv(worlds="generated:0", period=0.07)
