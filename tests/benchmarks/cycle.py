@@ -60,18 +60,6 @@ def sim_speed_pybullet_monitor():
     return _speed_of_policy("pybullet")
 
 
-def reset_pybullet():
-    """Time to build a world of 227 cylinders and the robot anew, as before each trial."""
-    simulator, world = sim_bridge.make("pybullet"), worlds.load("generated:140")
-    best = np.inf
-    for seed in range(10):
-        began = process_time()
-        simulator.reset(world, seed)
-        best = min(best, process_time() - began)
-    simulator.close()
-    return 1e3 * best, "ms"
-
-
 def _speed(episode, theta):
     """Simulated seconds per wall second on one core with theta, see _drive(), resets included."""
     warm_up()

@@ -24,7 +24,6 @@ FIGURES = {  # name -> module beside this file, in the order in which they are m
     "sim_speed_pybullet": "cycle",
     "sim_speed_kinematic_monitor": "cycle",
     "sim_speed_pybullet_monitor": "cycle",
-    "reset_pybullet": "cycle",
     "td3_updates": "learning",
     "sb3_td3_updates": "learning",
     "actor_inference": "learning",
