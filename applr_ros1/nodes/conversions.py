@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Any, Mapping, Optional, Tuple
+from typing import Any, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -31,7 +31,12 @@ LEVEL = 2e-6  # 1 less the cosine of the tilt up to which a sensor counts as lev
 
 # costmap value -> occupancy: 0 free, 253 -> 99, 254 -> 100, 255 -> -1, between 1 + 97 (c - 1) / 251
 OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
-CLOUD_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")
+COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")  # one point per cell
+TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # one point per point of a trajectory
+
+
+class MessageError(ApplrError):
+    """A message that cannot be used; one line says why."""
 
 
 class MapMessage(OccupancyGrid):
@@ -39,7 +44,7 @@ class MapMessage(OccupancyGrid):
 
     def deserialize(self, buff: bytes) -> MapMessage:
         """What rospy calls."""
-        return _with_array(super().deserialize, buff, 76)
+        return self.deserialize_numpy(buff, np)
 
 
 class MapUpdateMessage(OccupancyGridUpdate):
@@ -47,24 +52,9 @@ class MapUpdateMessage(OccupancyGridUpdate):
 
     def deserialize(self, buff: bytes) -> MapUpdateMessage:
         """What rospy calls."""
-        return _with_array(super().deserialize, buff, 16)
+        return self.deserialize_numpy(buff, np)
 
 
-def _with_array(deserialize, buff, between):
-    """The message in `buff`: a header, `between` bytes of numbers, and the cells, which become an array."""
-    (length,) = struct.unpack_from("<I", buff, 12)  # of frame_id, behind seq and stamp
-    start = 16 + length + between
-    message = deserialize(bytes(buff[:start]) + b"\0\0\0\0")
-    (count,) = struct.unpack_from("<I", buff, start)
-    message.data = np.frombuffer(buff, np.int8, count, start + 4)
-    return message
-
-
-class MessageError(ApplrError):
-    """A message that cannot be used; one line says why."""
-
-
-# -- angles ----------------------------------------------------------------------------------------------------
 def is_upright(q) -> bool:
     """Whether a quaternion is finite, not zero, and turns about z only (move_base.cpp, isQuaternionValid)."""
     length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
@@ -100,8 +90,7 @@ def twist(v: float, w: float) -> Twist:
 def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp) -> DiagnosticArray:
     """A diagnostic_msgs/DiagnosticArray of one status, with {key: value} to show."""
     shown = [KeyValue(key, str(value)) for key, value in values.items()]
-    status = DiagnosticStatus(level=level, name=name, hardware_id="none", message=text, values=shown)
-    return DiagnosticArray(header=header("", stamp), status=[status])
+    return DiagnosticArray(header("", stamp), [DiagnosticStatus(level, name, text, "none", shown)])
 
 
 # -- in --------------------------------------------------------------------------------------------------------
@@ -113,7 +102,7 @@ def check_scan(message, beams: Optional[int], no_return: Optional[float] = None)
     is a blind scanner.
     """
     n = len(message.ranges)
-    if n == 0 or n > MAX_BEAMS:
+    if not 0 < n <= MAX_BEAMS:
         raise MessageError(f"has {n} beams: give between 1 and {MAX_BEAMS}")
     if beams is not None and n != beams:
         raise MessageError(
@@ -171,8 +160,7 @@ def _rotation(transform) -> Tuple[float, float, float, float]:
 
 def cos_tilt(transform) -> float:
     """The cosine between a sensor's z axis and the frame's, from its geometry_msgs/Transform there."""
-    x, y, _, _ = _rotation(transform)
-    return 1.0 - 2.0 * (x**2 + y**2)
+    return 1.0 - 2.0 * (transform.rotation.x**2 + transform.rotation.y**2)
 
 
 def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] = None) -> LaserScan:
@@ -184,18 +172,10 @@ def laser_scan(message, ranges: np.ndarray, transform, origin: Optional[Point] =
     first, step = message.angle_min, message.angle_increment
     if upright < LEVEL - 1.0:  # it hangs upside down: its beams run the other way round
         first, ranges = -(first + (len(ranges) - 1) * step), ranges[::-1]
-    return LaserScan(
-        message.header.stamp.to_sec(),
-        first,
-        step,
-        message.range_min,
-        message.range_max,
-        ranges,
-        pose_of(transform),
-        transform.translation.z,
-        None if abs(upright) > 1.0 - LEVEL else _rotation(transform),
-        origin,
-    )
+    stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
+    rotation = None if abs(upright) > 1.0 - LEVEL else _rotation(transform)
+    limits = message.range_min, message.range_max
+    return LaserScan(stamp, first, step, *limits, ranges, pose, z, rotation, origin)
 
 
 def sensor_cloud(message, points: np.ndarray, transform, origin: Optional[Point] = None) -> SensorCloud:
@@ -269,18 +249,9 @@ def grid_update(cells: np.ndarray, corner, frame: str, stamp) -> PackedMessage:
 def path(poses: np.ndarray, frame: str, stamp) -> PackedMessage:
     """(n, 3) x, y, yaw, or (n, 2) with identity orientation, as nav_msgs/Path."""
     name = frame.encode()
-    kind = np.dtype(
-        [
-            ("seq", "<u4"),
-            ("secs", "<u4"),
-            ("nsecs", "<u4"),
-            ("length", "<u4"),
-            ("frame", f"S{max(1, len(name))}"),
-            ("pose", "<f8", 7),
-        ]
-    )
+    kind = [("header", "<u4", 4), ("frame", f"S{max(1, len(name))}"), ("pose", "<f8", 7)]
     rows = np.zeros(len(poses), kind)
-    rows["secs"], rows["nsecs"], rows["length"], rows["frame"] = stamp.secs, stamp.nsecs, len(name), name
+    rows["header"], rows["frame"] = (0, stamp.secs, stamp.nsecs, len(name)), name
     rows["pose"][:, :2] = poses[:, :2]
     half = 0.5 * poses[:, 2] if poses.shape[1] > 2 else np.zeros(len(poses))
     rows["pose"][:, 5], rows["pose"][:, 6] = np.sin(half), np.cos(half)
@@ -294,17 +265,8 @@ def polygon(vertices: np.ndarray, frame: str, stamp) -> PolygonStamped:
     return message
 
 
-def cost_cloud(rows: np.ndarray, frame: str, stamp) -> PointCloud2:
-    """(n, 7) x, y, z, path, goal, occupancy and total cost as sensor_msgs/PointCloud2, one point per cell."""
-    return _cloud(rows, CLOUD_FIELDS, frame, stamp)
-
-
-def trajectory_cloud(rows: np.ndarray, frame: str, stamp) -> PointCloud2:
-    """(n, 5) x, y, z, theta and cost as sensor_msgs/PointCloud2, one point per point of a trajectory."""
-    return _cloud(rows, ("x", "y", "z", "theta", "cost"), frame, stamp)
-
-
-def _cloud(rows: np.ndarray, names, frame: str, stamp) -> PointCloud2:
+def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp) -> PointCloud2:
+    """(n, len(names)) as sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=header(frame, stamp), height=1, width=len(rows), is_dense=True)
     message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)]
     message.point_step = 4 * len(names)

@@ -7,14 +7,14 @@ future, and what comes now would count as old beside it.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections import deque
+from collections import defaultdict, deque
 from typing import Any, Callable, Deque, Dict, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
-import tf2_ros
 from nav_msgs.msg import Odometry
 from rospy.rostime import is_wallclock
 from sensor_msgs.msg import LaserScan as ScanMessage
@@ -22,12 +22,16 @@ from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
 from applr_ros1.common.angles import compose
-from applr_ros1.common.errors import reason
+from applr_ros1.policy.observation import ObservationError
 
 from . import conversions
 from .conversions import MessageError, Pose
-from .transforms import MAX_AHEAD
+from .transforms import AHEAD, MAX_AHEAD, Transforms
 
+COMMANDS = 600  # that the ages of Ages are of: half a minute at 20 Hz
+WAITING = 20  # scans kept until their transform comes
+BEAMS_HELD = 2.0  # s without a usable scan after which the scanner may have another number of beams
+MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 ADJUSTMENT = 1.0  # s by which a wall clock may be set back without counting as a jump (NTP does this)
 
 
@@ -36,19 +40,16 @@ def jumped_back(last: rospy.Time, now: rospy.Time) -> bool:
     return now < last and (not is_wallclock() or (last - now).to_sec() > ADJUSTMENT)
 
 
-COMMANDS = 600  # that the figures are of: half a minute at 20 Hz
-
-
 class Ages:
     """The ages [s] of scan, pose and twist at the newest commands."""
 
     def __init__(self) -> None:
-        self._known: Dict[str, Deque[float]] = {}
+        self._known: Dict[str, Deque[float]] = defaultdict(lambda: deque(maxlen=COMMANDS))
 
     def add(self, ages: Mapping[str, float]) -> None:
         """A command was made from what is {name: age [s]} old (Sensors.ages)."""
         for name, age in ages.items():
-            self._known.setdefault(name, deque(maxlen=COMMANDS)).append(age)
+            self._known[name].append(age)
 
     def values(self) -> Dict[str, str]:
         """{"scan_age_s": "median .., 99 % .., largest .."}, as /diagnostics shows it."""
@@ -57,12 +58,6 @@ class Ages:
             median, most = np.percentile(ages, (50, 99))
             shown[name + "_age_s"] = f"median {median:.3f}, 99 % {most:.3f}, largest {max(ages):.3f}"
         return shown
-
-
-WAITING = 20  # scans kept until their transform comes
-AHEAD = 1.0  # s by which the stamp of a scan or of odometry may be ahead of the clock
-BEAMS_HELD = 2.0  # s without a usable scan after which the scanner may have another number of beams
-MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 
 
 class Sensors:
@@ -87,7 +82,7 @@ class Sensors:
         no_return: Optional[float] = None,
     ):
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
-        self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
+        self.transforms = Transforms()
         self._on_news, self._no_return = on_news, no_return
         self._twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # when the newest odometry came
@@ -98,7 +93,7 @@ class Sensors:
         self._odometry = rospy.Subscriber(
             odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
         )
-        self._listener = _Listener(self.buffer, self._tf_came)
+        self.transforms.listen(self._tf_came)
 
     def _take_odometry(self, message) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
@@ -119,7 +114,7 @@ class Sensors:
 
     def forget(self) -> None:
         """The clock went back: everything older than it is void."""
-        self.buffer.clear()
+        self.transforms.buffer.clear()
         self._heard = self._last = rospy.Time(0)
         self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
         for topic in self._topics.values():
@@ -163,7 +158,7 @@ class Sensors:
 
     def _can_place(self, message) -> bool:
         frame = message.header.frame_id.lstrip("/")
-        return self.buffer.can_transform_core(self.local, frame, message.header.stamp)[0]
+        return self.transforms.buffer.can_transform_core(self.local, frame, message.header.stamp)[0]
 
     def odometry_trouble(self, now, patience: float) -> str:
         """What is wrong if no odometry has come for `patience` [s], or ever; "" if it comes."""
@@ -186,32 +181,22 @@ class Sensors:
 
     def _newest_pose(self, target, source, now, oldest, most_ahead):
         self._follow_clock()
-        transform, self.pose_trouble = self._look_up(target, source, rospy.Time(0))
-        if transform is None:
-            return None
-        if source == self.base:
-            self._stamps["pose"] = transform.header.stamp
-        age = (now - transform.header.stamp).to_sec()
-        if not -most_ahead <= age <= oldest and not transform.header.stamp.is_zero():  # stamp 0: a static transform
-            old, ahead = (
-                f"old, transform_tolerance is {oldest:g} s",
-                f"ahead of the clock, {most_ahead:g} s can be used",
-            )
-            self.pose_trouble = f"transform {target} <- {source} is {abs(age):.2f} s {old if age > 0.0 else ahead}"
-            if age < -max(AHEAD, most_ahead):
-                self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
+        self.pose_trouble = ""
+        try:
+            transform = self.transforms.at(target, source, rospy.Time(0))
+            if source == self.base:
+                self._stamps["pose"] = transform.header.stamp
+            self.transforms.check_age(transform, target, now, oldest, most_ahead, "check transform_tolerance")
+        except ObservationError as problem:
+            self.pose_trouble = str(problem)
             return None
         return conversions.pose_of(transform.transform)
 
     def observations(self) -> Dict[str, Any]:
         """{topic: what is new there (planner.costmap.scan)}, of all topics whose transform is there."""
         self._follow_clock()
-        found = {}
-        for name, topic in self._topics.items():
-            observation = topic.newest(self._use)
-            if observation is not None:
-                found[name] = observation
-        return found
+        found = {name: topic.newest(self._use) for name, topic in self._topics.items()}
+        return {name: observation for name, observation in found.items() if observation is not None}
 
     def _use(self, topic, message):
         """The observation of a message, None while its transform is not there. MessageError where it is of no use."""
@@ -219,54 +204,35 @@ class Sensors:
         ahead = (message.header.stamp - now).to_sec()
         if ahead > AHEAD:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
-        transform, trouble = self._look_up(self.local, message.header.frame_id, message.header.stamp)
-        if transform is None:
-            topic.trouble = trouble
+        frame, stamp = message.header.frame_id, message.header.stamp
+        try:
+            transform = self.transforms.at(self.local, frame, stamp).transform
+        except ObservationError as problem:
+            topic.trouble = str(problem)
             return None
-        beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
-        is_scan, no_return = topic.is_scan, self._no_return
-        values = conversions.check_scan(message, beams, no_return) if is_scan else conversions.points_of(message)
         origin = None
-        if topic.origin and topic.origin != message.header.frame_id.lstrip("/"):
-            start, _ = self._look_up(self.local, topic.origin, message.header.stamp)
-            origin = None if start is None else conversions.point_of(start.transform)
-        topic.beams = len(values)
-        if topic.is_scan:
-            return conversions.laser_scan(message, values, transform.transform, origin)
-        return conversions.sensor_cloud(message, values, transform.transform, origin)
+        if topic.origin not in ("", frame.lstrip("/")):
+            with contextlib.suppress(ObservationError):
+                origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
+        if not topic.is_scan:
+            return conversions.sensor_cloud(message, conversions.points_of(message), transform, origin)
+        beams = topic.beams if now - topic.used < rospy.Duration(BEAMS_HELD) else None
+        ranges = conversions.check_scan(message, beams, self._no_return)
+        topic.beams = len(ranges)
+        return conversions.laser_scan(message, ranges, transform, origin)
 
     def to_global(self, message) -> Pose:
         """(x, y, yaw) of a geometry_msgs/PoseStamped in the global frame; MessageError if its frame is not known."""
         pose, frame = conversions.pose_of(message.pose), message.header.frame_id.lstrip("/")
         if frame == self.globe:
             return pose
-        transform, trouble = self._look_up(self.globe, frame, rospy.Time(0))
-        if transform is None:
-            raise MessageError(f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}: {trouble}")
-        return compose(conversions.pose_of(transform.transform), pose)
-
-    def _look_up(self, target: str, frame: str, stamp):
-        """(transform target <- frame, "") or (None, why there is none)."""
-        if not frame.strip("/"):
-            return None, "a message has no frame_id: give it one"
         try:
-            return self.buffer.lookup_transform(target, frame.lstrip("/"), stamp), ""
-        except tf2_ros.TransformException as error:
-            when = "the newest" if stamp.is_zero() else f"{stamp.to_sec():.3f}"
-            return None, f"transform {target} <- {frame} at {when}: {reason(error)}"
-
-
-class _Listener(tf2_ros.TransformListener):
-    """Fills a tf buffer and says so."""
-
-    def __init__(self, buffer, on_transforms: Callable[[], None]):
-        self._on_transforms = on_transforms
-        super().__init__(buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True)
-
-    def callback(self, data) -> None:
-        """Transforms have come."""
-        super().callback(data)
-        self._on_transforms()
+            transform = self.transforms.at(self.globe, frame, rospy.Time(0)).transform
+        except ObservationError as problem:
+            raise MessageError(
+                f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}: {problem}"
+            ) from None
+        return compose(conversions.pose_of(transform), pose)
 
 
 class _Topic:

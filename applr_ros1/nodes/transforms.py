@@ -1,57 +1,82 @@
-"""tf for a node that seldom needs it: listened to from the first question on, until nobody asks any more."""
+"""What tf knows, and how the policy's laser is mounted by it. For the nodes that place what sensors say."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, Optional, Tuple
+from typing import Any, Callable, Optional, Tuple
 
 import numpy as np
 import rospy
+import tf2_ros
 
 from applr_ros1.common.angles import yaw_of
+from applr_ros1.common.errors import reason
 from applr_ros1.nodes.conversions import cos_tilt, with_infinity
 from applr_ros1.policy.observation import ObservationError
 
 LEVEL = 0.95  # least cosine of the tilt, 18 degrees, of a laser that scans level
+AHEAD = 1.0  # [s] that the stamp of a scan or of odometry may be ahead of the clock
 MAX_AHEAD = 3.0  # [s] that a transform's stamp may be ahead of the clock; amcl's are, by its transform_tolerance
 
 
 class Transforms:
-    """What tf knows."""
+    """A tf buffer, filled from the first question on, until `rest`. Errors are ObservationErrors of one line."""
 
     def __init__(self) -> None:
-        self._buffer: Any = None
-        self._listener: Any = None
+        self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
+        self._listener: Optional[_Listener] = None
+
+    def listen(self, on_news: Callable[[], None] = lambda: None) -> None:
+        """Fill the buffer from now on; on_news is called when transforms have come."""
+        self._listener = self._listener or _Listener(self.buffer, on_news)
+
+    def at(self, target: str, source: str, stamp: rospy.Time) -> Any:
+        """The geometry_msgs/TransformStamped of `source` in `target` at a time; time 0: the newest, however old."""
+        if not source.strip("/"):
+            raise ObservationError("a message has no frame_id: give it one")
+        self.listen()
+        try:
+            return self.buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), stamp)
+        except tf2_ros.TransformException as error:
+            when = "the newest" if stamp.is_zero() else f"{stamp.to_sec():.3f}"
+            raise ObservationError(f"transform {target} <- {source} at {when}: {reason(error)}") from None
 
     def newest(self, target: str, source: str, oldest: float = math.inf) -> Any:
-        """The newest geometry_msgs/Transform of `source` in `target`.
-
-        ObservationError, of one line, where there is none, or where it is older than `oldest` [s].
-        """
-        import tf2_ros
-
-        if self._buffer is None:
-            self._buffer = tf2_ros.Buffer(rospy.Duration(10.0))
-            self._listener = tf2_ros.TransformListener(self._buffer)
-        try:
-            found = self._buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), rospy.Time(0))
-        except tf2_ros.TransformException as e:
-            raise ObservationError(f"no transform {target} <- {source} ({str(e).splitlines()[0]})") from None
-        if found.header.stamp.is_zero():  # a static transform
-            return found.transform
-        ahead = (found.header.stamp - rospy.Time.now()).to_sec()
-        if ahead > MAX_AHEAD:
-            self._buffer.clear()  # else tf would refuse every right transform for `ahead` seconds
-            raise ObservationError(f"transform {target} <- {source} is stamped {ahead:.2f} s ahead of the clock")
-        if -ahead > oldest:
-            raise ObservationError(f"transform {target} <- {source} is {-ahead:.2f} s old: is localisation running?")
+        """The newest geometry_msgs/Transform of `source` in `target`, at most `oldest` [s] old."""
+        found = self.at(target, source, rospy.Time(0))
+        self.check_age(found, target, rospy.get_rostime(), oldest, MAX_AHEAD, "is localisation running?")
         return found.transform
+
+    def check_age(self, found: Any, target: str, now: rospy.Time, oldest: float, most_ahead: float, hint: str) -> None:
+        """Refuses a geometry_msgs/TransformStamped that is more than `oldest` [s] old or `most_ahead` [s] ahead."""
+        age = 0.0 if found.header.stamp.is_zero() else (now - found.header.stamp).to_sec()  # stamp 0: a static one
+        if -most_ahead <= age <= oldest:
+            return
+        if age < -max(AHEAD, most_ahead):
+            self.buffer.clear()  # else tf would refuse every right transform for as long as this one is ahead
+        most = f"old, {oldest:g} s" if age > 0.0 else f"ahead of the clock, {most_ahead:g} s"
+        source = found.child_frame_id
+        raise ObservationError(f"transform {target} <- {source} is {abs(age):.2f} s {most} can be used: {hint}")
 
     def rest(self) -> None:
         """Stop listening, which costs a share of a core, until the next question."""
         if self._listener is not None:
             self._listener.unregister()
-            self._buffer = self._listener = None
+            self._listener = None
+        self.buffer.clear()
+
+
+class _Listener(tf2_ros.TransformListener):
+    """Fills a tf buffer and says so."""
+
+    def __init__(self, buffer: tf2_ros.Buffer, on_news: Callable[[], None]):
+        self._on_news = on_news
+        super().__init__(buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True)
+
+    def callback(self, data: Any) -> None:
+        """Transforms have come."""
+        super().callback(data)
+        self._on_news()
 
 
 class LaserMount:

@@ -348,7 +348,7 @@ def test_weights_of_another_kind_are_found_and_made_up_for(robot, stack, tmp_pat
     wait_for(lambda: publisher.get_num_connections(), 5.0, "the node listens")
     values = client.values()
     rows[:, 6] = rows[:, 3:6] @ (values[[5, 6, 4]] * [0.05, 0.05, 1.0])
-    publisher.publish(conversions.cost_cloud(rows, "odom", rospy.Time.now()))
+    publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
     wait_for(lambda: "pdist_scale x 2.5" in robot.values["meter_scoring"], 5.0, "what is sent instead")
     factors = [{"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0) for n in SPACE.names]
 

@@ -6,14 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import rospy
-import tf2_ros
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import LaserScan
 
+from applr_ros1.nodes import transforms as module
 from applr_ros1.nodes.applr.inputs import RobotInputs
-from applr_ros1.nodes.transforms import Transforms
 from applr_ros1.policy.observation import ObservationError
 
 
@@ -36,6 +35,8 @@ class Beside:
         monkeypatch.setattr(rospy, "Subscriber", lambda *_, **__: None)
         monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
         monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
+        monkeypatch.setattr(rospy, "get_rostime", lambda: self.time)
+        monkeypatch.setattr(module, "_Listener", lambda *_: "listens")
         self.inputs = RobotInputs()
         self.inputs._mount = SimpleNamespace(beams=lambda scan, base: (scan.ranges, scan.angle_min, 0.01))
 
@@ -91,12 +92,11 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
 def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0, "map")
-    beside.inputs._transforms._buffer = buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
     transform = TransformStamped(child_frame_id="base_link")
     transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
     transform.transform.translation.y = 0.5
     transform.header.stamp = beside.time
-    buffer.set_transform(transform, "test")
+    beside.inputs._transforms.buffer.set_transform(transform, "test")
     beside.now += 0.9
     assert beside.snapshot().pose == (0.0, 0.5, 0.0)
     beside.now += 0.2
@@ -105,9 +105,8 @@ def test_a_pose_of_a_localisation_that_is_dead_is_no_basis_for_a_decision(beside
 
 
 def test_a_static_transform_has_no_age(beside):
-    transforms = Transforms()
-    transforms._buffer = buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
+    transforms = beside.inputs._transforms
     transform = TransformStamped(child_frame_id="base_link")
     transform.header.frame_id, transform.transform.rotation.w = "map", 1.0
-    buffer.set_transform_static(transform, "test")
+    transforms.buffer.set_transform_static(transform, "test")
     assert transforms.newest("map", "base_link", 1.0).rotation.w == 1.0

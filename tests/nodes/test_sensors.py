@@ -9,6 +9,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import sensors as module
+from applr_ros1.nodes import transforms
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def robot(monkeypatch):
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
-    monkeypatch.setattr(module, "_Listener", lambda *_: None)
+    monkeypatch.setattr(transforms, "_Listener", lambda *_: "listens")
     news = []
     made = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom", lambda: news.append(clock[0]))
 
@@ -40,7 +41,7 @@ def robot(monkeypatch):
         transform = TransformStamped(child_frame_id="base")
         transform.header.stamp, transform.header.frame_id = rospy.Time.from_sec(t), "odom"
         transform.transform.translation.x, transform.transform.rotation.w = t - 100.0, 1.0
-        made.buffer.set_transform(transform, "test")
+        made.transforms.buffer.set_transform(transform, "test")
 
     def odometry(t):
         message = Odometry()
@@ -123,9 +124,7 @@ def test_ages_are_those_of_what_was_used(robot):
 
 
 def test_ages_as_diagnostics_show_them():
-    from applr_ros1.nodes.sensors import Ages
-
-    ages = Ages()
+    ages = module.Ages()
     for k in range(101):
         ages.add({"scan": 0.001 * k})
     assert ages.values() == {"scan_age_s": "median 0.050, 99 % 0.099, largest 0.100"}

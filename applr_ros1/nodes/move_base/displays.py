@@ -18,6 +18,7 @@ from nav_msgs.msg import OccupancyGrid, Path
 from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.nodes import conversions
+from applr_ros1.nodes.conversions import COST_FIELDS, TRAJECTORY_FIELDS
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.grid import union
 from applr_ros1.planner.parameters.layers import COSTMAPS
@@ -145,7 +146,7 @@ class PlanDisplay:
         if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
             rows = local_planner.cost_cloud(costmap)
             if len(rows):
-                self._thread.post(lambda: self._costs.publish(conversions.cost_cloud(rows, self._frame, stamp)))
+                self._thread.post(lambda: self._costs.publish(conversions.cloud(rows, COST_FIELDS, self._frame, stamp)))
         self._show_trajectories(local_planner, costmap, stamp)
 
     def _show_trajectories(self, local_planner, costmap, stamp) -> None:
@@ -158,7 +159,9 @@ class PlanDisplay:
         if len(rows):
             self._sent = stamp.to_sec()
             frame = self._static.get("global_frame_id", self._frame)
-            self._thread.post(lambda: self._trajectories.publish(conversions.trajectory_cloud(rows, frame, stamp)))
+            self._thread.post(
+                lambda: self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
+            )
 
     def _send(self, publisher, poses, stamp, frame) -> None:
         if publisher.get_num_connections():
