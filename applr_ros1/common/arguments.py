@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 from typing import Any, List, Optional, Sequence, Tuple
 
@@ -44,10 +43,3 @@ def pose(name: str, text: str) -> Tuple[float, float, float]:
 def frame_prefix(text: str) -> str:
     """What the names of a robot's frames begin with: "robot1/" for robot1, "" for none or an empty text."""
     return "" if text.strip("/") in ("", "none") else text.strip("/") + "/"
-
-
-def check_new_bag(path: str) -> None:
-    """Raises ApplrError where the bag `record` names, or rosbag's unfinished PATH.active, is there already."""
-    for there, what in ((path, "it"), (path + ".active", path + ".active")):
-        if os.path.lexists(there):
-            raise ApplrError(f"record is {path}: {what} is there already; give another name")

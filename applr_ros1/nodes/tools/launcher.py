@@ -140,10 +140,7 @@ class Stack(roslaunch.pmon.ProcessListener):
             raise ApplrError(self._ended or "the stack ended by itself")
 
     def wait(self, condition, seconds, otherwise, pause=0.02):
-        """Wait in wall time until condition() is true. Looks every `pause` seconds.
-
-        Raises as check() does, and ApplrError(otherwise).
-        """
+        """Wait in wall time until condition() is true; raises as check() does, and ApplrError(otherwise)."""
         deadline = time.monotonic() + seconds
         while not condition():
             self.check()

@@ -1,6 +1,6 @@
 """Records a drive in a bag: which topics, under their absolute names, whatever the namespace.
 
-Called by scripts/record.py (launch argument record:=), which becomes rosbag's recorder.
+The command record.py (launch argument record:=) becomes rosbag's recorder. `become` is rviz.py's, too.
 """
 
 from __future__ import annotations
@@ -9,13 +9,11 @@ import argparse
 import os
 import posixpath
 import sys
-from typing import Iterator, List, Sequence
+from typing import List, Sequence
 
-from applr_ros1.common.arguments import boolean, check_new_bag, without_remappings
+from applr_ros1.common.arguments import boolean, without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import JACKAL, Robot, load
-
-from .processes import become
 
 SHARED = ("/tf", "/tf_static", "/diagnostics")  # of all robots on a master; /clock is the bag's own time
 STACK = (
@@ -47,14 +45,13 @@ def topics(costmaps: bool, arguments: Sequence[str] = (), robot: Robot = JACKAL)
     node = names.get_ros_namespace(argv=list(arguments)).rstrip("/") + "/record"
     mappings = names.load_mappings(list(arguments))
     mappings = {names.resolve_name(old, node): names.resolve_name(new, node) for old, new in mappings.items()}
-    found = list(SHARED)
     servers = {setting.server for parameter in robot.space for setting in parameter.sets} - set(PLANNERS)
-    updates = [posixpath.join("move_base", server, "parameter_updates") for server in sorted(servers)]
-    text = " ".join([*updates, STACK])
-    for name in _named(text + " " + COSTMAPS if costmaps else text, robot):
-        name = names.resolve_name(name, node)
-        found.append(mappings.get(name, name))
-    return found
+    found = [posixpath.join("move_base", server, "parameter_updates") for server in sorted(servers)]
+    for name in [*STACK.split(), *(COSTMAPS.split() if costmaps else ())]:
+        planners = PLANNERS if "{planner}" in name else ("",)
+        found += [name.format(planner=planner, **vars(robot.topics)) for planner in planners]
+    resolved = (names.resolve_name(name, node) for name in found)
+    return [*SHARED, *(mappings.get(name, name) for name in resolved)]
 
 
 def main() -> None:
@@ -76,12 +73,24 @@ def main() -> None:
     bag = options.bag if options.bag.endswith(".bag") else options.bag + ".bag"
     if not os.path.isabs(bag) and any(word.startswith("__name:=") for word in words):
         raise ApplrError(f"record is {bag}: roslaunch starts nodes in another folder; give the path from the root")
-    check_new_bag(bag)  # rosbag would write over it
+    for there in (bag, bag + ".active"):  # rosbag would write over it
+        if os.path.lexists(there):
+            raise ApplrError(f"record is {bag}: {there} is there already; give another name")
     chosen = topics(boolean("costmaps", options.costmaps), words, load(options.robot))
     become("rosbag", "record", ["--lz4", "-O", bag, *chosen, *(w for w in words if w.startswith("__"))])
 
 
-def _named(text: str, robot: Robot) -> Iterator[str]:
-    for name in text.split():
-        for planner in PLANNERS if "{planner}" in name else ("",):
-            yield name.format(planner=planner, **vars(robot.topics))
+def become(package: str, program: str, arguments: Sequence[str]) -> None:
+    """Replace this process by a program of another ROS package, as rosrun finds it; ApplrError without one."""
+    import roslib.packages
+    import rospkg
+
+    try:
+        found = roslib.packages.find_node(package, program)
+    except rospkg.ResourceNotFound:
+        found = []
+    if not found:
+        raise ApplrError(
+            f"{package} is not installed: apt-get install {package} (ros-noetic-{package} on Ubuntu 20.04)"
+        )
+    os.execv(found[0], [found[0], *arguments])

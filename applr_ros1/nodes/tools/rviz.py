@@ -1,8 +1,8 @@
 """Starts RViz with this package's configuration, for the robot that is looked at.
 
-Called by scripts/rviz.py, which the launch files start; it becomes RViz. The configuration is the Jackal's: the topics
-of another robot's laser and local planner, and its frames, are written into a copy. Topics are relative, so that a
-robot's namespace reaches them; frames do not follow a namespace and get its prefix.
+The command rviz.py, which the launch files start, becomes RViz. The configuration is the Jackal's: the topics of
+another robot's laser and local planner, and its frames, are written into a copy. Topics are relative, so that a robot's
+namespace reaches them; frames do not follow a namespace and get its prefix.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import yaml
 from applr_ros1.common.arguments import frame_prefix, without_remappings
 from applr_ros1.robots import JACKAL, NAMES, Robot, load
 
-from .processes import become
+from .record import become
 
 
 def main() -> None:
@@ -42,13 +42,7 @@ def main() -> None:
 
 
 def configured(tree: Dict[str, Any], robot: Robot, prefix: str) -> Dict[str, Any]:
-    """RViz's configuration for a robot.
-
-    Args:
-        tree: The configuration for the Jackal; it is changed.
-        robot: Whose frames, scan and local planner are shown.
-        prefix: Of its frames, with a slash behind it; may be empty.
-    """
+    """The Jackal's configuration of RViz, changed to a robot's scan, local planner, and frames with a prefix."""
     manager = tree["Visualization Manager"]
     manager["Global Options"]["Fixed Frame"] = prefix + robot.frames.odom
     manager["Views"]["Current"]["Target Frame"] = prefix + robot.frames.base
