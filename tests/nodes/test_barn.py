@@ -15,9 +15,8 @@ import rospy  # noqa: F401
 
 import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.nodes.tools import barn, barn_challenge
-from applr_ros1.nodes.tools.barn_challenge import Overlay
-from tests.support import ROOT
+from applr_ros1.nodes.tools import barn
+from tests.support import HANGS, ROOT
 from tests.support.worlds_sdf import as_barn, moving, sdf
 from worlds import dynabarn
 from worlds.barn import fields
@@ -52,7 +51,7 @@ def command(*arguments, **environment):
         env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment),
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANGS,
     )
 
 
@@ -88,9 +87,9 @@ def test_runs_the_runner_and_goes_on_where_it_stopped(checkout, tmp_path):
 def test_a_controller_of_ones_own_and_a_runner_that_fails(checkout, tmp_path):
     launch = tmp_path / "mine.launch"
     launch.write_text("<launch/>")
-    Overlay(checkout, tmp_path / "overlay", launch)
+    barn.Overlay(checkout, tmp_path / "overlay", launch)
     with pytest.raises(ApplrError, match=r"no checkout of the BARN Challenge: it has no run\.py"):
-        Overlay(tmp_path, tmp_path / "other", None)
+        barn.Overlay(tmp_path, tmp_path / "other", None)
     linked = tmp_path / "overlay" / "jackal_helper" / "launch" / "move_base_DWA.launch"
     assert linked.resolve() == launch
     world = Path("jackal_helper", "worlds", "BARN", "world_2.world")
@@ -131,7 +130,7 @@ def test_two_methods_do_not_share_a_folder(checkout, tmp_path, monkeypatch):
 
 def test_scores_of_the_challenge():
     """By hand: optimal time 5 s; half marks at twice that and below, least at the clip, nothing without success."""
-    score = barn_challenge.score
+    score = barn.score
     assert score(True, 3.0, 5.0, 2.0) == 0.5
     assert score(True, 3.0, 5.0, 4.0) == 0.25
     assert score(True, 20.0, 5.0, 2.0) == 0.25
@@ -149,7 +148,7 @@ def test_runs_without_a_whole_line_are_driven_again(checkout, tmp_path):
     for trial, text in enumerate(("2 1 0 0 12.5000 0.4000\n", "2 1 0", "7 1 0 0 12.5000 0.4000\n")):
         (tmp_path / "out" / "logs" / ("world_2_trial_%d.out" % trial)).write_text(text)
     assert list(found.done()) == [(2, 0)]
-    assert found.done()[2, 0] == barn_challenge.run_of("2 1 0 0 12.5000 0.4000", 0, found.routes[2])
+    assert found.done()[2, 0] == barn.run_of("2 1 0 0 12.5000 0.4000", 0, found.routes[2])
     found.write()
     header, *rows = (tmp_path / "out" / "runs.csv").read_text().splitlines()
     assert header.startswith("world,trial,success,collided,timeout,time_s,metric,score,")

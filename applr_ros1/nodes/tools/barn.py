@@ -3,6 +3,10 @@
 Every run is one process of run.py with a ROS master of its own on a free port; several run at a time. The runner leaves
 ROS nodes behind: what a run has started is found by a variable of its environment, and ended with it. What is done
 stands in OUT/logs, one file of the runner's own line per run, and the same command goes on where it was stopped.
+
+The runner looks for the ROS package jackal_helper: worlds, plugins and launch files. `Overlay` makes a folder of that
+name whose files are links into the checkout, but for the launch file that starts Gazebo (ours starts the simulator of
+this repository) and the one that starts the controller (the person's, if one is given).
 """
 
 from __future__ import annotations
@@ -14,31 +18,45 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
 import zlib
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import astuple, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Dict, List, Optional, Tuple
 
+import numpy as np
 import psutil
 
 import sim_bridge
+import worlds
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import write_bytes
+from applr_ros1.common.files import read_json, write_bytes, write_json
 from applr_ros1.policy import methods
+from worlds import barn
 
-from .barn_challenge import LIMIT, WORLDS, Overlay, Run, run_of, summary
 from .launcher import free_port
 
+HELPER = "jackal_helper"
+GAZEBO_LAUNCH, CONTROLLER_LAUNCH = "gazebo_launch.launch", "move_base_DWA.launch"
+STATIC_WORLDS = 300  # worlds 0 to 299 are BARN's, 300 to 359 DynaBARN's
+WORLDS = 360
+OURS = Path(__file__).resolve().parents[3] / "compat" / HELPER / "launch"
+LIMIT = 100.0  # [s] a run
+SPEED = 2.0  # [m/s] at which the optimal time is driven
 START_UP = 150.0  # wall seconds that a run may take beside the drive
 METHOD = "APPLR_METHOD"  # variable of the environment that this package's controllers read
 RUN = "APPLR_BARN_RUN"  # variable by which the processes of a run are found: the runner's file
 ATTEMPTS = 2  # a run whose runner fails is started so often
 Job = Tuple[int, int]  # world, trial
+MEANS = {  # name in summary.json: column of runs.csv
+    **{"success_rate": "success", "collision_rate": "collided", "timeout_rate": "timeout", "time_s": "time_s"},
+    **{"score": "score", "score_2024": "score_2024", "metric_of_runner": "metric"},
+}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -76,15 +94,98 @@ def numbers(text: str) -> List[int]:
     return list(dict.fromkeys(found))
 
 
+class Overlay:
+    """The package jackal_helper of a checkout, made anew in `folder`, with its own controller if that is None."""
+
+    def __init__(self, checkout: Path, folder: Path, controller: Optional[Path]):
+        self.checkout = checkout.resolve()
+        self.runner = self.checkout / "run.py"
+        self.package = folder / HELPER
+        helper = self.checkout / HELPER
+        for needed in (self.runner, helper / "package.xml", helper / "worlds"):
+            if not needed.exists():
+                raise ApplrError(f"{checkout} is no checkout of the BARN Challenge: it has no {needed.name}")
+        if controller is not None and not controller.is_file():
+            raise ApplrError(f"controller {controller} is not there: give a launch file")
+        shutil.rmtree(self.package, ignore_errors=True)
+        shutil.copytree(helper, self.package, copy_function=os.symlink)
+        launch = self.package / "launch"
+        launch.mkdir(exist_ok=True)
+        for name, file in ((GAZEBO_LAUNCH, OURS / GAZEBO_LAUNCH), (CONTROLLER_LAUNCH, controller)):
+            if file is not None:
+                if (launch / name).exists():
+                    (launch / name).unlink()
+                (launch / name).symlink_to(file.resolve())
+        if not (launch / CONTROLLER_LAUNCH).exists():
+            raise ApplrError(f"{helper} has no launch/{CONTROLLER_LAUNCH}: give --controller LAUNCH")
+
+    def route(self, number: int) -> float:
+        """Length [m] of the Challenge's reference path in a world, from which its optimal time follows."""
+        static = number < STATIC_WORLDS
+        name = f"BARN/world_{number}.world" if static else f"DynaBARN/world_{number - STATIC_WORLDS}.world"
+        path = self.package / "worlds" / name
+        if not path.is_file():
+            raise ApplrError(f"the checkout has no world {number}: {path.name} is missing")
+        course = worlds.load(str(path)).course
+        return (barn.challenge_course(course.path) if static else course).route_m
+
+
+@dataclass(frozen=True)
+class Run:
+    """One row: what the runner wrote (time_s and metric), and the score computed from it."""
+
+    world: int
+    trial: int
+    success: int
+    collided: int
+    timeout: int
+    time_s: float
+    metric: float  # as run.py computes it
+    score: float  # with no less than 2 optimal times counted, as run.py does since 2025
+    score_2024: float  # no less than 4, as until then
+    optimal_s: float
+
+    @property
+    def outcome(self) -> str:
+        """In a word."""
+        return "succeeded" if self.success else "collided" if self.collided else "timeout"
+
+
+def score(success: bool, seconds: float, optimal: float, least: float) -> float:
+    """The Challenge's score of a run: success x OT / clip(AT, `least` OT, 8 OT), 0 to 1 / `least`; times in seconds."""
+    return float(success) * optimal / float(np.clip(seconds, least * optimal, 8.0 * optimal))
+
+
+def run_of(line: str, trial: int, route: float) -> Run:
+    """From the line that run.py appends to its file: world, success, collided, timeout, seconds, metric."""
+    words = line.split()
+    try:
+        world, success, collided, timeout = (int(word) for word in words[:4])
+        seconds, metric = (float(word) for word in words[4:6])
+    except ValueError:
+        raise ApplrError(f"the runner wrote {line[:80]!r}: no line of six numbers") from None
+    optimal = route / SPEED
+    scores = [round(score(bool(success), seconds, optimal, least), 4) for least in (2.0, 4.0)]
+    return Run(world, trial, success, collided, timeout, seconds, metric, scores[0], scores[1], round(optimal, 4))
+
+
+def summary(runs: List[Run]) -> Dict[str, object]:
+    """Counts, rates and means over all runs; times over the successful ones."""
+    found: Dict[str, object] = {"runs": len(runs), "worlds": len({run.world for run in runs})}
+    for name, field in MEANS.items():
+        values = [getattr(run, field) for run in runs if run.success or field != "time_s"]
+        found[name] = round(float(np.mean(values)), 4) if values else None
+    return found
+
+
 class Evaluation:
     """All runs of one command."""
 
     def __init__(self, options: argparse.Namespace):
         self.options = options
         self.worlds = numbers(options.worlds)
-        for name, value in (("--trials", options.trials), ("--jobs", options.jobs)):
-            if value < 1:
-                raise ApplrError(f"{name} {value}: give 1 or more")
+        if min(options.trials, options.jobs) < 1:
+            raise ApplrError(f"--trials {options.trials} --jobs {options.jobs}: give 1 or more of each")
         if not 0.0 < options.real_time_factor < 1000.0:
             raise ApplrError(f"--real-time-factor {options.real_time_factor:g}: give a number above 0")
         self.out = options.out.resolve()
@@ -108,13 +209,13 @@ class Evaluation:
             METHOD: self.method,
         }
         path = self.out / "settings.json"
-        before = json.loads(path.read_text(encoding="utf-8")) if path.exists() else settings
+        before = read_json(path) if path.exists() else settings
         for name, value in settings.items():
             if before.get(name) != value:
                 raise ApplrError(
                     f"{options.out} holds runs with {name} {before.get(name)}, not {value}: give another --out"
                 )
-        write_bytes(path, json.dumps(settings, indent=2).encode())
+        write_json(path, settings)
 
     def done(self) -> Dict[Job, Run]:
         """The runs of this command that have been driven, by their files."""
@@ -166,23 +267,19 @@ class Evaluation:
         out, log, options = self._file(job, "out"), self._file(job, "log"), self.options
         if out.exists():
             out.unlink()
-        environment = dict(
-            os.environ,
+        packages = self.overlay.package, self.overlay.checkout, os.environ.get("ROS_PACKAGE_PATH", "")
+        environment = {key: text for key, text in os.environ.items() if key not in ("ROS_HOSTNAME", "ROS_NAMESPACE")}
+        environment.update(
             ROS_MASTER_URI=f"http://127.0.0.1:{free_port()}",
             ROS_IP="127.0.0.1",
             ROS_LOG_DIR=str(self.out / "logs" / "ros"),
-            ROS_PACKAGE_PATH=os.pathsep.join(
-                [str(self.overlay.package), str(self.overlay.checkout), os.environ.get("ROS_PACKAGE_PATH", "")]
-            ),
+            ROS_PACKAGE_PATH=os.pathsep.join(map(str, packages)),
             PYTHONUNBUFFERED="1",
-            **({METHOD: self.method} if self.method else {}),
-            **{RUN: str(out)},
             APPLR_SIMULATOR=options.simulator,
             APPLR_SEED=str(zlib.crc32(b"%d %d %d" % (options.seed, *job)) & 0x7FFFFFFF),
             APPLR_REAL_TIME_FACTOR=repr(options.real_time_factor),
+            **{RUN: str(out), **({METHOD: self.method} if self.method else {})},
         )
-        for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):  # of another robot
-            environment.pop(name, None)
         runner = [sys.executable, str(self.overlay.runner), "--world_idx", str(job[0]), "--out", str(out)]
         with open(log, "wb") as file:
             process = subprocess.Popen(
@@ -218,7 +315,7 @@ class Evaluation:
         write_bytes(self.out / "out.txt", "".join(line + "\n" for line in lines).encode())
         if runs:
             found = summary(runs)
-            write_bytes(self.out / "summary.json", (json.dumps(found, indent=2) + "\n").encode())
+            write_json(self.out / "summary.json", found)
             print(f"results: {self.out}")
             print(json.dumps(found))
 
