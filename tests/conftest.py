@@ -1,7 +1,8 @@
 """For all tests: what is left out, what counts as a failure, how tests are shared among processes, figures of faults.
 
-A test marked `ros` that fails is run once more: it lives in real time, on a machine that others use, too. A test that
-takes more than five minutes fails; those marked `long` may take hours.
+A test marked `ros` that fails is run once more: it lives in real time, on a machine that others use, too. The end of a
+run counts and names these; one that is there in two of ten runs has a defect. A test that takes more than a quarter of
+an hour hangs and fails; those marked `long` may take hours.
 
 `./applr test` runs pytest-xdist. Tests of one file that start ROS nodes stay together (`--dist loadgroup`), and so do
 the files of a folder whose conftest.py has a stack that they share: rospy knows one master per process. Between two
@@ -118,6 +119,14 @@ def write_figures(path, reports):
         writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(table)
+
+
+def pytest_terminal_summary(terminalreporter):
+    again = terminalreporter.stats.get("rerun", [])
+    if again:
+        terminalreporter.section(f"run a second time: {len(again)}")
+        for report in again:
+            terminalreporter.line(report.nodeid)
 
 
 def pytest_sessionfinish(session, exitstatus):

@@ -1,12 +1,14 @@
-"""What tests/conftest.py promises of a run that is ended from outside, and of one in which no test passed."""
+"""What tests/conftest.py promises of a run that is ended from outside, without a test that passed, or with reruns."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 
 import pytest
 
+from tests.support import HANGS
 from tests.support.processes import is_alive
 from tests.support.ros_harness import ROOT, wait_for
 
@@ -25,6 +27,13 @@ def test_that_lasts():
 
 def test_that_is_skipped():
     pytest.skip("always")
+
+@pytest.mark.ros
+def test_that_fails_once():
+    first = pathlib.Path("first")
+    if not first.exists():
+        first.touch()
+        pytest.fail("as under load")
 """
 
 
@@ -51,13 +60,21 @@ def test_a_run_that_is_ended_leaves_nobody(tmp_path, number, workers):
     started = [int(word) for word in pids.read_text().split()[:2]]
     assert all(map(is_alive, started))
     run.send_signal(number)
-    said, _ = run.communicate(timeout=60)
+    said, _ = run.communicate(timeout=HANGS)
     assert run.returncode == 2, said
     wait_for(lambda: not any(map(is_alive, started)), 5.0, "the end of what the test has started")
 
 
 def test_a_run_in_which_no_test_passed_is_a_failure(tmp_path):
     run = start(tmp_path, "-k", "skipped")
-    said, _ = run.communicate(timeout=60)
+    said, _ = run.communicate(timeout=HANGS)
     assert "1 skipped" in said
     assert run.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, said
+
+
+@pytest.mark.parametrize("workers", ["-n0", "-n2"])
+def test_what_was_run_a_second_time_is_named(tmp_path, workers):
+    run = start(tmp_path, "-k", "once", workers)
+    said, _ = run.communicate(timeout=HANGS)
+    assert run.returncode == 0, said
+    assert re.search(r"run a second time: 1 =+\ntest_both.py::test_that_fails_once", said), said
