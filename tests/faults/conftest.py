@@ -1,180 +1,12 @@
-"""The running stack for all tests of this folder: bridge, relay, move_base, collision monitor and applr node."""
+"""The running stack for all tests of this folder, whole before each and untouched after it."""
 
 import os
 import signal
 import time
 
-import numpy as np
 import pytest
 
-LENGTH = 19.0  # m of free way before the robot's start
-GOAL = 17.0  # m ahead, where the robot is sent
-PERIOD = 0.5  # s between two decisions of the applr node
-NODES = {
-    "sim_bridge": (
-        "/clock:=/sim/clock",
-        "/tf:=/sim/tf",
-        "front/scan:=/sim/scan",
-        "odometry/filtered:=/sim/odometry",
-        "cmd_vel:=/sim/cmd_vel",
-        "_simulator:=kinematic",
-    ),
-    "move_base": ("odom:=odometry/filtered", "cmd_vel:=move_base/cmd_vel"),
-    "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
-    "applr": ("_method:=applr", "_period:=%g" % PERIOD),
-}
-READY = {"collision_monitor": "/collision_monitor/action"}  # says nothing; its topic shows that it is up
-
-
-def alley(folder):
-    """A straight way between two rows of posts with a wall at its end, as a .world file. Returns the path."""
-    from worlds import Course, World
-    from worlds.sdf_writer import write
-
-    x = np.arange(-1.0, LENGTH, 0.5)
-    rows = [(at, side * 2.2, 0.1) for at in x for side in (-1.0, 1.0)]
-    wall = [(LENGTH, y, 0.1) for y in np.arange(-2.2, 2.25, 0.2)]
-    course = Course((0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [GOAL, 0.0]]))
-    path = folder / "alley.world"
-    write(World("alley", np.array(rows + wall), np.empty((0, 5)), course), str(path))
-    return path
-
-
-class Stack:
-    """The nodes as children by name, the relay, a client of move_base's action, and what tests do all the time."""
-
-    PERIOD = PERIOD
-
-    def __init__(self, ros, folder):
-        import actionlib
-        import rospy
-        from applr_ros1.msg import Decision
-        from move_base_msgs.msg import MoveBaseAction
-        from std_msgs.msg import String
-
-        from tests.faults.relay import Relay
-        from tests.support.fake_robot import decided
-        from tests.support.ros_harness import wait_for
-
-        self.ros, self.nodes, self.decisions, self.actions = ros, {}, [], []
-        rospy.set_param("/use_sim_time", True)
-        rospy.set_param("/sim_bridge/world", str(alley(folder)))
-        rospy.Subscriber("/applr/decision", Decision, lambda m: self.decisions.append(decided(m)))
-        rospy.Subscriber("/collision_monitor/action", String, lambda m: self.actions.append(m.data))
-        self.relay = Relay()
-        for name in NODES:
-            self.start(name, wait=False)
-        for name in NODES:
-            self.wait_until_up(name)
-        self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-        assert self.client.wait_for_server(rospy.Duration(20.0))
-        wait_for(lambda: self.relay.truth, 10.0, "the robot")
-
-    def start(self, name, wait=True):
-        """Starts a node of NODES, also after it was killed, with the parameters that a launch file gives it."""
-        import rospy
-
-        from tests.support.jackal import JACKAL
-
-        if name == "move_base":
-            rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD}))
-        self.nodes[name] = self.ros.node(name, *NODES[name])
-        if wait:
-            self.wait_until_up(name)
-
-    def wait_until_up(self, name):
-        import rosgraph
-
-        from tests.support.ros_harness import wait_for
-
-        child = self.nodes[name]
-
-        def up():
-            if name in READY:
-                return any(topic == READY[name] for topic, _ in rosgraph.Master("/up").getPublishedTopics(""))
-            return "ready" in child.text
-
-        wait_for(lambda: not child.alive() or up(), 150.0, name)
-        assert child.alive(), child.text
-
-    def said(self, name):
-        """What a node has printed so far."""
-        return self.nodes[name].text
-
-    def back_to_the_start(self):
-        import rospy
-        from std_srvs.srv import Empty
-
-        from tests.support.ros_harness import wait_for
-
-        self.give_up()
-        rospy.ServiceProxy("/sim_bridge/reset", Empty)()
-        wait_for(lambda: abs(self.relay.x) < 0.1, 3.0, "the start")
-        self.relay.touched = False
-
-    @property
-    def goal_is_over(self):
-        from actionlib_msgs.msg import GoalStatus
-
-        return not self.client.gh or self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE)
-
-    def give_up(self):
-        """Ends the goal. A cancel of all goals, on a connection of its own, could also end the next one."""
-        if not self.goal_is_over:
-            self.client.cancel_goal()
-            self.until(lambda: self.goal_is_over, 5.0, "the end of the goal")
-
-    def send(self, x=GOAL, **more):
-        from tests.support.move_base_stack import goal
-
-        self.client.send_goal(goal(x, **more))
-
-    def under_way(self, speed=0.6, room=7.0):
-        """The robot drives to the goal at `speed` [m/s] or more, with so much room [m] before it."""
-        if self.goal_is_over or not (self.relay.speed > 0.1 and self.relay.x < GOAL - room):
-            if self.relay.x > 2.0:
-                self.back_to_the_start()
-            self.send()
-        self.until(lambda: self.relay.speed > speed or self.goal_is_over, 15.0, "motion")
-        if self.relay.speed <= speed:  # what an earlier test did to the nodes has ended this goal, too
-            self.send()
-            self.until(lambda: self.relay.speed > speed, 15.0, "motion")
-
-    def longest_gap(self):
-        """The longest time between two of the planner's commands that the relay still has [s]."""
-        return np.diff([t for t, _, _ in self.relay.planned]).max()
-
-    def stands_after(self, break_it, within=2.0):
-        """Does break_it(), waits until the robot stands; returns how long that took [s of simulated time]."""
-        from tests.support.ros_harness import slowness
-
-        broken = self.relay.now
-        break_it()
-        self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, 2 * within + 1, "standstill")
-        now = self.relay.now  # what is later was before the simulator began anew
-        took = next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < 0.01) - broken
-        assert took < within * slowness()
-        return took
-
-    def drives_again(self, seconds=10.0, speed=0.3):
-        self.until(lambda: self.relay.speed > speed, seconds, "motion again")
-
-    def until(self, condition, seconds, what):
-        """Waits as wait_for does; a failure says where the robot is and what collision monitor and move_base did."""
-        from tests.support.ros_harness import wait_for
-
-        try:
-            return wait_for(condition, seconds, what)
-        except AssertionError as late:
-            relay, client = self.relay, self.client
-            goal = "goal: state %d %s" % (client.get_state(), client.get_goal_status_text()) if client.gh else "no goal"
-            lines = [
-                "%s; x %.2f, aside %s, %.2f m/s" % (late, relay.x, relay.aside, relay.speed),
-                "%.2f, in simulated time %.2f; planned %s" % (time.time(), relay.now, relay.planned[-3:]),
-                "sent on %s; %s; %s" % (relay.commands[-3:], self.actions[-3:], goal),
-                *self.said("move_base").splitlines()[-10:],
-            ]
-            raise AssertionError("\n".join(lines)) from None
+from tests.support.ros_harness import session
 
 
 @pytest.fixture(scope="package")
@@ -182,7 +14,7 @@ def running(tmp_path_factory):
     import rospy
 
     from applr_ros1.common.ros_node import LONGEST
-    from tests.support.ros_harness import session
+    from tests.faults.stack import Stack
 
     stack = Stack(session(), tmp_path_factory.mktemp("stack"))
     yield stack

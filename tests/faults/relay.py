@@ -6,7 +6,6 @@ all faults away. It runs in the test's own process, which lives in wall time.
 """
 
 import contextlib
-import threading
 import time
 from collections import deque
 
@@ -30,17 +29,14 @@ STREAMS = {  # name: (type, from, to)
 }
 
 
-def passes(message):
-    return message
-
-
 class Relay:
     """Passes the five streams on, and keeps what a test wants to know of the robot.
 
     Attributes:
         bend: {name of a stream: what happens to its messages}.
         shift: seconds that are added to every stamp and to the clock.
-        x, speed: of the robot in the simulator [m, m/s]; `touched`: whether it has touched anything.
+        now, x, speed: of the robot in the simulator [s, m, m/s], whatever becomes of the stack's clock; `touched`:
+            whether it has touched anything.
         aside: (y [m], yaw [rad]) of the robot, both 0 on the way straight on.
         commands: (wall time, v, w) that went to the base; planned: the same for what move_base asked for.
         truth: (simulated time, x, speed), the newest 500.
@@ -48,21 +44,19 @@ class Relay:
 
     def __init__(self):
         self.mend()
-        self.shift = BEGIN
-        self.touched = False
+        self.shift, self.touched = BEGIN, False
+        self.now = self.x = self.speed = 0.0
         self.aside = (0.0, 0.0)
         self.commands, self.planned, self.truth = [], [], deque(maxlen=500)
-        self._publishers = {
-            name: rospy.Publisher(to, kind, queue_size=20, tcp_nodelay=True) for name, (kind, _, to) in STREAMS.items()
-        }
-        self._lock = threading.Lock()
+        fast = {"queue_size": 20, "tcp_nodelay": True}
+        self._publishers = {name: rospy.Publisher(to, kind, **fast) for name, (kind, _, to) in STREAMS.items()}
         self._subscribers = [
-            rospy.Subscriber(source, kind, self._pass, name, queue_size=20, buff_size=2**22, tcp_nodelay=True)
+            rospy.Subscriber(source, kind, self._pass, name, buff_size=2**22, **fast)
             for name, (kind, source, _) in STREAMS.items()
         ] + [
-            rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear_truth, queue_size=20, tcp_nodelay=True),
-            rospy.Subscriber("/sim_bridge/collision", Bool, self._hear_contact, queue_size=20),
-            rospy.Subscriber("/move_base/cmd_vel", Twist, self._hear_plan, queue_size=20, tcp_nodelay=True),
+            rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._hear_truth, **fast),
+            rospy.Subscriber("/sim_bridge/collision", Bool, self._hear_contact, **fast),
+            rospy.Subscriber("/move_base/cmd_vel", Twist, lambda command: _keep(command, self.planned), **fast),
         ]
 
     def close(self):
@@ -72,35 +66,20 @@ class Relay:
 
     def mend(self):
         """Everything passes as it comes."""
-        self.bend = dict.fromkeys(STREAMS, passes)
-
-    @property
-    def x(self):
-        return self.truth[-1][1] if self.truth else 0.0
-
-    @property
-    def speed(self):
-        return self.truth[-1][2] if self.truth else 0.0
-
-    @property
-    def now(self):
-        """The simulator's time [s]; it goes on whatever becomes of the stack's clock."""
-        return self.truth[-1][0] if self.truth else 0.0
+        self.bend = dict.fromkeys(STREAMS, lambda message: message)
 
     def _pass(self, message, name):
         shift = rospy.Duration.from_sec(self.shift)
         if name == "clock":
             message.clock += shift
-        elif name == "tf":
-            for transform in message.transforms:
-                transform.header.stamp += shift
         elif name != "command":
-            message.header.stamp += shift
+            for stamped in message.transforms if name == "tf" else [message]:
+                stamped.header.stamp += shift
         message = self.bend[name](message)
         if message is None:
             return
         if name == "command":
-            self.commands.append((time.time(), message.linear.x, message.angular.z))
+            _keep(message, self.commands)
         with contextlib.suppress(rospy.ROSException):  # closed meanwhile
             self._publishers[name].publish(message)
 
@@ -108,9 +87,11 @@ class Relay:
         pose = message.pose.pose
         self.aside = (pose.position.y, yaw_of(pose.orientation))
         self.truth.append((message.header.stamp.to_sec(), pose.position.x, message.twist.twist.linear.x))
+        self.now, self.x, self.speed = self.truth[-1]
 
     def _hear_contact(self, message):
         self.touched |= message.data
 
-    def _hear_plan(self, message):
-        self.planned.append((time.time(), message.linear.x, message.angular.z))
+
+def _keep(command, where):
+    where.append((time.time(), command.linear.x, command.angular.z))

@@ -29,6 +29,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.nodes.tools import send_goal
 from applr_ros1.nodes.tools.launcher import own_stack
 
+COLUMNS = ("simulated_s", "process", "pid", "memory_mb", "descriptors", "threads")
 WARM_UP = 0.2  # share of the time left out of the trends: kernels are loaded, buffers and caches fill
 EVERY = 60.0  # simulated seconds between samples
 LONGEST = 60.0  # simulated seconds for one course
@@ -36,16 +37,13 @@ SILENCE = 120.0  # wall seconds without a new clock after which the stack counts
 
 
 def sample(elapsed):
-    """Rows for all processes below this one: the nodes by their ROS names, the others by their programs."""
+    """Rows (COLUMNS) for all processes below this one: nodes by their ROS names, others by their programs."""
     for process in psutil.Process().children(recursive=True):
         try:
             words = process.cmdline()
             name = next((word[8:] for word in words if word.startswith("__name:=")), Path(words[0]).name)
-            memory, pid = process.memory_info().rss / 2**20, process.pid
-            yield {"simulated_s": elapsed, "process": name, "pid": pid, "memory_mb": memory} | {
-                "descriptors": process.num_fds(),
-                "threads": process.num_threads(),
-            }
+            memory = process.memory_info().rss / 2**20
+            yield (elapsed, name, process.pid, memory, process.num_fds(), process.num_threads())
         except (psutil.Error, IndexError):  # it has ended
             continue
 
@@ -91,10 +89,8 @@ class Driver:
         start, due = self.newest[0], 0.0
         while self.newest[0] - start < 3600.0 * hours:
             course, began = self._begin(f"generated:{self.courses % 300}"), self.newest[0]
-            arrived = False
-            while not arrived and self.newest[0] - began < LONGEST:
-                if self._client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
-                    break
+            arrived, running = False, (GoalStatus.PENDING, GoalStatus.ACTIVE)
+            while not arrived and self.newest[0] - began < LONGEST and self._client.get_state() in running:
                 if self.newest[0] - start >= due:
                     due += EVERY
                     self.samples += sample(round(self.newest[0] - start, 1))
@@ -122,9 +118,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("soak"), help="Folder for samples.csv and summary.json.")
     parser.add_argument("--most", type=float, default=5.0, help="Growth of one process [MB per hour] that is a leak.")
     parser.add_argument("--simulator", default="kinematic", help="Simulator of the robot: kinematic or pybullet.")
-    chosen = parser.parse_args()
+    chosen, ended = parser.parse_args(), ""
     chosen.out.mkdir(parents=True, exist_ok=True)
-    ended = ""
     given = {"goal": "none", "real_time_factor": "0", "simulator": chosen.simulator}
     with own_stack(given) as stack:
         driver, began = Driver(stack), time.monotonic()
@@ -132,13 +127,12 @@ def main():
             driver.run(chosen.hours)
         except (KeyboardInterrupt, ApplrError) as stopped:
             ended = str(stopped)
-    table = pd.DataFrame(driver.samples)
+    table = pd.DataFrame(driver.samples, columns=COLUMNS)
     table.to_csv(chosen.out / "samples.csv", index=False)
     found = summary(table)
     (chosen.out / "summary.json").write_text(json.dumps(found, indent=1) + "\n")
-    print(
-        f"{driver.courses} courses, {driver.reached} to the goal, {(time.monotonic() - began) / 3600.0:.2f} h; {ended}"
-    )
+    hours = (time.monotonic() - began) / 3600.0
+    print(f"{driver.courses} courses, {driver.reached} to the goal, {hours:.2f} h; {ended}")
     print(pd.DataFrame(found).T.to_string())
     leaks = [n for n, row in found.items() if row["mb_per_hour"] > chosen.most or row["opening"] or row["restarts"]]
     if leaks:
