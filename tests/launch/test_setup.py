@@ -13,34 +13,43 @@ import time
 
 import pytest
 
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
+from tests.support.ros_harness import slowness
+
+
+class Clone:
+    """A folder with what set-up reads. Called, it runs ./applr there with stand-in programs: (status, error lines)."""
+
+    def __init__(self, folder):
+        self.folder, self.programs, self.stdout = folder, folder / "stand-ins", ""
+        self.programs.mkdir()
+        for name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
+            shutil.copy2(ROOT / name, folder / name)
+        package = ("applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts")
+        for name in ("requirements", "msg", "srv", "compat", *package):
+            shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def start(self, *words, stand_ins=(), **environment):
+        for name, body in dict(stand_ins).items():
+            (self.programs / name).write_text("#!/bin/sh\n" + body + "\n")
+            (self.programs / name).chmod(0o755)
+        environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % self.programs, **environment)
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        return subprocess.Popen([self.folder / "applr", *words], env=environment, start_new_session=True, **pipes)
+
+    def __call__(self, *words, **options):
+        started = self.start(*words, **options)
+        self.stdout, said = started.communicate(timeout=HANGS)
+        return started.returncode, said.strip().splitlines()
+
+    def quick(self, *words, **environment):
+        """The same with a set-up that takes no time."""
+        return self(*words, stand_ins=QUICK, APPLR_PYTHON=str(self.programs / "python"), **environment)
 
 
 @pytest.fixture
 def clone(tmp_path):
-    """A folder with what set-up reads, and a function that runs ./applr there with stand-in programs."""
-    for name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
-        shutil.copy2(os.path.join(ROOT, name), tmp_path / name)
-    for name in ("requirements", "msg", "srv", "compat", "applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts"):
-        shutil.copytree(os.path.join(ROOT, name), tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    programs = tmp_path / "stand-ins"
-    programs.mkdir()
-
-    def start(*words, stand_ins=None, **environment):
-        for name, body in (stand_ins or {}).items():
-            (programs / name).write_text("#!/bin/sh\n" + body + "\n")
-            (programs / name).chmod(0o755)
-        environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % programs, **environment)
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen([str(tmp_path / "applr"), *words], env=environment, start_new_session=True, **pipes)
-
-    def run(*words, **options):
-        started = start(*words, **options)
-        run.stdout, said = started.communicate(timeout=120)
-        return started.returncode, said.strip().splitlines()
-
-    run.programs, run.start = programs, start
-    return run
+    return Clone(tmp_path)
 
 
 NOTHING = {"dpkg-query": "exit 1"}
@@ -83,88 +92,77 @@ def test_a_path_in_which_catkin_cannot_build_is_refused_at_once(clone, tmp_path,
     assert os.listdir(tmp_path / name) == ["applr"]
 
 
-@pytest.fixture
-def quick(clone):
-    """As clone, with a set-up that takes no time."""
-
-    def run(*words, **environment):
-        return clone(*words, stand_ins=QUICK, APPLR_PYTHON=str(clone.programs / "python"), **environment)
-
-    run.clone = clone
-    return run
-
-
-def test_what_is_gone_is_made_again(quick, tmp_path):
+def test_what_is_gone_is_made_again(clone, tmp_path):
     state = tmp_path / ".applr"
-    assert quick("exec", "true") == (0, [VENV, WORKSPACE])
-    assert quick("exec", "true") == (0, [])
+    assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
+    assert clone.quick("exec", "true") == (0, [])
     shutil.rmtree(state / "venv")
-    assert quick("exec", "true") == (0, [VENV])
+    assert clone.quick("exec", "true") == (0, [VENV])
     shutil.rmtree(state / "catkin_ws")
-    assert quick("exec", "true") == (0, [WORKSPACE])
+    assert clone.quick("exec", "true") == (0, [WORKSPACE])
     (state / "venv.stamp").unlink()  # as a set-up that was stopped while it made the venv leaves it
     (state / "venv" / "bin" / "no-pip").touch()
-    assert quick("exec", "true") == (0, [VENV])
+    assert clone.quick("exec", "true") == (0, [VENV])
     assert not (state / "venv" / "bin" / "no-pip").exists()
 
 
-def test_packages_of_another_workspace_do_not_count(quick, tmp_path):
+def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     """pip would take them for installed. The command itself sees them, and an interpreter's home would break it."""
     environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
-    assert quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
-    assert quick.clone.stdout == "/elsewhere\n"
+    assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
+    assert clone.stdout == "/elsewhere\n"
     log = (tmp_path / ".applr" / "setup.log").read_text()
     assert "pip sees nothing" in log
     assert "/elsewhere" not in log
     python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}  # a real one
-    _, lines = quick.clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
+    _, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
     assert "these packages are missing" in lines[-1]
 
 
 @pytest.mark.parametrize("given", ["", "/given"])
-def test_ros_writes_into_the_clone_where_the_user_has_no_home(quick, tmp_path, given):
+def test_ros_writes_into_the_clone_where_the_user_has_no_home(clone, tmp_path, given):
     for home, expected in (("/proc/none", str(tmp_path / ".applr" / "ros")), (str(tmp_path), "")):
-        code, _ = quick("exec", "sh", "-c", "echo $ROS_HOME", HOME=home, ROS_HOME=given)
-        assert (code, quick.clone.stdout.strip()) == (0, given or expected)
+        code, _ = clone.quick("exec", "sh", "-c", "echo $ROS_HOME", HOME=home, ROS_HOME=given)
+        assert (code, clone.stdout.strip()) == (0, given or expected)
 
 
-def test_an_error_of_an_earlier_set_up_is_not_told_again(quick):
+def test_an_error_of_an_earlier_set_up_is_not_told_again(clone):
     for last in ("ERROR: no such version", "Killed"):
-        code, lines = quick("setup", PIP_STAND_IN=f"echo {last}; exit 1")
+        code, lines = clone.quick("setup", PIP_STAND_IN=f"echo {last}; exit 1")
         assert code == 1
         assert f"({last}): is there a network?" in lines[-1]
 
 
-def test_a_set_up_that_is_stopped_goes_on_the_next_time(quick, tmp_path):
-    waiting = {"PIP_STAND_IN": "sleep 30", "APPLR_PYTHON": str(quick.clone.programs / "python")}
-    stopped = quick.clone.start("exec", "true", stand_ins=QUICK, **waiting)
+def test_a_set_up_that_is_stopped_goes_on_the_next_time(clone, tmp_path):
+    waiting = {"PIP_STAND_IN": "sleep 30", "APPLR_PYTHON": str(clone.programs / "python")}
+    stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
     log = tmp_path / ".applr" / "setup.log"
     deadline = time.monotonic() + 20.0
     while not (log.exists() and "pip sees" in log.read_text()) and time.monotonic() < deadline:
         time.sleep(0.01)
     os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
-    _, said = stopped.communicate(timeout=20)
+    _, said = stopped.communicate(timeout=HANGS)
     assert (stopped.returncode, said.splitlines()[1:]) == (130, ["applr: stopped; the same command goes on from here"])
-    assert quick("exec", "true") == (0, [VENV, WORKSPACE])
+    assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
 
 
-def test_a_second_set_up_of_a_clone_says_that_it_waits(quick, tmp_path):
-    assert quick("exec", "true")[0] == 0
+def test_a_second_set_up_of_a_clone_says_that_it_waits(clone, tmp_path):
+    assert clone.quick("exec", "true")[0] == 0
     with open(tmp_path / ".applr" / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        second = quick.clone.start("exec", "true", APPLR_PYTHON=str(quick.clone.programs / "python"))
+        second = clone.start("exec", "true", APPLR_PYTHON=str(clone.programs / "python"))
         select.select([second.stderr], [], [], 20.0)
         fcntl.flock(lock, fcntl.LOCK_UN)
-    assert second.communicate(timeout=20)[1] == "applr: another ./applr is setting up this clone: waiting for it\n"
+    assert second.communicate(timeout=HANGS)[1] == "applr: another ./applr is setting up this clone: waiting for it\n"
     assert second.returncode == 0
 
 
-def test_exec_starts_programs_and_has_no_options(quick):
-    assert quick("exec", "--", "echo", "-c")[0] == 0
-    assert quick.clone.stdout == "-c\n"
+def test_exec_starts_programs_and_has_no_options(clone):
+    assert clone.quick("exec", "--", "echo", "-c")[0] == 0
+    assert clone.stdout == "-c\n"
     for word in ("-c", "usage"):  # neither an option of the shell's exec nor a function of the script
         line = "applr: exec %s: there is no such program, or it is not executable" % word
-        assert quick("exec", word) == (127, [line])
+        assert clone.quick("exec", word) == (127, [line])
 
 
 def test_without_root_the_missing_packages_are_named(clone, tmp_path):
@@ -181,10 +179,8 @@ def test_without_root_the_missing_packages_are_named(clone, tmp_path):
 
 
 def test_without_network_apt_says_so(clone):
-    code, lines = clone(
-        "setup",
-        stand_ins=dict(NOTHING, id="echo 0", **{"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}),
-    )
+    apt = {"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}
+    code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 0", **apt))
     assert code == 1
     assert "network" in lines[-1]
     assert "Unable to fetch" in lines[-1]
@@ -224,6 +220,6 @@ def test_a_second_run_does_nothing():
     if not os.path.exists(os.path.join(ROOT, ".applr", "venv.stamp")):
         pytest.skip("set-up has not been done here")
     setup = [os.path.join(ROOT, "applr"), "setup"]
-    subprocess.run(setup, capture_output=True, timeout=120, check=True)
-    done = subprocess.run(setup, capture_output=True, text=True, timeout=2.0, check=False)
+    subprocess.run(setup, capture_output=True, timeout=HANGS, check=True)
+    done = subprocess.run(setup, capture_output=True, text=True, timeout=2.0 * slowness(), check=False)
     assert (done.returncode, done.stderr) == (0, "applr: ready\n")

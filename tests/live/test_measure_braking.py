@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import rospy
 
+from tests.support import HANGS
 from tests.support.ros_harness import session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
@@ -17,7 +18,7 @@ pytestmark = pytest.mark.ros
 
 def measure(*options):
     words = [sys.executable, "-m", "applr_ros1.scripts", "measure_braking", *options]
-    return subprocess.run(words, env=session().env, capture_output=True, text=True, timeout=240)
+    return subprocess.run(words, env=session().env, capture_output=True, text=True, timeout=HANGS)
 
 
 @pytest.fixture(scope="module")

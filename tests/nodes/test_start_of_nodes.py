@@ -12,7 +12,7 @@ import time
 import pytest
 
 from applr_ros1.robots import RobotError
-from tests.support import ros_harness
+from tests.support import HANGS, ros_harness
 
 pytest.importorskip("rospy")
 
@@ -36,7 +36,7 @@ def start(*arguments):
 
 def ended(process, status):
     """What a started command has printed, the errors as their only line."""
-    told, text = process.communicate(timeout=30)
+    told, text = process.communicate(timeout=HANGS)
     assert process.returncode == status, text
     assert len(text.splitlines()) == status, text
     return told + text
@@ -121,12 +121,12 @@ def test_ctrl_c_during_the_import(delay):
     assert process.stdout.readline() == "begun\n"
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
-    _, text = process.communicate(timeout=30)
+    _, text = process.communicate(timeout=HANGS)
     assert "Traceback" not in text, text
     assert len(text.splitlines()) <= 1, text
 
 
-HANGS = """
+HANGING_NODE = """
 import threading, rospy
 from applr_ros1.common import ros_node
 ros_node.LONGEST = 0.5
@@ -139,7 +139,7 @@ rospy.spin()
 
 def test_a_node_that_hangs_while_it_shuts_down_ends_itself_and_says_where():
     with ros_harness.RosMaster() as master:
-        child = master.python("-c", HANGS)
+        child = master.python("-c", HANGING_NODE)
         ros_harness.wait_for(lambda: "ready" in child.text, 20.0, "the node")
         os.kill(child.pid, signal.SIGINT)
         assert child.process.wait(10.0) == 1

@@ -12,6 +12,7 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.robots import geometry
 from sim_bridge import SimulatorError
+from tests.support import HANGS
 from tests.support.scenes import STEP, drive, small_world
 from worlds import Mover
 
@@ -425,7 +426,7 @@ def test_kinematic_needs_no_pybullet():
         "import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
         "\ntry: sim_bridge.make('pybullet')\nexcept ValueError as e: print(e)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0
     assert "cannot be imported" in done.stdout
     assert done.stderr == ""

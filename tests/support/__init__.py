@@ -4,3 +4,4 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
+HANGS = 600.0  # s after which a process counts as hanging: ten times what the longest takes on a quiet machine

@@ -11,6 +11,7 @@ import pytest
 import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
+from tests.support import HANGS
 from tests.support.processes import is_alive
 from tests.support.toy_training import LINE, main
 from tests.support.toy_training import toy_settings as settings
@@ -306,7 +307,7 @@ ray.shutdown()
 @pytest.mark.fault("20b")
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
-    done = subprocess.run([sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=HANGS)
     addresses = done.stdout.splitlines()[-1].split()  # as /proc/net writes 127.0.0.1, and that in IPv6
     assert addresses, done.stderr
     assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}

@@ -23,7 +23,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import StorageError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 from tests.support.trial_tables import kept
 from training import evaluate
 from training.actors.tasks import Trial, TrialResult
@@ -45,7 +45,7 @@ def environment(**more):
 
 
 def run(*arguments, **env):
-    return subprocess.run(*arguments, cwd=ROOT, env=environment(**env), capture_output=True, text=True, timeout=120)
+    return subprocess.run(*arguments, cwd=ROOT, env=environment(**env), capture_output=True, text=True, timeout=HANGS)
 
 
 def refused(done, *words):

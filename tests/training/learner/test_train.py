@@ -15,7 +15,7 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from applr_ros1.common.tensors import unpack
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 from tests.support.toy_env import Line
 from tests.support.toy_training import NO_EVALUATION, main, one_line, state_of, toy, toy_run
 from training.actors.tasks import Answer, TrialResult
@@ -145,7 +145,7 @@ def test_ctrl_c_saves_and_stops(tmp_path):
         assert process.poll() is None
         time.sleep(0.02)
     process.send_signal(signal.SIGINT)
-    text, _ = process.communicate(timeout=20)
+    text, _ = process.communicate(timeout=HANGS)
     assert process.returncode == 130
     assert "Stopped by SIGINT and saved" in text
     assert Learner.saved(out)["transitions"] > 0

@@ -11,7 +11,7 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.planner import state_machine
 from applr_ros1.policy import methods
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 from training import try_robot
 from training.actors.tasks import Answer, Trial, TrialResult
 from training.evaluation.trials import content
@@ -168,7 +168,7 @@ def test_when_the_time_after_the_first_course_is_spent_it_ends_after_the_one_und
 
 def test_a_mistake_is_one_line():
     done = subprocess.run(
-        [sys.executable, "-m", "training.try_robot", "no_such"], cwd=ROOT, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "training.try_robot", "no_such"], cwd=ROOT, capture_output=True, text=True, timeout=HANGS
     )
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (1, "", 1)
     assert done.stderr.startswith("./applr try: robot is 'no_such': robot no_such: give husky")
