@@ -18,7 +18,7 @@ from applr_ros1.policy.parameter_space import Space
 PLANNER = "TrajectoryPlannerROS"  # DWAPlannerROS always counts per metre
 # what meter_scoring multiplies, and the third weight of a trajectory's cost, which it leaves alone
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
-CLOSE = 0.01  # relative error of a cell's cost that a factor explains; float32 gives 1e-6
+CLOSE = 0.002  # relative error of a cell's cost that a factor explains; float32 gives 1e-6
 FEWEST = 20  # cells that an answer needs
 
 
