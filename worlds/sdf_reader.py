@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import logging
 import os
-from typing import List, NamedTuple, Optional
+from typing import List, Optional, Tuple
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from . import course, dynabarn, sdf
+from . import course, dynabarn
 from .dynabarn import Animation
-from .sdf import frame_of, numbers, parse, pose_of
+from .sdf import SHAPES, numbers, parse, pose_of
 from .world import Mover, World, WorldError
 
 MAX_OBSTACLES = 10_000  # BARN's worlds have up to 365
@@ -36,18 +36,10 @@ def read_world(path: str) -> World:
     world = root if root.tag == "world" else root.find("world")
     if world is None:
         raise WorldError(f"{path} holds no <world>; give a Gazebo world file")
-    obstacles = _Reader(path, world).read()
+    cylinders, boxes, movers = obstacles = _Reader(path, world).read()
     stated = world.find(f"{{{course.NAMESPACE}}}course")
     way = course.beside(path, *obstacles) if stated is None else course.from_element(stated, path)
-    return World(name, obstacles.cylinders, obstacles.boxes, way, obstacles.movers)
-
-
-class Obstacles(NamedTuple):
-    """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
-
-    cylinders: np.ndarray
-    boxes: np.ndarray
-    movers: tuple
+    return World(name, cylinders, boxes, way, movers)
 
 
 class _Reader:
@@ -61,7 +53,8 @@ class _Reader:
         self.unread: List[str] = []
         self.animations = dynabarn.Animations(path, course.NAMESPACE)
 
-    def read(self) -> Obstacles:
+    def read(self) -> Tuple[np.ndarray, np.ndarray, Tuple[Mover, ...]]:
+        """Cylinders (n, 3), boxes (m, 5) and movers as in worlds.World."""
         for tag in ("population", "road", "state/insertions/model"):
             self.unread += [f"<{tag}>" for _ in self.world.findall(tag)]
         for include in self.world.iter("include"):
@@ -75,7 +68,7 @@ class _Reader:
             more = f" and {len(self.unread) - NAMED} more" if len(self.unread) > NAMED else ""
             what = ", ".join(self.unread[:NAMED])
             logging.getLogger(__name__).warning("%s: not read: %s%s; the rest is the world", self.path, what, more)
-        return Obstacles(
+        return (
             np.array(self.cylinders, dtype=np.float64).reshape(-1, 3),
             np.array(self.boxes, dtype=np.float64).reshape(-1, 5),
             tuple(self.movers),
@@ -83,7 +76,9 @@ class _Reader:
 
     def _known(self, element: Element, frames: tuple, what: str) -> bool:
         """Whether an element's pose is relative to what it stands in; it is left out and named elsewhere."""
-        frame = element.get("placement_frame") or frame_of(element)
+        pose = element.find("pose")
+        frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
+        frame = element.get("placement_frame") or frame
         if frame not in frames:
             self.unread.append(f"{what} (its pose is relative to {frame[:60]!r})")
         return frame in frames
@@ -121,24 +116,19 @@ class _Reader:
                 raise WorldError(f"{self.path} has more than {MAX_OBSTACLES} obstacles; give a world with fewer")
 
     def _collision(self, geometry: Element, pose: np.ndarray, what: str, animation: Optional[Animation]) -> None:
-        for shape in geometry:
-            circle = rectangle = None
-            if shape.tag == "cylinder":
-                circle, rectangle = sdf.cylinder(
-                    pose, *(_sizes(shape, tag, 1, what)[0] for tag in ("radius", "length"))
-                )
-            elif shape.tag == "sphere":
-                circle = sdf.sphere(pose, _sizes(shape, "radius", 1, what)[0])
-            elif shape.tag == "box":
-                rectangle = sdf.box(pose, _sizes(shape, "size", 3, what))
-            elif shape.tag not in NOTHING_THERE:
-                self.unread.append(f"{what.partition(' in ' + self.path)[0]} (a {shape.tag})")
-            if animation is not None and circle:
-                self.movers.append(Mover(circle[2], animation.frames, animation.length, animation.repeat))
-            elif circle:
-                self.cylinders.append(circle)
-            elif rectangle:
-                self.boxes.append(rectangle)
+        for element in geometry:
+            if element.tag not in SHAPES:
+                if element.tag not in NOTHING_THERE:
+                    self.unread.append(f"{what.partition(' in ' + self.path)[0]} (a {element.tag})")
+                continue
+            tags, count, cut = SHAPES[element.tag]
+            shape = cut(pose, *(size for tag in tags for size in _sizes(element, tag, count, what)))
+            if shape is not None and len(shape) > 3:
+                self.boxes.append(shape)
+            elif shape is not None and animation is not None:
+                self.movers.append(Mover(shape[2], animation.frames, animation.length, animation.repeat))
+            elif shape is not None:
+                self.cylinders.append(shape)
 
 
 def _sizes(shape: Element, tag: str, count: int, what: str) -> List[float]:

@@ -13,17 +13,22 @@ from applr_ros1.common import files
 from applr_ros1.common.errors import run_main
 
 from .loading import FORMS, load
-from .world import Course, Mover, World
+from .world import Mover, World
 
 HEIGHT = 1.0  # of everything written [m]
 
-_HEAD = """<?xml version="1.0"?>
+_WORLD = """<?xml version="1.0"?>
 <sdf version="1.6" xmlns:applr="applr">
   <world name="default">
     <include><uri>model://sun</uri></include>
     <include><uri>model://ground_plane</uri></include>
-"""
-_TAIL = """  </world>
+{models}    <applr:course>
+      <applr:start>{start}</applr:start>
+      <applr:goal>{goal}</applr:goal>
+{finish}      <applr:goal_tolerance>{tolerance!r}</applr:goal_tolerance>
+      <applr:path>{path}</applr:path>
+    </applr:course>
+  </world>
 </sdf>
 """
 _MODEL = """    <model name="{name}">
@@ -45,23 +50,24 @@ def write(world: World, path: str) -> None:
 def text(world: World) -> str:
     """The .world file's text. Numbers are written so that they read back to the last bit."""
     models: List[str] = []
+
+    def add(name, x, y, shape, yaw=0.0, extra=""):
+        models.append(_MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT, yaw=yaw, shape=shape, extra=extra))
+
+    def cylinder(radius):
+        return f"<cylinder><radius>{radius!r}</radius><length>{HEIGHT!r}</length></cylinder>"
+
     for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
-        models.append(_model(f"cylinder_{n}", x, y, 0.0, _cylinder(radius)))
+        add(f"cylinder_{n}", x, y, cylinder(radius))
     for n, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
-        shape = "<box><size>{!r} {!r} {!r}</size></box>".format(size_x, size_y, HEIGHT)
-        models.append(_model(f"box_{n}", x, y, yaw, shape))
+        add(f"box_{n}", x, y, f"<box><size>{size_x!r} {size_y!r} {HEIGHT!r}</size></box>", yaw)
     for n, mover in enumerate(world.movers):
-        _, x, y = mover.waypoints[0]
-        models.append(_model(f"mover_{n}", x, y, 0.0, _cylinder(mover.radius), _waypoints(mover)))
-    return _HEAD + "".join(models) + _course(world.course) + _TAIL
-
-
-def _model(name: str, x: float, y: float, yaw: float, shape: str, extra: str = "") -> str:
-    return _MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT, yaw=yaw, shape=shape, extra=extra)
-
-
-def _cylinder(radius: float) -> str:
-    return "<cylinder><radius>{!r}</radius><length>{!r}</length></cylinder>".format(radius, HEIGHT)
+        add(f"mover_{n}", *mover.waypoints[0][1:], cylinder(mover.radius), extra=_waypoints(mover))
+    course = world.course
+    finish = "" if course.finish_y is None else f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
+    start, goal, path = map(_row, (course.start, course.goal, course.path.ravel().tolist()))
+    ways = dict(start=start, goal=goal, path=path, finish=finish, tolerance=float(course.goal_tolerance))
+    return _WORLD.format(models="".join(models), **ways)
 
 
 def _waypoints(mover: Mover) -> str:
@@ -69,17 +75,6 @@ def _waypoints(mover: Mover) -> str:
     repeat = "" if mover.repeat else ' repeat="0"'
     frames = _row(v for point in mover.waypoints for v in point)
     return f"\n      <applr:waypoints{length}{repeat}>{frames}</applr:waypoints>"
-
-
-def _course(course: Course) -> str:
-    finish = "" if course.finish_y is None else f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
-    return f"""    <applr:course>
-      <applr:start>{_row(course.start)}</applr:start>
-      <applr:goal>{_row(course.goal)}</applr:goal>
-{finish}      <applr:goal_tolerance>{float(course.goal_tolerance)!r}</applr:goal_tolerance>
-      <applr:path>{_row(course.path.ravel().tolist())}</applr:path>
-    </applr:course>
-"""
 
 
 def _row(values: Iterable[float]) -> str:

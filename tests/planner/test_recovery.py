@@ -126,3 +126,9 @@ def test_rotation_of_a_robot_that_cannot_turn_ends():
         now += 0.05
         assert now < 30.0
     assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
+
+
+def test_angle_difference():
+    pi = math.pi
+    for a, b, want in [(0, 1, 1), (1, 0, -1), (3, -3, 2 * pi - 6), (0, pi, pi), (0, -pi, pi), (10, 10, 0)]:
+        assert recovery.angle_difference(a, b) == pytest.approx(want, abs=1e-12), (a, b)
