@@ -23,6 +23,7 @@ from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from tests import replay_dwa
 
 FORMAT = "planner-golden-1"
+WINDOW = ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
 FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")
 
 
@@ -77,11 +78,9 @@ def make_costmap(scenario):
 
 def compare_costmap(scenario, costmap):
     yield "costmap", costmap.cells, scenario.array("costmap")
-    inscribed, circumscribed = radii(costmap.footprint)
-    if "inscribed_radius" in scenario.expected:
-        yield "inscribed_radius", inscribed, scenario.expected["inscribed_radius"]
-    if "circumscribed_radius" in scenario.expected:
-        yield "circumscribed_radius", circumscribed, scenario.expected["circumscribed_radius"]
+    for name, radius in zip(("inscribed_radius", "circumscribed_radius"), radii(costmap.footprint)):
+        if name in scenario.expected:
+            yield name, radius, scenario.expected[name]
 
 
 def inflation(scenario):
@@ -144,11 +143,7 @@ def dwa(scenario):
     yield "pose_used, vel_used", planner.start, used
     yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
     window = expected["window"]
-    names = [
-        name
-        for name in ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
-        if window[name] is not None
-    ]  # null where C++ divided by zero
+    names = [name for name in WINDOW if window[name] is not None]  # null where C++ divided by zero
     ours = planner.window
     yield "window", [ours[name] for name in names], [window[name] for name in names]
     yield from compare_grids(scenario, planner)

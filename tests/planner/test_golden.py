@@ -11,15 +11,7 @@ from tests.support import ROOT
 GOLDEN, GOLDEN_DWA = str(ROOT / "tests" / "golden"), str(ROOT / "tests" / "golden_dwa")
 COUNTS = {
     GOLDEN: {"dwa": 150, "dwa_edge": 54, "inflation": 30, "navfn": 30, "rollout": 15},
-    GOLDEN_DWA: {
-        "dwa": 25,
-        "dwa_edge": 44,
-        "rollout": 4,
-        "drive": 8,
-        "stop_rotate": 44,
-        "local_plan": 7,
-        "local_plan_tf": 1,
-    },
+    GOLDEN_DWA: dict(dwa=25, dwa_edge=44, rollout=4, drive=8, stop_rotate=44, local_plan=7, local_plan_tf=1),
 }
 
 

@@ -36,15 +36,18 @@ def local_planner(plan=None, **changes):
 # -- the plan's cut ----------------------------------------------------------------------------------------------
 
 
-def test_cut_ends_with_the_first_point_beyond_the_map():
-    cut, dropped = cut_plan(straight(9.0, step=0.5), 0.0, 0.0, 5.0, True)
-    assert np.array_equal(cut[:, 0], np.arange(0, 5.6, 0.5))
-    assert dropped == 0
-
-
-def test_a_point_on_the_limit_is_inside():
-    plan = np.array([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]])
-    assert len(cut_plan(plan, 0.0, 0.0, 5.0, True)[0]) == 3
+@pytest.mark.parametrize(
+    ("plan", "cut", "dropped"),
+    [
+        (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),  # it ends with the first point beyond the map
+        ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),  # a point on the limit is inside
+        # points beyond the map are skipped, but deleted from the stored plan's front (docs/explanation/planner.md, 7.2)
+        ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
+    ],
+)
+def test_cut(plan, cut, dropped):
+    found, far = cut_plan(np.array(plan), 0.0, 0.0, 5.0, True)
+    assert (found[:, 0].tolist(), far) == (list(cut), dropped)
 
 
 def test_leading_points_1_m_away_or_more_are_dropped_for_good():
@@ -55,14 +58,6 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     made.compute_velocity((2.0, 0.0, 0.0), (0.0, 0.0), costmap())
     made.compute_velocity((0.2, 0.0, 0.0), (0.0, 0.0), costmap())
     assert len(made.cropped_plan) == 0 or made.cropped_plan[0, 0] >= 1.5
-
-
-def test_the_stored_plan_loses_points_from_its_front_even_if_the_cut_begins_later():
-    """docs/explanation/planner.md, section 7.2: the cut skips points beyond the map, deletions start at the front."""
-    plan = np.array([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]])
-    cut, dropped = cut_plan(plan, 0.0, 0.0, 5.0, True)
-    assert np.array_equal(cut, [[0.5, 0, 0]])
-    assert dropped == 1
 
 
 def test_control_fails_when_all_points_are_pruned_until_the_next_plan():

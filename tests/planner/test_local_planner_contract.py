@@ -115,15 +115,11 @@ def test_no_command_for_what_is_not_finite(planner):
         assert planner.compute_velocity((0, 0, 0), STANDING, costmap())[0]
 
 
-def test_no_command_without_a_plan(planner):
+def test_no_command_far_from_the_plan_or_without_one(planner):
+    assert planner.compute_velocity((0, 40, 0), STANDING, costmap()) == (False, STANDING)
     planner.set_plan(np.zeros((0, 3)))
     assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == (False, STANDING)
-    assert len(planner.local_plan) == 0
-    assert not planner.goal_reached
-
-
-def test_no_command_far_from_the_plan(planner):
-    assert planner.compute_velocity((0, 40, 0), STANDING, costmap()) == (False, STANDING)
+    assert (len(planner.local_plan), planner.goal_reached) == (0, False)
 
 
 def test_no_forward_command_into_an_obstacle(planner):

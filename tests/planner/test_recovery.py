@@ -41,11 +41,6 @@ def test_usual_order_and_sizes():
     assert (built[0].side, built[2].side) == (3.0, 1.84)
 
 
-def test_without_rotations():
-    built = recovery.build(complete(dict(JACKAL, clearing_rotation_allowed=False)))
-    assert [b.name for b in built] == ["conservative_reset", "aggressive_reset"]
-
-
 def test_listed_recoveries_replace_the_usual():
     listed = [{"name": "turn", "type": RECOVERY_TYPES[1]}, {"name": "wide", "type": RECOVERY_TYPES[0]}]
     built = recovery.build(complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0})))

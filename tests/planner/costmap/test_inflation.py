@@ -84,11 +84,11 @@ def assert_within(differs, rect):
 def test_short_queues_are_survived():
     """Many obstacles at once: the queue grows, or the spread begins anew."""
     rng = np.random.default_rng(3)
-    layer, plain = make(300, 300, InflationParameters(0.3, 3.0)), blank(300, 300)
-    layer._queue, layer._lost = np.empty((4, 300), np.int32), np.empty(1000, np.int64)
-    master = blank(300, 300)
+    layer, plain = make(150, 150, InflationParameters(0.3, 3.0)), blank(150, 150)
+    layer._queue, layer._lost = np.empty((4, 75), np.int32), np.empty(250, np.int64)
+    master = blank(150, 150)
     for fill in (0.02, 0.1, 0.0, 0.05):
         plain[:] = np.where(rng.random(plain.shape) < fill, 254, 0)
-        layer.update(master, plain.copy(), (0, 0, 300, 300))
-        plain_maps.inflate(plain, 0, 0, 300, 300, 0.3, 0.05, 3.0, 0.265, False)
+        layer.update(master, plain.copy(), (0, 0, 150, 150))
+        plain_maps.inflate(plain, 0, 0, 150, 150, 0.3, 0.05, 3.0, 0.265, False)
         np.testing.assert_array_equal(master, plain)

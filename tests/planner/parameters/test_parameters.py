@@ -1,6 +1,7 @@
 """The parameter tables, checks and requests. Expected values: running C++ move_bases (*_surface.json)."""
 
 import copy
+import itertools
 import json
 import math
 import os
@@ -15,15 +16,13 @@ from applr_ros1.planner.parameters.check import check, complete, warnings
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.planner.parameters.parameter import ParameterError
-from tests.support import DATA, ROOT
+from tests.support import ROOT
 from tests.support.jackal import JACKAL
 
-with open(os.path.join(DATA, "move_base_surface.json")) as file:
-    SURFACE = json.load(file)
-with open(os.path.join(DATA, "dwa_surface.json")) as file:
-    DWA_SURFACE = json.load(file)
-with open(os.path.join(DATA, "turtlebot3_surface.json")) as file:
-    MAP_SURFACE = json.load(file)
+SURFACE, DWA_SURFACE, MAP_SURFACE = (
+    json.loads((ROOT / "tests" / "data" / name).read_text())
+    for name in ("move_base_surface.json", "dwa_surface.json", "turtlebot3_surface.json")
+)
 DWA = {"base_local_planner": "dwa_local_planner/DWAPlannerROS", "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0}}
 PLANNER = "TrajectoryPlannerROS"
 
@@ -83,9 +82,8 @@ def test_only_the_servers_of_the_planner_in_use_exist():
 
 
 def test_the_control_period_is_looked_for_upwards():
-    for tree in ({}, DWA):
-        assert complete(dict(tree, controller_frequency=10.0))["DWAPlannerROS"]["controller_frequency"] == 10.0
-        assert complete(dict(tree, controller_frequency=10.0))[PLANNER]["controller_frequency"] == 10.0
+    for tree, planner in itertools.product(({}, DWA), ("DWAPlannerROS", PLANNER)):
+        assert complete(dict(tree, controller_frequency=10.0))[planner]["controller_frequency"] == 10.0
     own = complete({"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}})
     assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
 
@@ -143,15 +141,11 @@ def test_what_the_dwa_planner_cannot_run_with_is_one_line(values, words):
             config.request("DWAPlannerROS", values)
 
 
-def test_jackal_tree_equals_the_running_one():
-    assert complete(SURFACE["params"]) == complete(JACKAL)
-
-
-def test_jackal_is_clean_and_complete_is_stable():
+def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
     assert check(JACKAL) == []
     assert check({}) == []
     full = complete(JACKAL)
-    assert complete(full) == full
+    assert complete(full) == full == complete(SURFACE["params"])
     assert check(full) == []
     assert full["aggressive_reset"]["reset_distance"] == 1.84
 
@@ -356,16 +350,13 @@ class TestConfiguration:
 
 
 def test_cfg_files_are_generated_without_numpy(tmp_path):
-    dynamic_reconfigure = "/usr/share/dynamic_reconfigure"
-    if not os.path.isdir(dynamic_reconfigure):
-        dynamic_reconfigure = "/opt/ros/noetic/share/dynamic_reconfigure"
-    if not os.path.isdir(dynamic_reconfigure):
+    prefixes = [path for path in ("/usr", "/opt/ros/noetic") if os.path.isdir(path + "/share/dynamic_reconfigure")]
+    if not prefixes:
         pytest.skip("no dynamic_reconfigure here")
-    cfg = os.path.join(ROOT, "applr_ros1", "cfg", "TrajectoryPlanner.cfg")
+    cfg, there = ROOT / "applr_ros1" / "cfg" / "TrajectoryPlanner.cfg", str(tmp_path)
     (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
-    there = str(tmp_path)
     done = subprocess.run(
-        [sys.executable, cfg, dynamic_reconfigure, there, there, there],
+        [sys.executable, cfg, prefixes[0] + "/share/dynamic_reconfigure", there, there, there],
         env=dict(os.environ, PYTHONPATH=there + ":" + os.environ.get("PYTHONPATH", "")),
         capture_output=True,
         text=True,

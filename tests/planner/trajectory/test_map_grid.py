@@ -88,26 +88,6 @@ def test_settled_cells_are_final_and_others_are_beyond_the_limit(seed):
             assert whole[y, x] == N + 1
 
 
-def test_points_off_the_map_are_skipped_at_first_and_end_the_plan_later():
-    grids, goal = prepared(np.zeros((NY, NX), np.uint8), [(-0.15, 0.55), (0.55, 0.55), (0.55, -0.3), (2.0, 0.5)])
-    path = completed(grids)[0]
-    assert goal == (5, 0)
-    assert path[5, 19] > 0
-
-
-def test_unknown_ends_the_plan_and_lethal_does_not():
-    cells = np.zeros((NY, NX), np.uint8)
-    cells[5, 3], cells[5, 8] = 254, 255
-    grids, goal = prepared(cells, [(0.05, 0.55), (2.0, 0.55)])
-    assert (goal, completed(grids)[0][5, 3]) == ((7, 5), 0)
-
-
-def test_without_a_plan_nothing_is_reached():
-    grids, goal = prepared(np.zeros((NY, NX), np.uint8), [])
-    assert goal == (-1, -1)
-    assert all(np.all(grid == N + 1) for grid in completed(grids))
-
-
 def test_grids_can_be_used_again():
     first, second = random_world(1), random_world(2)
     grids, _ = prepared(*first)

@@ -189,18 +189,6 @@ def test_one_sample_is_one_value():
     assert window["dvx"] == window["dvtheta"] == 0
 
 
-def test_memory_is_read_set_and_reset():
-    made = planner()
-    state = [1, 0, 0, 1, 1, 0.5, -0.5, 0.25, 2.0, -1.0]
-    made.state = state
-    assert made.state == state
-    made.set_plan(np.zeros((1, 2)))
-    made.reconfigure(PARAMS)
-    assert made.state == state
-    made.reset()
-    assert made.state == [0] * 10
-
-
 def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     costmap = open_map(resolution=0.1)
     made = planner()
@@ -237,17 +225,6 @@ def test_earlier_results_keep_their_points():
     made.reconfigure(dict(PARAMS, sim_time=1.0))
     made.find_best_path(open_map(), (1, 1, 1), (0.1, 0, 0))
     assert np.array_equal(first.points, wanted)
-
-
-def test_score_of_one_sample():
-    made, costmap = planner(), open_map()
-    with pytest.raises(ApplrError):
-        made.score(costmap, (0, 0, 0), (0, 0, 0), (0.5, 0, 0))
-    best = made.find_best_path(costmap, (0, 0, 0), (0.3, 0, 0))
-    cost, count, x, y, yaw = made.score(costmap, (0, 0, 0), made.start[3:], (0.5, 0, 0))
-    assert (cost, count, x) == (best.cost, best.count, best.points[-1, 0])
-    costmap.cells[:, 115] = 254
-    assert made.score(costmap, (0, 0, 0), (0.3, 0, 0), (0.5, 0, 0))[0] == scoring.COLLISION
 
 
 def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
