@@ -9,16 +9,14 @@ import math
 import numpy as np
 
 from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.grid import walk_line
+from applr_ros1.planner.costmap.grid import walk_line, world_to_map
 
 F32_MAX = float(np.finfo(np.float32).max)
 
 
 def line_cells(x0: int, y0: int, x1: int, y1: int) -> np.ndarray:
     """The cells from (x0, y0) to (x1, y1) as an (n, 2) int64 array, both ends included."""
-    n = max(abs(x1 - x0), abs(y1 - y0)) + 1
-    xs = np.empty(n, np.int64)
-    ys = np.empty(n, np.int64)
+    xs, ys = np.empty((2, max(abs(x1 - x0), abs(y1 - y0)) + 1), np.int64)
     walk_line(int(x0), int(y0), int(x1), int(y1), xs, ys, 0)
     return np.stack((xs, ys), axis=1)
 
@@ -67,6 +65,50 @@ def inflate(master, x0, y0, xn, yn, radius, resolution, weight, inscribed, infla
                     counter += 1
 
 
+def corners_of(vertices, pose, shape, origin, resolution):
+    placed = footprints.transform(vertices, *pose).tolist()
+    cells = [world_to_map(x, y, *origin, resolution, shape[1], shape[0]) for x, y in placed]
+    return [None if cell[0] < 0 else cell for cell in cells]
+
+
+def plain_cost(cells, origin, resolution, vertices, pose):
+    """The footprint's cost as docs/explanation/planner.md, section 2.4 states it."""
+    cx, cy = world_to_map(pose[0], pose[1], *origin, resolution, cells.shape[1], cells.shape[0])
+    if cx < 0:
+        return -3
+    if len(vertices) < 3:
+        cost = int(cells[cy, cx])
+        return -2 if cost == 255 else -1 if cost >= 253 else cost
+    corners, worst = corners_of(vertices, pose, cells.shape, origin, resolution), 0
+    for i, corner in enumerate(corners):
+        following = corners[(i + 1) % len(corners)]
+        if corner is None or following is None:
+            return -3
+        for x, y in line_cells(*corner, *following).tolist():
+            cost = int(cells[y, x])
+            if cost >= 254:
+                return -2 if cost == 255 else -1
+            worst = max(worst, cost)
+    return worst
+
+
+def plain_fill(shape, origin, resolution, vertices, pose):
+    """The filled footprint as docs/explanation/planner.md, section 2.5 states it: the set of cells (x, y)."""
+    if len(vertices) <= 1:
+        cell = world_to_map(pose[0], pose[1], *origin, resolution, shape[1], shape[0])
+        return {cell} if cell[0] >= 0 else set()
+    corners, cells = corners_of(vertices, pose, shape, origin, resolution), []
+    for i, corner in enumerate(corners):
+        following = corners[(i + 1) % len(corners)]
+        if corner is None or following is None:
+            return set(cells)
+        cells += map(tuple, line_cells(*corner, *following).tolist())
+    for column in {x for x, _ in cells}:
+        rows = [y for x, y in cells if x == column]
+        cells += [(column, y) for y in range(min(rows), max(rows))]
+    return set(cells)
+
+
 class PlainCostmap:
     """Section 3: obstacle layer, inflation layer and master, in the order of the steps there."""
 
@@ -100,10 +142,9 @@ class PlainCostmap:
         for i in (0, 1):
             origin[i] = origin[i] + shift[i] * self.res
         out = np.full_like(grid, self.default)
-        for y in range(self.n[1]):
-            for x in range(self.n[0]):
-                if 0 <= x + shift[0] < self.n[0] and 0 <= y + shift[1] < self.n[1]:
-                    out[y, x] = grid[y + shift[1], x + shift[0]]
+        for y, x in np.ndindex(*grid.shape):
+            if 0 <= x + shift[0] < self.n[0] and 0 <= y + shift[1] < self.n[1]:
+                out[y, x] = grid[y + shift[1], x + shift[0]]
         return out
 
     def update(self, pose, cloud=None):
@@ -152,21 +193,15 @@ class PlainCostmap:
         points, sensor = [], None
         if self.cloud is not None:
             sensor = self.cloud.origin
-            points = [
-                q
-                for q in self.cloud.points.astype(np.float64).tolist()
-                if source.min_obstacle_height <= q[2] <= source.max_obstacle_height
-            ]
+            low, high = source.min_obstacle_height, source.max_obstacle_height
+            points = [q for q in self.cloud.points.astype(np.float64).tolist() if low <= q[2] <= high]
         if self.cloud is not None and source.clearing and self.cell(sensor[0], sensor[1], origin) is not None:
             self.clear_rays(points, sensor, widen)
         for x, y, z in points if source.marking else ():
             if z > p.max_obstacle_height:
                 continue
-            far = (
-                (x - sensor[0]) * (x - sensor[0])
-                + (y - sensor[1]) * (y - sensor[1])
-                + (z - sensor[2]) * (z - sensor[2])
-            )
+            dx, dy, dz = x - sensor[0], y - sensor[1], z - sensor[2]
+            far = dx * dx + dy * dy + dz * dz
             cell = self.cell(x, y, origin)
             if far >= source.obstacle_range * source.obstacle_range or cell is None:
                 continue
@@ -209,18 +244,10 @@ class PlainCostmap:
     def obstacle_costs(self, pose, x0, y0, xn, yn):
         p = self.obstacles
         if p.footprint_clearing_enabled and len(self.footprint) >= 3:
-            corners = [
-                self.cell(x, y, self.layer_origin) for x, y in footprints.transform(self.footprint, *pose).tolist()
-            ]
-            if None not in corners:
-                outline = [
-                    tuple(c)
-                    for i in range(len(corners))
-                    for c in line_cells(*corners[i], *corners[(i + 1) % len(corners)]).tolist()
-                ]
-                for column in {x for x, _ in outline}:
-                    rows = [y for x, y in outline if x == column]
-                    self.layer[min(rows) : max(rows) + 1, column] = 0
+            where = self.layer.shape, self.layer_origin, self.res
+            if None not in corners_of(self.footprint, pose, *where):
+                for x, y in plain_fill(*where, self.footprint, pose):
+                    self.layer[y, x] = 0
         for y in range(y0, yn):
             for x in range(x0, xn):
                 value, old = self.layer[y, x], self.master[y, x]
@@ -244,17 +271,11 @@ class PlainCostmap:
         self.last = incoming
 
     def clear_outside(self, pose, side):
-        ends = [
-            [
-                int((pose[i] - side / 2 - self.layer_origin[i]) / self.res),
-                int((pose[i] - side / 2 + side - self.layer_origin[i]) / self.res),
-            ]
-            for i in (0, 1)
-        ]
-        for y in range(self.n[1]):
-            for x in range(self.n[0]):
-                if not (ends[0][0] < x < ends[0][1] and ends[1][0] < y < ends[1][1]):
-                    self.layer[y, x] = 255
+        start = [pose[i] - side / 2 for i in (0, 1)]
+        low, high = ([int((start[i] + more - self.layer_origin[i]) / self.res) for i in (0, 1)] for more in (0.0, side))
+        for y, x in np.ndindex(*self.layer.shape):
+            if not (low[0] < x < high[0] and low[1] < y < high[1]):
+                self.layer[y, x] = 255
         ox, oy = self.layer_origin
         self.extra = (ox, oy, ox + (self.n[0] - 1 + 0.5) * self.res, oy + (self.n[1] - 1 + 0.5) * self.res)
 

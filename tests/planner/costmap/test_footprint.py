@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap import footprint as footprints
-from applr_ros1.planner.costmap.grid import world_to_map
-from tests.support.plain_maps import line_cells
+from tests.support.plain_maps import corners_of, line_cells, plain_cost, plain_fill
 
 JACKAL = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
 coordinate = st.floats(-0.6, 0.6).map(lambda v: round(v, 3))
@@ -65,50 +64,6 @@ def test_radii_of_few_points_and_of_a_zero_length_edge():
 def test_transform_keeps_distances(vertices, x, y, yaw):
     placed = footprints.transform(vertices, x, y, yaw)
     np.testing.assert_allclose(np.hypot(*(placed - (x, y)).T), np.hypot(*vertices.T), atol=1e-12)
-
-
-def corners_of(vertices, pose, shape, origin, resolution):
-    placed = footprints.transform(vertices, *pose).tolist()
-    cells = [world_to_map(x, y, *origin, resolution, shape[1], shape[0]) for x, y in placed]
-    return [None if cell[0] < 0 else cell for cell in cells]
-
-
-def plain_cost(cells, origin, resolution, vertices, pose):
-    """The footprint's cost as docs/explanation/planner.md, section 2.4 states it."""
-    cx, cy = world_to_map(pose[0], pose[1], *origin, resolution, cells.shape[1], cells.shape[0])
-    if cx < 0:
-        return -3
-    if len(vertices) < 3:
-        cost = int(cells[cy, cx])
-        return -2 if cost == 255 else -1 if cost >= 253 else cost
-    corners, worst = corners_of(vertices, pose, cells.shape, origin, resolution), 0
-    for i, corner in enumerate(corners):
-        following = corners[(i + 1) % len(corners)]
-        if corner is None or following is None:
-            return -3
-        for x, y in line_cells(*corner, *following).tolist():
-            cost = int(cells[y, x])
-            if cost >= 254:
-                return -2 if cost == 255 else -1
-            worst = max(worst, cost)
-    return worst
-
-
-def plain_fill(shape, origin, resolution, vertices, pose):
-    """The filled footprint as docs/explanation/planner.md, section 2.5 states it: the set of cells (x, y)."""
-    if len(vertices) <= 1:
-        cell = world_to_map(pose[0], pose[1], *origin, resolution, shape[1], shape[0])
-        return {cell} if cell[0] >= 0 else set()
-    corners, cells = corners_of(vertices, pose, shape, origin, resolution), []
-    for i, corner in enumerate(corners):
-        following = corners[(i + 1) % len(corners)]
-        if corner is None or following is None:
-            return set(cells)
-        cells += map(tuple, line_cells(*corner, *following).tolist())
-    for column in {x for x, _ in cells}:
-        rows = [y for x, y in cells if x == column]
-        cells += [(column, y) for y in range(min(rows), max(rows))]
-    return set(cells)
 
 
 @given(polygons, st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-4, 4), st.integers(0, 2**32 - 1))
