@@ -138,15 +138,15 @@ def test_layers_in_any_order_equal_the_plain_ones():
 
 def compare_layers(order, track_unknown):
     rng = np.random.default_rng(len(order) + track_unknown)
+    rays = (Source(raytrace_range=1.5),)
     kinds = {
-        "s": lambda k: LayerDescription("s%d" % k, StaticParameters()),
-        "m": lambda k: LayerDescription("m%d" % k, StaticParameters(use_maximum=True, trinary_costmap=False)),
-        "o": lambda k: LayerDescription(
-            "o%d" % k, ObstacleParameters(combination_method=k % 2), (Source(raytrace_range=1.5),), 255 if k else None
-        ),
-        "i": lambda k: LayerDescription("i%d" % k, InflationParameters(0.3 + 0.1 * k, 3.0)),
+        "s": lambda k: (StaticParameters(),),
+        "m": lambda k: (StaticParameters(use_maximum=True, trinary_costmap=False),),
+        "o": lambda k: (ObstacleParameters(combination_method=k % 2), rays, 255 if k else None),
+        "i": lambda k: (InflationParameters(0.3 + 0.1 * k, 3.0),),
     }
-    made = costmap(*[kinds[letter](k) for k, letter in enumerate(order)], track_unknown=track_unknown)
+    layers = [LayerDescription("%s%d" % (letter, k), *kinds[letter](k)) for k, letter in enumerate(order)]
+    made = costmap(*layers, track_unknown=track_unknown)
     given = StaticMap(
         np.where(rng.random((N, N)) < 0.02, 100, rng.integers(-1, 60, (N, N))).astype(np.int8), 0.1, (-2, -2)
     )
@@ -246,9 +246,8 @@ def test_sensors_that_are_tilted_and_frames_that_move():
 def on_a_map(planner, **changes):
     """The Jackal's small tree with a static layer, the global costmap in frame map; DWA: the other local planner."""
     tree = copy.deepcopy(quick(**changes))
-    world = tree["global_costmap"]
-    world["global_frame"] = "map"
-    world["plugins"] = [{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]]
+    tree["global_costmap"]["global_frame"] = "map"
+    tree["global_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})
     if planner == "DWAPlannerROS":
         tree["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
         tree["DWAPlannerROS"] = JACKAL_DWA
@@ -299,9 +298,7 @@ def test_unknown_space_bars_plans_only_where_it_is_not_allowed():
     cells[:, 100:103] = -1
     for allowed, found in ((True, True), (False, False)):
         tree = on_a_map("TrajectoryPlannerROS", NavfnROS={"allow_unknown": allowed}).parameters
-        tree["global_costmap"]["track_unknown_space"] = (
-            True  # else the obstacle layer's free cells replace unknown ones
-        )
+        tree["global_costmap"]["track_unknown_space"] = True  # else free cells of the obstacle layer replace unknown
         made = MoveBase(tree)
         made.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
         made.step(0.0, HERE, (0.0, 0.0))
@@ -310,10 +307,7 @@ def test_unknown_space_bars_plans_only_where_it_is_not_allowed():
 
 def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     tree = quick()
-    tree["local_costmap"]["plugins"] = [
-        {"name": "static", "type": "costmap_2d::StaticLayer"},
-        *tree["local_costmap"]["plugins"],
-    ]
+    tree["local_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})
     made = MoveBase(tree)
     with pytest.raises(ApplrError, match="frame cellar: local_costmap rolls and can show one in odom"):
         made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))

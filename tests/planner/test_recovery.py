@@ -30,13 +30,22 @@ def lethal(made, x, y):
     return made.cells[my, mx] == 254
 
 
-def rotate():
-    return recovery.RotateRecovery("rotate_recovery", complete(JACKAL)["TrajectoryPlannerROS"])
+def rotate(pose=(0.0, 0.0, 0.0), **limits):
+    """A rotation that has just begun."""
+    turn = recovery.RotateRecovery("rotate_recovery", dict(complete(JACKAL)["TrajectoryPlannerROS"], **limits))
+    turn.start(0.0, pose)
+    return turn
+
+
+OPEN = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=FOOTPRINT)
+
+
+USUAL = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
 
 def test_usual_order_and_sizes():
     built = recovery.build(complete(JACKAL))
-    assert [b.name for b in built] == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+    assert [b.name for b in built] == USUAL
     assert built[1] is built[3]
     assert (built[0].side, built[2].side) == (3.0, 1.84)
 
@@ -57,7 +66,7 @@ def test_a_name_given_twice_leaves_the_usual_recoveries_as_in_cpp():
     (finding,) = warnings(tree)
     assert (finding.key, finding.value) == ("recovery_behaviors", "has the name 'own' more than once")
     built = recovery.build(complete(tree))
-    assert [b.name for b in built] == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+    assert [b.name for b in built] == USUAL
 
 
 def test_clearing_forgets_outside_the_square_only():
@@ -74,11 +83,10 @@ def test_clearing_forgets_outside_the_square_only():
 
 
 def test_rotation_is_one_full_turn_anticlockwise():
-    robot, turn, made = ToyRobot((0.0, 0.0, 0.7)), rotate(), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
-    turn.start(0.0, robot.pose)
+    robot, turn = ToyRobot((0.0, 0.0, 0.7)), rotate((0.0, 0.0, 0.7))
     turned, commands = 0.0, []
     while True:
-        command = turn.step(robot.time, robot.pose, made, made)
+        command = turn.step(robot.time, robot.pose, OPEN, OPEN)
         if command is None:
             break
         commands.append(command)
@@ -92,15 +100,12 @@ def test_rotation_is_one_full_turn_anticlockwise():
 
 @seeds(8)
 def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
-    draw, made = np.random.default_rng(seed), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
-    limits = dict(complete(JACKAL)["TrajectoryPlannerROS"], yaw_goal_tolerance=0.05)
-    turn = recovery.RotateRecovery("rotate_recovery", limits)
+    draw, turn = np.random.default_rng(seed), rotate((0.0, 0.0, 0.7), yaw_goal_tolerance=0.05)
     robot, turned, command = ToyRobot((0.0, 0.0, 0.7)), 0.0, (0.0, 0.0)
-    turn.start(0.0, robot.pose)
     while command is not None:
         robot.drive(command, 0.2)
         turned += command[1] * 0.2
-        command = turn.step(robot.time, robot.pose, made, made)
+        command = turn.step(robot.time, robot.pose, OPEN, OPEN)
         command = command and (0.0, command[1] * draw.normal(1.0, 0.03))
     assert turned == pytest.approx(2 * math.pi, abs=0.4)
 
@@ -108,16 +113,12 @@ def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
 def test_rotation_is_refused_next_to_an_obstacle():
     made = costmap()
     made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32)))
-    turn = rotate()
-    turn.start(0.0, (0.0, 0.0, 0.0))
-    assert turn.step(0.0, (0.0, 0.0, 0.0), made, made) is None
+    assert rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is None
 
 
 def test_rotation_of_a_robot_that_cannot_turn_ends():
-    turn, made = rotate(), Costmap(10, 10, 0.05, (-5, -5), footprint=FOOTPRINT)
-    turn.start(0.0, (0.0, 0.0, 0.0))
-    now = 0.0
-    while turn.step(now, (0.0, 0.0, 0.0), made, made) is not None:
+    turn, now = rotate(), 0.0
+    while turn.step(now, (0.0, 0.0, 0.0), OPEN, OPEN) is not None:
         now += 0.05
         assert now < 30.0
     assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
