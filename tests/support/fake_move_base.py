@@ -1,6 +1,6 @@
 """A stand-in for move_base: its parameter servers, and switches that make them misbehave. For tests only.
 
-    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--name NODE] [--robot NAME]
+    fake_move_base.py [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME]
 The ROS parameters /fake/refuse and /fake/hold name servers (a list) that raise an error, or keep their old values.
 """
 
@@ -39,18 +39,15 @@ def config_type(parameters):
 
 
 def serve(name, parameters):
-    """Starts the server `name`. It counts its calls in /fake/calls/NAME."""
-    state = {"config": None, "calls": 0}
+    """Starts the server `name`."""
+    begun = []
 
     def callback(config, level):
-        if state["config"] is not None:
-            state["calls"] += 1
-            rospy.set_param("/fake/calls/" + name.strip("/").replace("/", "_"), state["calls"])
-            if name in rospy.get_param("/fake/refuse", []):
-                raise RuntimeError("refused on request")
-            if name in rospy.get_param("/fake/hold", []):
-                return state["config"].copy()
-        state["config"] = config.copy()
+        if begun and name in rospy.get_param("/fake/refuse", []):
+            raise RuntimeError("refused on request")
+        if begun and name in rospy.get_param("/fake/hold", []):
+            return begun[-1].copy()
+        begun[:] = [config.copy()]
         return config
 
     return Server(config_type(parameters), callback, name)
@@ -61,25 +58,21 @@ def main():
     parser.add_argument("--spelling", default="noetic")
     parser.add_argument("--layer", default="inflater_layer")
     parser.add_argument("--without", default="")
-    parser.add_argument("--name", default="move_base")
     parser.add_argument("--robot", default="", help="has the servers of this robot's move_base instead")
     args = parser.parse_args(rospy.myargv()[1:])
-    rospy.init_node(args.name)
+    rospy.init_node("move_base")
     if args.robot:
-        for name, server in servers(check.complete(load(args.robot).parameters())).items():
-            serve("/move_base" + ("/" + name if name else ""), [(p.name, p) for p in server.parameters])
-        print("up", flush=True)
-        rospy.spin()
-        return
+        found = servers(check.complete(load(args.robot).parameters()))
+        served = {name: server.parameters for name, server in found.items()}
+    else:
+        served = {"TrajectoryPlannerROS": [p for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without]}
+        for costmap in ("local_costmap", "global_costmap"):
+            served[costmap] = SERVERS[costmap]
+            served[costmap + "/" + args.layer] = SERVERS["local_costmap/inflater_layer"]
+            served[costmap + "/a_layer"] = SERVERS["local_costmap/obstacles_layer"]
     renamed = KINETIC if args.spelling == "kinetic" else {}
-    planner = [(renamed.get(p.name, p.name), p) for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without]
-    layer = [(p.name, p) for p in SERVERS["local_costmap/inflater_layer"]]
-    other = [(p.name, p) for p in SERVERS["local_costmap/obstacles_layer"]]
-    serve("/move_base/TrajectoryPlannerROS", planner)
-    for costmap in ("local_costmap", "global_costmap"):
-        serve(f"/move_base/{costmap}", [(p.name, p) for p in SERVERS[costmap]])
-        serve(f"/move_base/{costmap}/{args.layer}", layer)
-        serve(f"/move_base/{costmap}/a_layer", other)
+    for name, parameters in served.items():
+        serve("/move_base" + ("/" + name if name else ""), [(renamed.get(p.name, p.name), p) for p in parameters])
     print("up", flush=True)
     rospy.spin()
 
